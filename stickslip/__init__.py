@@ -1,0 +1,32 @@
+"""Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
+
+from stickslip.integrate import simulate
+from stickslip.laws import DryFriction
+from stickslip.modes import Mode
+from stickslip.result import Event, Result, SimulationError
+from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
+from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
+
+__all__ = [
+    "GROUND",
+    "Body",
+    "Contact",
+    "Damper",
+    "Drive",
+    "DryFriction",
+    "Event",
+    "Force",
+    "Mode",
+    "Result",
+    "Scene",
+    "Signal",
+    "SimulationError",
+    "Spring",
+    "piecewise_linear",
+    "signal",
+    "simulate",
+    "sine",
+    "step",
+    "triangle",
+]
+__version__ = "0.1.0"

@@ -1,0 +1,235 @@
+"""The seam to SUNDIALS: start at a state, advance to the next root or stop. The only importer of sksundae."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from sksundae.cvode import CVODE
+
+from stickslip.scan import first_dip, first_violation, longest_look
+from stickslip.segment import Segment
+
+__all__ = ["Engine", "Reached", "SolverFailure", "Work"]
+
+Array = NDArray[np.float64]
+
+_ROOTS_PER_SOLVER = 20
+_DENSE_LIMIT = 100
+_STEPS_PER_PERIOD = 8
+
+
+class SolverFailure(Exception):
+    """The solver gave up.
+
+    Parameters
+    ----------
+    tau : float
+        Local time reached.
+    status : int
+        SUNDIALS' return code.
+    sentence : str
+        SUNDIALS' message for it.
+    """
+
+    def __init__(self, tau: float, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.tau, self.status, self.sentence = tau, status, sentence
+
+
+@dataclass
+class Work:
+    """Counts of what was done."""
+
+    steps: int = 0
+    rate_calls: int = 0
+    jacobian_calls: int = 0
+    guard_calls: int = 0
+    starts: int = 0
+    solvers: int = 0
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root."""
+
+    taus: Array
+    states: Array
+    hit: bool
+
+
+class _Cvode:
+    """A CVODE solver that serves one segment after another."""
+
+    def __init__(self, make: Callable[[Callable[..., None]], CVODE], work: Work) -> None:
+        self._make, self._work = make, work
+        self._solver: CVODE | None = None
+        self._roots = 0
+
+    def advance(self, guard: Callable[[float, Array], Array], y: Array, tau: float) -> Reached:
+        """Integrate from local time 0 to `tau` or to the first root of the smallest guard."""
+        self._guard = guard
+        if self._solver is None or self._roots >= _ROOTS_PER_SOLVER:
+            # scikit-sundae keeps every event's record on the guard function: a fresh one now and then
+            self._solver, self._roots = self._make(self._guard_function()), 0
+            self._work.solvers += 1
+        self._work.starts += 1
+        solution = self._solver.solve(np.array([0.0, tau]), y)
+        work = self._work
+        work.rate_calls += solution.nfev
+        work.jacobian_calls += solution.njev
+        work.steps += solution.t.size - 1
+        if solution.status < 0:
+            raise SolverFailure(float(solution.t[-1]), solution.status, solution.message)
+        hit = solution.status == 2
+        self._roots += hit
+        return Reached(solution.t.copy(), solution.y.copy(), hit)
+
+    def _guard_function(self) -> Callable[..., None]:
+        def smallest_guard(tau: float, y: Array, out: Array) -> None:
+            self._work.guard_calls += 1
+            smallest = self._guard(tau, y).min(initial=np.inf)
+            if smallest != smallest:
+                raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
+            out[0] = smallest if smallest < np.inf else 1.0
+
+        return smallest_guard
+
+
+class Engine:
+    """CVODE for the segments of one simulation.
+
+    Where the motion is exactly quadratic in time there is nothing to integrate: CVODE then runs on a clock,
+    ``tau' = 1``, in as few steps as there are roots to find.
+
+    Parameters
+    ----------
+    size : int
+        Number of states.
+    method : str
+        "BDF" or "Adams".
+    rtol, atol : float
+        Tolerances of the states.
+    max_step : float
+        Longest step in s, infinite for none.
+    """
+
+    def __init__(self, size: int, method: str, rtol: float, atol: float | Array, max_step: float) -> None:
+        self._size, self._method, self._rtol, self._atol = size, method, rtol, atol
+        self._max_step = max_step
+        self.work = Work()
+        self._clock = _Cvode(self._make_clock, self.work)
+        self._steppers: dict[Any, _Cvode] = {}
+        self._pattern: Any = None
+        self._segment: Segment
+
+    def advance(self, segment: Segment, horizon: float) -> Reached:
+        """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
+        self._segment = segment
+        return self._on_clock(segment, horizon) if segment.quadratic else self._by_steps(segment, horizon)
+
+    # -- quadratic motion ---------------------------------------------------------------------------------
+
+    def _make_clock(self, guard: Callable[..., None]) -> CVODE:
+        def rate(tau: float, y: Array, out: Array) -> None:
+            out[0] = 1.0
+
+        return CVODE(
+            rate,
+            eventsfn=guard,
+            num_events=1,
+            linsolver="band",
+            lband=0,
+            uband=0,
+            first_step=0.5 * np.finfo(float).max,
+            max_step=self._max_step if np.isfinite(self._max_step) else 0.0,
+        )
+
+    def _on_clock(self, segment: Segment, horizon: float) -> Reached:
+        stop = first_violation(segment, min(horizon, longest_look(segment)))
+        start = np.zeros(1)
+        while True:
+            reached = self._clock.advance(lambda tau, _: segment.guards(tau), start, stop)
+            # CVODE locates roots within 1e-14 of its step: come closer where the step was far too long
+            if not reached.hit or reached.taus[-1] > 0.1 * stop:
+                break
+            stop = max(4 * float(reached.taus[-1]), np.finfo(float).tiny)
+        return Reached(reached.taus, segment.state(reached.taus).T, reached.hit)
+
+    # -- everything else ----------------------------------------------------------------------------------
+
+    def _by_steps(self, segment: Segment, horizon: float) -> Reached:
+        stepper = self._stepper(segment)
+        while True:
+            reached = stepper.advance(segment.guards, segment.y, horizon)
+            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
+            if missed is None:
+                return reached
+            horizon = missed
+
+    def _stepper(self, segment: Segment) -> _Cvode:
+        max_step = self._max_step
+        if segment.has_curved:
+            max_step = min(max_step, segment.system.loads.period / _STEPS_PER_PERIOD)
+        if self._size > _DENSE_LIMIT:
+            self._widen_pattern(segment)
+        stepper = self._steppers.get(max_step)
+        if stepper is None:
+            stepper = self._steppers[max_step] = _Cvode(
+                lambda guard: self._make_stepper(guard, self._options(max_step)), self.work
+            )
+        return stepper
+
+    def _options(self, max_step: float) -> dict[str, Any]:
+        options: dict[str, Any] = {
+            "method": self._method,
+            "rtol": self._rtol,
+            "atol": self._atol,
+            "max_step": max_step if np.isfinite(max_step) else 0.0,
+        }
+        if self._pattern is None:
+            return options | {"jacfn": self._dense_jacobian}
+        return options | {"jacfn": self._sparse_jacobian, "linsolver": "sparse", "sparsity": self._pattern}
+
+    def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
+        def rate(tau: float, y: Array, out: Array) -> None:
+            out[:] = self._segment.rate(tau, y)
+
+        with warnings.catch_warnings():
+            # giving the pattern together with the exact Jacobian is meant
+            warnings.simplefilter("ignore", UserWarning)
+            return CVODE(rate, eventsfn=guard, num_events=1, **options)
+
+    def _dense_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
+        matrix = self._segment.jacobian(tau, y)
+        out[:] = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+
+    def _sparse_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
+        matrix = sparse.coo_array(self._segment.jacobian(tau, y))
+        out[:] = 0.0
+        out[np.searchsorted(self._places, _place(matrix))] = matrix.data
+
+    def _widen_pattern(self, segment: Segment) -> None:
+        """Let the sparsity pattern hold this segment's Jacobian; solvers of a narrower pattern are let go."""
+        matrix = segment.jacobian(0.0, segment.y)
+        matrix = sparse.coo_array(matrix)
+        if self._pattern is not None and np.isin(_place(matrix), self._places).all():
+            return
+        pattern = abs(matrix) + sparse.eye_array(self._size)
+        if self._pattern is not None:
+            pattern = pattern + self._pattern
+        pattern = sparse.csc_array(pattern)
+        pattern.sort_indices()
+        pattern.data[:] = 1.0
+        self._pattern, self._places = pattern, _place(pattern.tocoo())
+        self._steppers.clear()
+
+
+def _place(matrix: Any) -> NDArray[np.int64]:
+    """Return where the entries of a matrix stand in column-major order."""
+    return matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row

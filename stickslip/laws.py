@@ -1,0 +1,169 @@
+"""Friction laws as frozen data: what a contact's coefficients are, not how they are solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+from stickslip.signals import _finite
+
+__all__ = ["DryFriction", "Law", "law_from_dict"]
+
+
+class Law:
+    """A friction law of a contact."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as plain data."""
+        data: dict[str, Any] = {"type": type(self).__name__}
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if value == field.default:
+                continue
+            if callable(value):
+                raise ValueError(
+                    f"{type(self).__name__}.{field.name} is code, not data; it cannot be written to a file"
+                )
+            data[field.name] = value.to_dict() if isinstance(value, Law) else value
+        return data
+
+
+@dataclass(frozen=True)
+class DryFriction(Law):
+    """Static and Coulomb friction with an optional dwell time and Stribeck curve.
+
+    Slipping, ``r = sign(w) mu_k(|w|) N`` with
+    ``mu_k = mu_c + (mu_s - mu_c) exp(-(|w|/v_s)^delta)`` where a Stribeck velocity is given and
+    ``mu_k = mu_c`` where it is not. Stuck, ``|r| <= B = mu_st N`` with
+    ``mu_st = mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)`` for a dwell time ``tau > 0`` and
+    ``mu_st = mu_s`` for ``tau = 0`` (Breedveld 2000, eqs. 8 and 9).
+
+    Parameters
+    ----------
+    mu_static, mu_coulomb : float
+        Coefficients, ``mu_static >= mu_coulomb >= 0``; lengths in m where the normal force acts on an arm.
+    dwell : float
+        Dwell time tau in s, in which the static coefficient rises after sticking.
+    stribeck_velocity : float, optional
+        Velocity v_s in rad/s or m/s of the Stribeck curve.
+    stribeck_exponent : float
+        Exponent delta of the Stribeck curve.
+    mu_static_backward, mu_coulomb_backward : float, optional
+        Coefficients for ``w < 0`` of an anisotropic contact.
+    kinetic : callable, optional
+        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a coefficient is negative, not finite, or the static one is below the Coulomb one.
+    """
+
+    mu_static: float
+    mu_coulomb: float
+    dwell: float = 0.0
+    stribeck_velocity: float | None = None
+    stribeck_exponent: float = 2.0
+    mu_static_backward: float | None = None
+    mu_coulomb_backward: float | None = None
+    kinetic: Callable[[float], float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("mu_static", "mu_coulomb", "dwell", "mu_static_backward", "mu_coulomb_backward"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            number = _finite(value, f"DryFriction: {name}")
+            if number < 0:
+                raise ValueError(f"DryFriction: {name} must not be negative, got {number:g}")
+            object.__setattr__(self, name, number)
+        for static, coulomb, suffix in ((self.mu_s(1), self.mu_c(1), ""), (self.mu_s(-1), self.mu_c(-1), "_backward")):
+            if static < coulomb:
+                raise ValueError(
+                    f"DryFriction: mu_static{suffix} = {static:g} is below mu_coulomb{suffix} = {coulomb:g}; "
+                    "static friction is at least Coulomb friction: swap or equalise them"
+                )
+        if self.stribeck_velocity is not None and _finite(self.stribeck_velocity, "DryFriction: stribeck_velocity") <= 0:
+            raise ValueError(
+                f"DryFriction: stribeck_velocity must be positive, got {self.stribeck_velocity:g}; "
+                "leave it out for plain Coulomb friction"
+            )
+        if _finite(self.stribeck_exponent, "DryFriction: stribeck_exponent") <= 0:
+            raise ValueError(f"DryFriction: stribeck_exponent must be positive, got {self.stribeck_exponent:g}")
+        if self.kinetic is not None:
+            self._check_kinetic()
+
+    def _check_kinetic(self) -> None:
+        if not callable(self.kinetic):
+            raise TypeError(f"DryFriction: kinetic must be callable, got {self.kinetic!r}")
+        if self.stribeck_velocity is not None:
+            raise ValueError("DryFriction: give either kinetic or stribeck_velocity, not both")
+        at_rest = _finite(self.kinetic(0.0), "DryFriction: kinetic(0)")
+        if not 0 <= at_rest <= min(self.mu_s(1), self.mu_s(-1)):
+            raise ValueError(
+                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and mu_static = {self.mu_static:g}"
+            )
+
+    def mu_s(self, direction: int) -> float:
+        """Return the static coefficient for slip in `direction` (-1 or +1)."""
+        return self.mu_static_backward if direction < 0 and self.mu_static_backward is not None else self.mu_static
+
+    def mu_c(self, direction: int) -> float:
+        """Return the Coulomb coefficient for slip in `direction` (-1 or +1)."""
+        return self.mu_coulomb_backward if direction < 0 and self.mu_coulomb_backward is not None else self.mu_coulomb
+
+    @property
+    def curved(self) -> bool:
+        """Whether the kinetic coefficient depends on speed."""
+        return self.stribeck_velocity is not None or self.kinetic is not None
+
+    def mu_k(self, speed: float, direction: int) -> float:
+        """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""
+        if self.kinetic is not None:
+            return float(self.kinetic(speed))
+        mu_c = self.mu_c(direction)
+        if self.stribeck_velocity is None:
+            return mu_c
+        ratio = speed / self.stribeck_velocity
+        return mu_c + (self.mu_s(direction) - mu_c) * math.exp(-(ratio**self.stribeck_exponent))
+
+    def mu_k_slope(self, speed: float, direction: int) -> float:
+        """Return the derivative of the kinetic coefficient with respect to speed."""
+        if self.kinetic is not None:
+            h = 1e-6 * max(speed, 1e-3)
+            return (self.mu_k(speed + h, direction) - self.mu_k(max(speed - h, 0.0), direction)) / (
+                speed + h - max(speed - h, 0.0)
+            )
+        if self.stribeck_velocity is None or speed <= 0:
+            return 0.0
+        ratio = speed / self.stribeck_velocity
+        power = ratio**self.stribeck_exponent
+        mu_c = self.mu_c(direction)
+        return -(self.mu_s(direction) - mu_c) * self.stribeck_exponent * power / speed * math.exp(-power)
+
+
+def law_from_dict(data: Any, what: str) -> Law:
+    """Return the law that `Law.to_dict` wrote.
+
+    Raises
+    ------
+    ValueError
+        If the data do not describe a law.
+    """
+    if not isinstance(data, dict):
+        raise ValueError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
+    values = dict(data)
+    kind = values.pop("type", "DryFriction")
+    makers: dict[str, Callable[..., Law]] = {"DryFriction": DryFriction}
+    if kind not in makers:
+        raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(makers)}")
+    if "kinetic" in values:
+        raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
+    if "law" in values:
+        values["law"] = law_from_dict(values["law"], what)
+    try:
+        return makers[kind](**values)
+    except TypeError as error:
+        raise ValueError(f"{what}: {kind}: {error}") from None

@@ -1,0 +1,102 @@
+"""All the signals of a scene as one input vector ``q(t)``, piecewise linear but for its curved entries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.signals import Signal
+
+__all__ = ["Loads"]
+
+Array = NDArray[np.float64]
+
+
+class Loads:
+    """The input vector and its slope from one break to the next.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        One per entry of the vector.
+    rates : sequence of int
+        Signals whose slopes follow the values as further entries (the accelerations of drives).
+    start, stop : float
+        The time span in s.
+    """
+
+    def __init__(self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float) -> None:
+        count = len(signals)
+        self.size = count + len(rates) + 1
+        self._signals, self._rates = list(signals), list(rates)
+        curved = [i for i, s in enumerate(signals) if s.period is not None]
+        functions: list[Callable[[float], float]] = [signals[i] for i in curved]
+        for place, i in enumerate(rates):
+            if signals[i].period is not None:
+                curved.append(count + place)
+                functions.append(signals[i].slope)
+        self.curved = np.array(curved, dtype=np.intp)
+        self._functions = functions
+        self.period = min((p for s in signals if (p := s.period) is not None), default=math.inf)
+        if math.isinf(self.period) and curved:
+            # nothing is known of the function: a hundredth of the span is all a solver can be asked to see
+            self.period = (stop - start) / 10
+        self._breaking: dict[float, list[int]] = {}
+        for i, s in enumerate(signals):
+            for t in s.breaks(start, stop):
+                self._breaking.setdefault(t, []).append(i)
+        self.breaks = np.array(sorted(self._breaking), dtype=float)
+        self._is_curved = np.zeros(self.size, dtype=bool)
+        self._is_curved[self.curved] = True
+        self._start = start
+        self._value = np.zeros(self.size)
+        self._slope = np.zeros(self.size)
+        self._since = np.full(self.size, start)
+        self._value[-1] = 1.0
+        self._loaded = 0
+        self._load(range(count), start)
+
+    def _load(self, entries: Sequence[int] | range, t: float) -> None:
+        for i in entries:
+            if not self._is_curved[i]:
+                self._value[i], self._slope[i], self._since[i] = self._signals[i](t), self._signals[i].slope(t), t
+        for place, i in enumerate(self._rates):
+            if not self._is_curved[i]:
+                self._value[len(self._signals) + place] = self._slope[i]
+
+    def _turn_to(self, t: float) -> None:
+        """Load what has broken up to `t`: one break further as a rule, everything after a look back."""
+        passed = int(np.searchsorted(self.breaks, t, side="right"))
+        if passed == self._loaded:
+            return
+        if passed == self._loaded + 1:
+            last = float(self.breaks[passed - 1])
+            self._load(self._breaking[last], last)
+        else:
+            self._load(range(len(self._signals)), float(self.breaks[passed - 1]) if passed else self._start)
+        self._loaded = passed
+
+    def next_break(self, t: float, stop: float) -> float:
+        """Return the first break after `t`, or `stop`."""
+        i = int(np.searchsorted(self.breaks, t, side="right"))
+        return float(self.breaks[i]) if i < self.breaks.size else stop
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Return the piecewise linear entries' values and slopes at `t`, right limits, zero where curved."""
+        self._turn_to(t)
+        value = self._value + self._slope * (t - self._since)
+        return value, self._slope.copy()
+
+    def curved_at(self, t: float) -> Array:
+        """Return the values of the curved entries at `t`."""
+        return np.array([function(t) for function in self._functions])
+
+    def complete(self, t: float) -> Array:
+        """Return the whole input vector at `t`, right limits."""
+        value = self.at(t)[0]
+        if self.curved.size:
+            value[self.curved] = self.curved_at(t)
+        return value

@@ -1,0 +1,105 @@
+"""Looking at guards between computed points, where root finding by sign changes is blind.
+
+Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
+point at which it is negative is found here, and the solver is sent there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from stickslip.segment import Segment, hermite
+
+__all__ = ["first_dip", "first_violation", "longest_look"]
+
+Array = NDArray[np.float64]
+
+_PER_PERIOD = 16
+_LOOKS = 4096
+_SUSPICION = 1e-2
+
+
+def longest_look(segment: Segment) -> float:
+    """Return the time that can be looked over at once in a segment that is not integrated."""
+    return _LOOKS / _PER_PERIOD * segment.system.loads.period if segment.has_curved else np.inf
+
+
+def first_violation(segment: Segment, horizon: float) -> float:
+    """Return the first time at which a guard of a quadratic motion is seen negative, or `horizon`."""
+    if segment.polynomial_guards:
+        return _first_vertex(segment, horizon)
+    looks = [np.linspace(0.0, horizon, 17)[1:]]
+    if segment.dwell_times.size:
+        looks.append(np.multiply.outer(segment.dwell_times, np.geomspace(0.02, 40.0, 24)).ravel())
+    if segment.has_curved:
+        count = int(np.ceil(_PER_PERIOD * horizon / segment.system.loads.period))
+        looks.append(np.linspace(0.0, horizon, max(count, 17) + 1)[1:])
+    taus = np.unique(np.concatenate(looks))
+    taus = taus[taus <= horizon]
+    return _first_negative(taus, segment.guards(taus), lambda tau: segment.guards(tau), horizon)
+
+
+def _first_vertex(segment: Segment, horizon: float) -> float:
+    c0, c1, c2 = segment.coefficients
+    dips = np.flatnonzero((c2 > 0) & (c1 < 0) & (c1 * c1 > 4 * c0 * c2))
+    if not dips.size:
+        return horizon
+    return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips])))
+
+
+def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float | None:
+    """Return the first time between computed points at which a guard is negative, if there is one.
+
+    Parameters
+    ----------
+    segment : Segment
+    taus, states : array (k,), (k, size)
+        Computed points; the last one is at a root where `hit` is true.
+    """
+    rates, seconds = segment.knots(taus, states)
+    fractions = np.array([0.25, 0.5, 0.75, 1.0])
+    looks = (taus[:-1, None] + np.diff(taus)[:, None] * fractions).ravel()
+    if segment.dwell_times.size:
+        extra = np.multiply.outer(segment.dwell_times, np.geomspace(0.02, 40.0, 24)).ravel()
+        looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
+    if hit:
+        looks = looks[:-1]
+
+    def guards(tau: Array) -> Array:
+        return segment.guards(tau, hermite(taus, states, rates, seconds, tau).T)
+
+    def guards_once(tau: float) -> Array:
+        return guards(np.array([tau]))[:, 0]
+
+    if not looks.size:
+        return None
+    found = _first_negative(looks, guards(looks), guards_once, np.inf)
+    return found if np.isfinite(found) else None
+
+
+def _first_negative(taus: Array, values: Array, guards: Callable[[float], Array], otherwise: float) -> float:
+    """Return the first sampled time with a negative guard, refining where one comes close and turns."""
+    negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
+    last = int(negative[0]) if negative.size else taus.size
+    found = float(taus[negative[0]]) if negative.size else otherwise
+    if last < 3:
+        return found
+    left, middle, right = values[:, : last - 2], values[:, 1 : last - 1], values[:, 2:last]
+    with np.errstate(invalid="ignore"):
+        bend = left - 2 * middle + right
+        turns = (middle <= left) & (middle <= right) & (middle <= 2 * bend + _SUSPICION * np.abs(bend))
+    for place in np.flatnonzero(turns.any(axis=0)):
+        for row in np.flatnonzero(turns[:, place]):
+            lowest = minimize_scalar(
+                lambda tau, row=row: float(guards(tau)[row]),
+                bounds=(taus[place], taus[place + 2]),
+                method="bounded",
+                options={"xatol": 1e-9 * (taus[place + 2] - taus[place])},
+            )
+            if lowest.fun < 0:
+                return min(found, float(lowest.x))
+    return found

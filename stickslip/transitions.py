@@ -1,0 +1,222 @@
+"""Which modes are consistent now: all contacts at rest are settled together (pure functions)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.assembly import OPEN, System
+from stickslip.grouping import Groups
+from stickslip.segment import AT_LIMIT, Segment
+
+__all__ = ["Inconsistent", "Settled", "settle"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Modes = NDArray[np.int8]
+
+_ROUNDOFF = 1e-12
+_ENUMERATED = 6
+
+
+class Inconsistent(Exception):
+    """No set of modes satisfies the laws of all contacts at rest.
+
+    Parameters
+    ----------
+    contacts : array of int
+        The contacts concerned.
+    """
+
+    def __init__(self, contacts: NDArray[np.intp]) -> None:
+        super().__init__("no consistent modes")
+        self.contacts = contacts
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Consistent modes and the segment that starts with them."""
+
+    modes: Modes
+    since: Array
+    segment: Segment
+
+
+def settle(
+    system: System, t: float, y: Array, modes: Modes | None, since: Array, touching: Mask, fired: Mask, stop: float
+) -> Settled:
+    """Return the modes in which the motion goes on from the state `y` at `t`.
+
+    All contacts whose relative velocity is 0 are tried stuck; while some ``|lambda| > B``, the one with the
+    largest ratio is set slipping with the sign of its lambda, ties within roundoff together.
+
+    Parameters
+    ----------
+    system : System
+    t : float
+        Time in s; loads count with their right limits.
+    y : array (size,)
+    modes : array (m,) or None
+        Modes before, None at the start.
+    since : array (m,)
+        When each contact last became stuck.
+    touching : array (m,) of bool
+        Contacts whose relative velocity an event has found to be 0.
+    fired : array (m,) of bool
+        Contacts that the event found at their limit.
+    stop : float
+        The next break.
+
+    Raises
+    ------
+    Inconsistent
+        If no set of modes is consistent.
+    """
+    q = system.loads.complete(t)
+    slopes = system.loads.at(t)[1]
+    normal = q[: system.m]
+    closed = system.alive & ((normal > 0) | ((normal == 0) & _rising(system, t, slopes)))
+    w = system.W @ y + system.D @ q
+    resting = touching | (np.abs(w) <= _ROUNDOFF * _speed(system, y, q))
+    y = project(system, y, q, closed & resting)
+    trial = np.where(closed, np.where(resting, 0, np.sign(w)), OPEN).astype(np.int8)
+    was_stuck = np.zeros(system.m, dtype=bool) if modes is None else modes == 0
+    if modes is None:
+        was_stuck = resting
+    tried_since = np.where(was_stuck, since, t)
+    search = _Search(system, t, y, tried_since, closed & resting, fired, stop)
+    segment = search.run(trial)
+    result = segment.mode_set.modes.copy()
+    _label_open(segment, result, w, resting)
+    return Settled(result, np.where(result == 0, tried_since, t), segment)
+
+
+def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
+    """Return the state with the velocities across `joined` contacts exactly equal, momentum conserved."""
+    if not joined.any():
+        return y
+    groups = Groups(system.inertia, system.a[joined], system.b[joined])
+    y = y.copy()
+    velocity = y[: system.n]
+    if groups.free.any() and np.any(groups.leader != np.arange(system.n)):
+        # the mean of the deviations from the leader: exact where the velocities are equal already
+        base = velocity[groups.leader]
+        velocity[:] = base + groups.mean(system.inertia * (velocity - base))
+        velocity[:] = velocity[groups.leader]
+    held = ~groups.free
+    if held.any():
+        prescribed = np.append(q[system.first_drive : system.first_drive + system.drives], 0.0)
+        velocity[held] = prescribed[groups.holder[held] - system.n]
+    return y
+
+
+def _rising(system: System, t: float, slopes: Array) -> Mask:
+    rising = slopes[: system.m] > 0
+    for i in system.loads.curved:
+        if i < system.m:
+            rising[i] = system.normals[i].slope(t) > 0
+    return rising
+
+
+def _speed(system: System, y: Array, q: Array) -> Array:
+    every = np.concatenate([y[: system.n], q[system.first_drive : system.first_drive + system.drives], [0.0]])
+    return np.maximum(np.abs(every[system.a]), np.abs(every[system.b]))
+
+
+class _Search:
+    """Try mode sets until one is consistent."""
+
+    def __init__(
+        self, system: System, t: float, y: Array, since: Array, candidates: Mask, fired: Mask, stop: float
+    ) -> None:
+        self._system, self._t, self._y, self._since = system, t, y, since
+        self._candidates, self._fired, self._stop = candidates, fired, stop
+        self._tried: set[bytes] = set()
+
+    def run(self, trial: Modes) -> Segment:
+        """Return the armed segment of the first consistent trial."""
+        while True:
+            if trial.tobytes() in self._tried:
+                return self._enumerate()
+            self._tried.add(trial.tobytes())
+            segment, released, retried = self._check(trial)
+            if not released.any() and not retried.size:
+                return segment
+            trial = trial.copy()
+            if released.any():
+                trial[released != 0] = released[released != 0]
+            else:
+                trial[retried] = 0
+
+    def _check(self, trial: Modes) -> tuple[Segment, Modes, NDArray[np.intp]]:
+        """Return the segment, the contacts to release with their directions, and those to try stuck again."""
+        system = self._system
+        segment = Segment(
+            system.mode_set(trial), self._t, self._y, self._since, self._candidates, self._stop
+        )
+        violated, order = segment.classify(self._fired)
+        released = np.zeros(system.m, dtype=np.int8)
+        if not violated.any():
+            segment.arm(order)
+            return segment, released, np.empty(0, dtype=np.intp)
+        k, s = segment.slips, segment.stucks
+        over = violated[k:]
+        if over.any():
+            ratio = np.where(over, self._ratios(segment), 0.0)
+            first = np.flatnonzero(over & (ratio >= ratio.max() * (1 - AT_LIMIT)))
+            released[segment.mode_set.stuck[first % s]] = np.where(first < s, 1, -1)
+        retried = segment.mode_set.slip[violated[:k]]
+        return segment, released, retried
+
+    def _ratios(self, segment: Segment) -> Array:
+        """Return ``|lambda| / B`` for upper and lower levels, by their rates where both are 0."""
+        g0, g1, _ = segment.taylor
+        k, s = segment.slips, segment.stucks
+        ratios = np.empty(2 * s)
+        for g, out in ((g0, ratios), (g1, None)):
+            upper, lower = g[k : k + s], g[k + s :]
+            level, force = 0.5 * (upper + lower), 0.5 * np.abs(lower - upper)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                value = np.tile(force / level, 2)
+            if out is not None:
+                ratios[:] = value
+            else:
+                lost = ~np.isfinite(ratios)
+                ratios[lost] = np.where(np.isfinite(value[lost]), value[lost], np.finfo(float).max)
+        return ratios
+
+    def _enumerate(self) -> Segment:
+        """Try every combination where releasing one after another ran in a circle."""
+        contacts = np.flatnonzero(self._candidates)
+        if contacts.size <= _ENUMERATED:
+            for trial in self._combinations(contacts):
+                segment, released, retried = self._check(trial)
+                if not released.any() and not retried.size:
+                    return segment
+        raise Inconsistent(contacts)
+
+    def _combinations(self, contacts: NDArray[np.intp]) -> Iterator[Modes]:
+        base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
+        for values in sorted(product((0, 1, -1), repeat=contacts.size), key=lambda v: sum(map(abs, v))):
+            trial = base.copy()
+            trial[contacts] = values
+            yield trial
+
+
+def _label_open(segment: Segment, modes: Modes, w: Array, resting: Mask) -> None:
+    """Name the modes of open contacts: the sign of w, or of the relative acceleration to come."""
+    is_open = modes == OPEN
+    if not is_open.any():
+        return
+    system = segment.system
+    slopes = segment.q1.copy()
+    acceleration = system.W @ segment.f0 + system.D @ slopes
+    body = np.abs(segment.f0)
+    wide = np.concatenate([body[: system.n], np.zeros(system.drives + 1)])
+    tiny = _ROUNDOFF * (wide[system.a] + wide[system.b])
+    to_come = np.where(np.abs(acceleration) > tiny, np.sign(acceleration), 0.0)
+    modes[is_open] = np.where(resting, to_come, np.sign(w))[is_open]

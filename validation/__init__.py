@@ -1,0 +1,1 @@
+"""Checks of the package against answers that owe it nothing."""
