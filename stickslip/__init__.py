@@ -3,6 +3,7 @@
 from stickslip.integrate import simulate
 from stickslip.laws import DryFriction
 from stickslip.modes import Mode
+from stickslip.regularized import Dahl, Karnopp, LuGre, PreSlip
 from stickslip.result import Event, Result, SimulationError
 from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
 from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
@@ -11,12 +12,16 @@ __all__ = [
     "GROUND",
     "Body",
     "Contact",
+    "Dahl",
     "Damper",
     "Drive",
     "DryFriction",
     "Event",
     "Force",
+    "Karnopp",
+    "LuGre",
     "Mode",
+    "PreSlip",
     "Result",
     "Scene",
     "Signal",

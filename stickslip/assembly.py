@@ -2,13 +2,14 @@
 
 Everything here is linear in the state ``y = (velocities, positions)``, in the input vector
 ``q = (normal forces, forces, drive velocities, drive accelerations, 1)`` and in the friction forces of contacts
-whose kinetic law is curved. Only bodies that a spring touches have a position.
+that act through their velocity. Only bodies that a spring touches have a position.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,19 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
+from stickslip.friction import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
 from stickslip.grouping import Groups
-from stickslip.laws import DryFriction
 from stickslip.loads import Loads
 from stickslip.scene import GROUND, Scene
 from stickslip.signals import Constant, PiecewiseLinear, Signal
 
-__all__ = ["OPEN", "ModeSet", "System"]
+__all__ = ["FREE", "OPEN", "ModeSet", "System"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-OPEN = 2
-"""State of a contact that carries no force; -1, 0 and +1 are the modes of the others."""
+OPEN, FREE = 2, 3
+"""States of contacts that carry no force and of those whose law knows no modes; the others have -1, 0 or +1."""
 
 _DENSE_LIMIT = 100
 _REMEMBERED = 64
@@ -56,8 +57,8 @@ class System:
         self.index = index
         self.a = np.array([index[c.a] for c in scene.contacts], dtype=np.intp)
         self.b = np.array([index[c.b] for c in scene.contacts], dtype=np.intp)
-        self._place_positions(scene)
         self._place_inputs(scene, start, stop)
+        self._place_positions(scene)
         self._place_laws(scene)
         self._join(scene)
         self._known: OrderedDict[bytes, ModeSet] = OrderedDict()
@@ -66,7 +67,7 @@ class System:
         ends = {self.index[e] for s in scene.springs if s.stiffness for e in (s.a, s.b)}
         ends.discard(self.index[GROUND])
         self.placed = np.array(sorted(ends), dtype=np.intp)
-        self.size = self.n + self.placed.size
+        self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_inputs(self, scene: Scene, start: float, stop: float) -> None:
@@ -82,15 +83,14 @@ class System:
         self.loaded = np.array([_ever_positive(s) for s in normals], dtype=bool)
 
     def _place_laws(self, scene: Scene) -> None:
-        laws = [c.law for c in scene.contacts]
-        assert all(isinstance(law, DryFriction) for law in laws)
-        self.laws: list[Any] = laws
-        self.mu_c = np.array([[law.mu_c(s) for law in laws] for s in (1, -1)]).reshape(2, -1)
-        self.mu_s = np.array([[law.mu_s(s) for law in laws] for s in (1, -1)]).reshape(2, -1)
-        self.mu_0 = np.array([[law.mu_k(0.0, s) for law in laws] for s in (1, -1)]).reshape(2, -1)
-        self.dwell = np.array([law.dwell for law in laws])
-        self.curved = np.array([law.curved for law in laws], dtype=bool)
+        c = self.coefficients = Coefficients([contact.law for contact in scene.contacts])
+        self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.alive = self.loaded & (self.mu_s.max(axis=0) > 0)
+        self.hard = c.kind == HARD
+        self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
+        bristles = np.flatnonzero(c.kind == BRISTLE)
+        self.size = self.first_bristle + bristles.size
+        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
 
     def _join(self, scene: Scene) -> None:
         """Build the constant matrices: forces from states and inputs, relative velocities from both."""
@@ -142,6 +142,11 @@ class System:
         matrix.eliminate_zeros()
         return matrix if self.sparse else matrix.toarray()
 
+    def sign_of(self, w: Array) -> Array:
+        """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
+        limit = self.coefficients.velocity
+        return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
+
     def mode_set(self, modes: NDArray[np.int8]) -> ModeSet:
         """Return the equations in these modes; those used last are kept ready."""
         key = modes.tobytes()
@@ -161,7 +166,8 @@ class ModeSet:
     With ``v' = M^-1 (F - G^T r)`` and all members of a stuck group accelerating as one body
     (Breedveld 2000, eqs. 5 to 7), the rates are ``y' = A y + B q + K e`` and the watched quantities
     ``z = E y + H q + L e``: relative velocities times mode of the slipping contacts, then forces of the stuck ones.
-    ``e`` are the friction forces of slipping contacts whose kinetic law is curved.
+    ``e`` are the friction forces of the contacts that act through their velocity: slipping with a curved kinetic law,
+    in pre-slip, smooth, or with bristles. A contact in pre-slip is watched by its relative velocity.
 
     Parameters
     ----------
@@ -172,11 +178,16 @@ class ModeSet:
 
     def __init__(self, system: System, modes: NDArray[np.int8]) -> None:
         self.system, self.modes = system, modes
-        self.stuck = np.flatnonzero(modes == 0)
+        kind = system.coefficients.kind
+        self.stuck = np.flatnonzero((modes == 0) & (kind == HARD))
+        self.pre = np.flatnonzero((modes == 0) & (kind == LINEAR))
         self.slip = np.flatnonzero((modes == 1) | (modes == -1))
         self.sign = modes[self.slip].astype(float)
         self.direction = (modes < 0).astype(np.intp)
-        self.curved = self.slip[system.curved[self.slip]]
+        curved = system.coefficients.curved & (np.abs(modes) == 1)
+        self.acting = np.flatnonzero(curved | (modes == FREE) | ((modes == 0) & (kind == LINEAR)))
+        self.law = ActingForces(system.coefficients, self.acting, modes)
+        self.bristle_places = np.array([system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp)
         self.groups = Groups(system.inertia, system.a[self.stuck], system.b[self.stuck])
         n = system.n
         everyone = np.arange(n)
@@ -186,7 +197,7 @@ class ModeSet:
         self.held = np.flatnonzero(held)
         self.holder = self.groups.holder[self.held]
         self._kinetic = np.zeros(system.m)
-        plain = self.slip[~system.curved[self.slip]]
+        plain = self.slip[~system.coefficients.curved[self.slip]]
         self._kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
         (self._assemble_sparse if system.sparse else self._assemble_dense)()
 
@@ -214,23 +225,27 @@ class ModeSet:
         C = self._folded(system.C)
         Q = system.Q.copy()
         Q[:, : system.m] += system.force_of_contacts * self._kinetic
-        P = system.force_of_contacts[:, self.curved]
+        P = system.force_of_contacts[:, self.acting]
         held_inputs = self._held_inputs_dense()
         forces = np.hstack([C, Q, P])
         rates = groups.mean(forces)
         rates[:, size : size + inputs] += held_inputs
         # identical rows may round differently within a product: copy them
         rates[self.follow] = rates[self.lead]
-        rows = np.zeros((system.placed.size, forces.shape[1]))
+        rows = np.zeros((size - n, forces.shape[1]))
         for k, body in enumerate(system.placed):
             self._position_row(rows[k], int(body))
         rates = np.vstack([rates, rows])
         held_wide = np.zeros_like(forces)
         held_wide[:, size : size + inputs] = held_inputs
-        slip_rows = np.hstack([self._folded(system.W), system.D, np.zeros((system.m, self.curved.size))])
-        watch_rows = self.sign[:, None] * slip_rows[self.slip]
-        self.watch_rows = watch_rows[:, :size]
-        watched = np.vstack([watch_rows, groups.contact_forces(forces, held_wide)])
+        slip_rows = np.hstack([self._folded(system.W), system.D, np.zeros((system.m, self.acting.size))])
+        watched = np.vstack(
+            [
+                self.sign[:, None] * slip_rows[self.slip],
+                groups.contact_forces(forces, held_wide),
+                slip_rows[self.pre],
+            ]
+        )
         cuts = (size, size + inputs)
         self.A, self.B, self.K = (np.ascontiguousarray(x) for x in np.split(rates, cuts, axis=1))
         self.E, self.H, self.L = (np.ascontiguousarray(x) for x in np.split(watched, cuts, axis=1))
@@ -254,22 +269,24 @@ class ModeSet:
         system, groups = self.system, self.groups
         n = system.n
         C = self._folded(system.C)
-        pushed = system.force_of_contacts[:, self.curved]
-        positions = self._position_rows_sparse()
-        self.A = sparse.vstack([self._shared_sparse(C), positions], format="csr")
-        nothing = sparse.csr_array((positions.shape[0], self.curved.size))
+        pushed = system.force_of_contacts[:, self.acting]
+        bristles = sparse.csr_array((system.size - system.first_bristle, system.size))
+        self.A = sparse.vstack([self._shared_sparse(C), self._position_rows_sparse(), bristles], format="csr")
+        nothing = sparse.csr_array((system.size - n, self.acting.size))
         self.K = sparse.vstack([self._shared_sparse(pushed), nothing], format="csr")
-        self.watch_rows = sparse.diags_array(self.sign) @ self._folded(system.W)[self.slip]
+        W = self._folded(system.W)
+        slip_rows = sparse.diags_array(self.sign) @ W[self.slip]
         forces = aslinearoperator(C)
         stuck_forces = LinearOperator(
             (self.stuck.size, n),
             matvec=lambda f: groups.contact_forces(np.ravel(f), np.zeros(n)),
             dtype=float,
         )
-        height = self.slip.size + self.stuck.size
-        self.E = _Stacked(self.watch_rows, stuck_forces @ forces if C.nnz else None, height)
-        unwatched = sparse.csr_array((self.slip.size, self.curved.size))
-        self.L = _Stacked(unwatched, stuck_forces @ aslinearoperator(pushed) if self.curved.size else None, height)
+        self.E = _Stacked(slip_rows, stuck_forces @ forces if C.nnz else None, W[self.pre], self.stuck.size)
+        acting = stuck_forces @ aslinearoperator(pushed) if self.acting.size else None
+        width = self.acting.size
+        silent = [sparse.csr_array((rows, width)) for rows in (self.slip.size, self.pre.size)]
+        self.L = _Stacked(silent[0], acting, silent[1], self.stuck.size)
         self.B = _Applied(lambda q: self._rates_of(self._input_forces(q), q))
         self.H = _Applied(self._watched_inputs)
 
@@ -315,33 +332,19 @@ class ModeSet:
         return sparse.csr_array((np.ones(moving.size), (moving, columns)), shape=(bodies.size, system.size))
 
     def _watched_inputs(self, q: Array) -> Array:
-        slipping = self.sign * (self.system.D[self.slip] @ q)
-        return np.r_[slipping, self.groups.contact_forces(self._input_forces(q), self._held_acceleration(q))]
+        driven = self.system.D @ q
+        forces = self.groups.contact_forces(self._input_forces(q), self._held_acceleration(q))
+        return np.concatenate([self.sign * driven[self.slip], forces, driven[self.pre]])
 
-    # -- friction of curved laws --------------------------------------------------------------------------
+    @cached_property
+    def acting_rows(self) -> Any:
+        """Rows that give the relative velocities of the acting contacts."""
+        return self._folded(self.system.W)[self.acting]
 
-    def law_jacobian(self, w: Array, normal: Array) -> Any:
-        """Return what curved kinetic laws add to ``d y' / d y``: ``K diag(dr/dw) W``."""
-        rows = self._folded(self.system.W)[self.curved]
-        slopes = self.curved_slopes(w, normal)
+    def law_jacobian(self, slopes: Array) -> Any:
+        """Return what the acting contacts add to ``d y' / d y``: ``K diag(dr/dw) W``."""
+        rows = self.acting_rows
         return self.K @ (slopes[:, None] * rows if isinstance(rows, np.ndarray) else sparse.diags_array(slopes) @ rows)
-
-    def curved_forces(self, w: Array, normal: Array) -> Array:
-        """Return ``sign mu_k(|w|) N`` of the slipping contacts with a curved law, from their `w` and `normal`."""
-        laws, modes = self.system.laws, self.modes
-        return np.array(
-            [
-                modes[j] * laws[j].mu_k(max(modes[j] * w[k], 0.0), modes[j]) * normal[k]
-                for k, j in enumerate(self.curved)
-            ]
-        )
-
-    def curved_slopes(self, w: Array, normal: Array) -> Array:
-        """Return the derivatives of `curved_forces` with respect to `w`."""
-        laws, modes = self.system.laws, self.modes
-        return np.array(
-            [laws[j].mu_k_slope(max(modes[j] * w[k], 0.0), modes[j]) * normal[k] for k, j in enumerate(self.curved)]
-        )
 
 
 class _Triplets:
@@ -360,18 +363,14 @@ class _Triplets:
 
 
 class _Stacked:
-    """Sparse rows above an operator's rows."""
+    """Sparse rows, an operator's rows (none of them other than zero where it is None), and sparse rows again."""
 
-    def __init__(self, top: Any, below: Any, height: int) -> None:
-        self._top, self._below, self._height = top, below, height
+    def __init__(self, top: Any, middle: Any, below: Any, height: int) -> None:
+        self._top, self._middle, self._below, self._height = top, middle, below, height
 
     def __matmul__(self, y: Array) -> Array:
-        values = np.zeros((self._height, *y.shape[1:]))
-        split = self._top.shape[0]
-        values[:split] = self._top @ y
-        if self._below is not None:
-            values[split:] = self._below @ y
-        return values
+        middle = np.zeros((self._height, *y.shape[1:])) if self._middle is None else self._middle @ y
+        return np.concatenate([self._top @ y, middle, self._below @ y])
 
 
 class _Applied:

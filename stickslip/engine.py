@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 _ROOTS_PER_SOLVER = 20
 _DENSE_LIMIT = 100
 _STEPS_PER_PERIOD = 8
+_LOCAL = 0.1
+"""Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
 
 class SolverFailure(Exception):
@@ -120,7 +122,8 @@ class Engine:
     """
 
     def __init__(self, size: int, method: str, rtol: float, atol: float | Array, max_step: float) -> None:
-        self._size, self._method, self._rtol, self._atol = size, method, rtol, atol
+        self._size, self._method = size, method
+        self._rtol, self._atol = _LOCAL * rtol, _LOCAL * atol
         self._max_step = max_step
         self.work = Work()
         self._clock = _Cvode(self._make_clock, self.work)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import OPEN, System
+from stickslip.assembly import FREE, OPEN, System
 from stickslip.engine import Engine, Reached, SolverFailure
 from stickslip.modes import Mode
 from stickslip.result import Event, Piece, Result, SimulationError, interpolate
@@ -167,6 +167,7 @@ class _Run:
         system = self._system
         elements = (*system.scene.bodies, *system.scene.drives)
         y = np.array([body.velocity for body in system.scene.bodies] + [elements[i].position for i in system.placed])
+        y = np.concatenate([y, np.zeros(system.size - y.size)])
         since = self._start - np.array([c.rested for c in system.scene.contacts])
         nothing = np.zeros(system.m, dtype=bool)
         stop = system.loads.next_break(self._start, self._stop)
@@ -197,7 +198,8 @@ class _Run:
         before = self._labels_at(segment, reached)
         tau, y = float(reached.taus[-1]), reached.states[-1]
         since = np.where(before == 0, self._now.since, t)
-        stuck = (self._now.modes == 0) & (segment.mode_set.modes != OPEN)
+        stuck = np.zeros(system.m, dtype=bool)
+        stuck[segment.mode_set.stuck] = True
         touching |= stuck & ~self._jumped(segment, tau, t)
         self._t = t
         if t >= self._stop:
@@ -205,7 +207,8 @@ class _Run:
         stop = system.loads.next_break(t, self._stop)
         self._now = settle(system, t, y, before, since, touching, fired, stop)
         self._restarts += 1
-        for j in np.flatnonzero(self._now.modes != before).tolist():
+        eventful = self._now.segment.mode_set.modes != FREE
+        for j in np.flatnonzero((self._now.modes != before) & eventful).tolist():
             self._note(t, j, int(before[j]), int(self._now.modes[j]), bool(fired[j]))
 
     def _at_limit(self, segment: Segment, reached: Reached) -> tuple[Mask, Mask]:
@@ -236,14 +239,19 @@ class _Run:
     def _labels_at(self, segment: Segment, reached: Reached) -> NDArray[np.int8]:
         """Return the modes at the segment's end; contacts that are open may have turned over on the way."""
         labels = self._now.modes
-        is_open = segment.mode_set.modes == OPEN
+        is_open = segment.mode_set.modes >= OPEN
         if not is_open.any() or not reached.taus[-1] > 0:
             return labels
-        w = np.sign(segment.relative_velocity(reached.taus[1:], reached.states[1:].T)[is_open])
+        w = segment.relative_velocity(reached.taus[1:], reached.states[1:].T)
+        w = np.where(segment.mode_set.modes[:, None] == FREE, self._system.sign_of(w), np.sign(w))[is_open]
         labels = labels.copy()
         for j, signs in zip(np.flatnonzero(is_open).tolist(), w, strict=True):
             for k, sign in enumerate(signs.tolist()):
-                if sign != labels[j] and sign != 0:
+                if sign == labels[j]:
+                    continue
+                if segment.mode_set.modes[j] == FREE:
+                    labels[j] = sign
+                elif sign != 0:
                     self._note(self._turn_time(segment, reached, j, k), j, int(labels[j]), int(sign), False)
                     labels[j] = sign
         return labels
@@ -278,13 +286,14 @@ class _Run:
 
     def _relaxed(self, segment: Segment, reached: Reached) -> Reached | None:
         """Return the points up to the first at which a contact has relaxed to rest without crossing 0."""
-        if self._margin <= 0 or not segment.slips:
-            return None
         contacts = segment.mode_set.slip
-        w = segment.mode_set.E @ reached.states.T
-        values = (w + _columns(segment.h0, segment.h1, reached.taus))[: segment.slips]
+        hard = self._system.hard[contacts]
+        if self._margin <= 0 or not hard.any():
+            return None
         last = reached.taus.size - (1 if reached.hit else 0)
-        near = (values[:, :last] <= self._margin) & (values[:, :last] > 0)
+        w = segment.relative_velocity(reached.taus[:last], reached.states[:last].T)[contacts]
+        w *= segment.mode_set.sign[:, None]
+        near = (w <= self._margin) & (w > 0) & hard[:, None]
         for k in np.flatnonzero(near.any(axis=0)).tolist():
             resting = [
                 int(contacts[row])
@@ -368,10 +377,6 @@ def _global(piece: Piece) -> Array:
     t = piece.start + piece.taus
     t[-1] = piece.stop
     return t
-
-
-def _columns(c0: Array, c1: Array, taus: Array) -> Array:
-    return c0[:, None] + np.multiply.outer(c1, taus)
 
 
 def _margin(given: float | None, system: System, rtol: float, atol: float) -> float:

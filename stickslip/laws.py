@@ -9,7 +9,9 @@ from typing import Any
 
 from stickslip.signals import _finite
 
-__all__ = ["DryFriction", "Law", "law_from_dict"]
+__all__ = ["DryFriction", "Law", "law_from_dict", "register"]
+
+_MAKERS: dict[str, type[Law]] = {}
 
 
 class Law:
@@ -30,6 +32,13 @@ class Law:
         return data
 
 
+def register(law: type[Law]) -> type[Law]:
+    """Let scene files name a law by its class."""
+    _MAKERS[law.__name__] = law
+    return law
+
+
+@register
 @dataclass(frozen=True)
 class DryFriction(Law):
     """Static and Coulomb friction with an optional dwell time and Stribeck curve.
@@ -156,14 +165,13 @@ def law_from_dict(data: Any, what: str) -> Law:
         raise ValueError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
     values = dict(data)
     kind = values.pop("type", "DryFriction")
-    makers: dict[str, Callable[..., Law]] = {"DryFriction": DryFriction}
-    if kind not in makers:
-        raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(makers)}")
+    if kind not in _MAKERS:
+        raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
     if "kinetic" in values:
         raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
     if "law" in values:
         values["law"] = law_from_dict(values["law"], what)
     try:
-        return makers[kind](**values)
+        return _MAKERS[kind](**values)
     except TypeError as error:
         raise ValueError(f"{what}: {kind}: {error}") from None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import OPEN, System
+from stickslip.assembly import FREE, OPEN, System
 from stickslip.modes import Mode
 from stickslip.scene import GROUND, Scene
 from stickslip.segment import Segment, hermite
@@ -274,10 +274,11 @@ class Result:
         forces = np.zeros((system.m, taus.size))
         normals = segment.normals(taus)
         forces[mode_set.slip] = mode_set._kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
-        if mode_set.curved.size:
-            forces[mode_set.curved] = segment._law_forces(taus, y)
+        if mode_set.acting.size:
+            forces[mode_set.acting] = segment.acting_forces(taus, y)
         if mode_set.stuck.size:
-            forces[mode_set.stuck] = segment.watched(taus, y)[mode_set.slip.size :]
+            first = mode_set.slip.size
+            forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
         return forces
 
     def _chosen(self) -> Any:
@@ -344,9 +345,12 @@ class Result:
 
 
 def _mode(piece: Piece, segment: Segment, j: int, taus: Array, y: Array) -> Array:
-    if piece.modes[j] != OPEN:
+    if piece.modes[j] < OPEN:
         return np.full(taus.size, piece.labels[j])
-    sign = np.sign(segment.relative_velocity(taus, y)[j])
+    w = segment.relative_velocity(taus, y)
+    if piece.modes[j] == FREE:
+        return segment.system.sign_of(w)[j]
+    sign = np.sign(w[j])
     sign[taus == 0.0] = piece.labels[j]
     return sign
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from typing import Any
 
-from stickslip.laws import Law, law_from_dict
+from stickslip.laws import DryFriction, Law, law_from_dict
+from stickslip.regularized import PreSlip
 from stickslip.signals import Signal, _finite, as_signal, signal_from_dict
 
 __all__ = ["GROUND", "Body", "Contact", "Damper", "Drive", "Element", "Force", "Scene", "Spring"]
@@ -380,6 +381,18 @@ class Scene:
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
         """Return the scene with every contact's law replaced by ``change(law)``."""
         return Scene(*(replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements))
+
+    def regularized(self, velocity: float = 1e-3, shape: str = "linear") -> Scene:
+        """Return the scene with every contact on a pre-slip law of the same coefficients.
+
+        Parameters
+        ----------
+        velocity : float
+            Pre-slip velocity in m/s or rad/s.
+        shape : str
+            "linear", "tanh" or "arctan".
+        """
+        return self.with_laws(lambda law: PreSlip(law if isinstance(law, DryFriction) else law.law, velocity, shape))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain data: tables of numbers, strings, lists and dicts.

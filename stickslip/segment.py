@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from stickslip.assembly import ModeSet
 
@@ -62,7 +63,9 @@ class Segment:
         self.q0, self.q1 = q0, q1
         self.b0, self.b1 = mode_set.B @ q0, mode_set.B @ q1
         self.h0, self.h1 = mode_set.H @ q0, mode_set.H @ q1
-        self.slips, self.stucks = mode_set.slip.size, mode_set.stuck.size
+        self.held = np.concatenate([mode_set.stuck, mode_set.pre])
+        self.slips, self.helds = mode_set.slip.size, self.held.size
+        self.threshold = np.where(at_rest, 0.0, system.coefficients.threshold)[mode_set.slip]
         self._place_curved()
         self._place_levels()
         self.f0 = self.rate(0.0, y)
@@ -74,7 +77,7 @@ class Segment:
         """Columns of the inputs that no straight line holds, where they matter."""
         curved = self.system.loads.curved
         self.has_curved = bool(curved.size)
-        self.has_law = bool(self.mode_set.curved.size)
+        self.has_law = bool(self.mode_set.acting.size)
         if not self.has_curved:
             self.curved_rates = self.has_law
             return
@@ -105,14 +108,20 @@ class Segment:
         """Return ``w = v_a - v_b`` of every contact."""
         return self.system.W @ y + self.system.D @ self.inputs(tau)
 
-    def _law_forces(self, tau: float | Array, y: Array) -> Array:
-        curved = self.mode_set.curved
-        w = self.relative_velocity(tau, y)[curved]
-        normal = self.normals(tau)[curved]
-        if w.ndim == 1:
-            return self.mode_set.curved_forces(w, normal)
-        columns = [self.mode_set.curved_forces(*pair) for pair in zip(w.T, normal.T, strict=True)]
-        return np.column_stack(columns)
+    def _acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
+        """Return relative velocity, normal force, dwell lag and bristle deflection of the acting contacts."""
+        mode_set, system = self.mode_set, self.system
+        rows = mode_set.acting
+        w = self.relative_velocity(tau, y)[rows]
+        dwell = system.dwell[rows]
+        rate = np.divide(1.0, dwell, out=np.zeros_like(dwell), where=dwell > 0)
+        lag = np.exp(-_line((self.t - self.since[rows]) * rate, rate, tau))
+        lag[dwell == 0] = 0.0
+        return w, self.normals(tau)[rows], lag, y[mode_set.bristle_places]
+
+    def acting_forces(self, tau: float | Array, y: Array) -> Array:
+        """Return the friction forces of the contacts that act through their velocity."""
+        return self.mode_set.law.forces(*self._acting_terms(tau, y))
 
     # -- rates --------------------------------------------------------------------------------------------
 
@@ -124,7 +133,10 @@ class Segment:
         if self.has_curved:
             rate += self._b_curved @ self._curved_inputs(tau)
         if self.has_law:
-            rate += mode_set.K @ self._law_forces(tau, y)
+            w, normal, lag, z = self._acting_terms(tau, y)
+            rate += mode_set.K @ mode_set.law.forces(w, normal, lag, z)
+            if mode_set.bristle_places.size:
+                rate[mode_set.bristle_places] = mode_set.law.bristle_rates(w, normal, z)
         if mode_set.follow.size:
             rate[mode_set.follow] = rate[mode_set.lead]
         return rate
@@ -134,9 +146,24 @@ class Segment:
         mode_set = self.mode_set
         if not self.has_law:
             return mode_set.A
-        curved = mode_set.curved
-        w = self.relative_velocity(tau, y)[curved]
-        return mode_set.A + mode_set.law_jacobian(w, self.normals(tau)[curved])
+        terms = self._acting_terms(tau, y)
+        matrix = mode_set.A + mode_set.law_jacobian(mode_set.law.slopes(*terms))
+        return matrix if not mode_set.bristle_places.size else self._with_bristles(matrix, terms)
+
+    def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
+        """Add the entries of the bristles: ``dz'/dw W``, ``dz'/dz`` and ``K dr/dz``."""
+        mode_set = self.mode_set
+        law, places = mode_set.law, mode_set.bristle_places
+        w, normal, _, z = terms
+        by_w, by_z = law.bristle_slopes(w, normal, z)
+        sigma = self.system.coefficients.sigma[mode_set.acting[law.bristles]]
+        size, count = self.system.size, places.size
+        rows = sparse.csr_array(mode_set.acting_rows)[law.bristles]
+        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        pushed = sparse.csc_array(mode_set.K)[:, law.bristles]
+        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        return matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
 
     def second_rate(self, tau: float | Array, y: Array, rate: Array) -> Array:
         """Return ``y''``: exact where the rates are linear, by central difference along the motion elsewhere."""
@@ -168,10 +195,10 @@ class Segment:
     # -- guards -------------------------------------------------------------------------------------------
 
     def _place_levels(self) -> None:
-        """Breakaway coefficients of the stuck contacts, upper levels first, then lower ones."""
-        system, stuck = self.system, self.mode_set.stuck
-        both = np.tile(stuck, 2)
-        side = np.repeat([0, 1], stuck.size)
+        """Breakaway coefficients of the held contacts, upper levels first, then lower ones."""
+        system = self.system
+        both = np.tile(self.held, 2)
+        side = np.repeat([0, 1], self.helds)
         self._contact = both
         self._mu_s = system.mu_s[side, both]
         self._rise = np.where(
@@ -182,6 +209,14 @@ class Segment:
         self._age = (self.t - self.since[both]) * self._rate
         self._rising = bool(np.any((self._rise > 0) & (self._age < _DWELL_OVER)))
         self._n0, self._n1 = self.q0[both], self.q1[both]
+        self._is_pre = self.mode_set.pre.size > 0
+        if self._is_pre:
+            # a contact in pre-slip is held by its pre-slip velocity, whatever presses it together
+            pre = np.tile(np.arange(self.helds) >= self.mode_set.stuck.size, 2)
+            self._pre = pre
+            self._mu_s = np.where(pre, system.coefficients.velocity[both], self._mu_s)
+            self._rise, self._n0, self._n1 = (np.where(pre, x, y) for x, y in
+                ((0.0, self._rise), (1.0, self._n0), (0.0, self._n1)))
         self._curved_normal = self.has_curved and bool(np.isin(both, self.system.loads.curved).any())
         self._l0, self._l1 = self._mu_s * self._n0, self._mu_s * self._n1
 
@@ -201,25 +236,32 @@ class Segment:
         if self._curved_normal:
             lag = self._lag(tau)
             mu_s = self._mu_s[:, None] if lag.ndim == 2 else self._mu_s
-            return (mu_s - lag) * self.normals(tau)[self._contact]
+            normal = self.normals(tau)[self._contact]
+            if self._is_pre:
+                normal[self._pre] = 1.0
+            return (mu_s - lag) * normal
         level = _line(self._l0, self._l1, tau)
         if self._rising:
             level -= self._lag(tau) * _line(self._n0, self._n1, tau)
         return level
 
     def watched(self, tau: float | Array, y: Array) -> Array:
-        """Return relative velocity times mode of the slipping contacts, then the forces of the stuck ones."""
+        """Return what the guards watch: relative velocity times mode of the slipping contacts (less the velocity
+        at which they are held again), the forces of the stuck ones, the relative velocities of those in pre-slip.
+        """
         z = self.mode_set.E @ y
         z += _line(self.h0, self.h1, tau)
+        if self.threshold.any():
+            z[: self.slips] -= self.threshold if z.ndim == 1 else self.threshold[:, None]
         if self.has_curved:
             z += self._h_curved @ self._curved_inputs(tau)
         if self.has_law:
-            z += self.mode_set.L @ self._law_forces(tau, y)
+            z += self.mode_set.L @ self.acting_forces(tau, y)
         return z
 
     def raw_guards(self, tau: float | Array, z: Array) -> Array:
         """Return the guards as they are: slipping contacts, then upper and lower levels of the stuck ones."""
-        k, s = self.slips, self.stucks
+        k, s = self.slips, self.helds
         g = np.empty((k + 2 * s, *z.shape[1:]))
         g[:k] = z[:k]
         if s:
@@ -236,7 +278,7 @@ class Segment:
             return self._taylor_by_differences(z0)
         f1 = self.f1
         z1, z2 = self.mode_set.E @ self.f0 + self.h1, 0.5 * (self.mode_set.E @ f1)
-        k, s = self.slips, self.stucks
+        k, s = self.slips, self.helds
         level = self.levels(0.0)
         lag = self._lag(0.0) if self._rising else np.zeros(2 * s)
         slope = self._l1 - lag * self._n1 + lag * self._rate * self._n0
@@ -261,11 +303,11 @@ class Segment:
     @cached_property
     def guard_contacts(self) -> Indices:
         """The contact of each guard."""
-        return np.concatenate([self.mode_set.slip, self.mode_set.stuck, self.mode_set.stuck])
+        return np.concatenate([self.mode_set.slip, self.held, self.held])
 
     def guard_scales(self) -> tuple[Array, Array]:
         """Return for each guard the size of what it compares, and the roundoff it carries."""
-        k, s = self.slips, self.stucks
+        k, s = self.slips, self.helds
         y, q = np.abs(self.y), np.abs(self.inputs(0.0))
         system = self.system
         body = abs(system.C) @ y + abs(system.Q) @ q
@@ -274,8 +316,9 @@ class Segment:
         level = self.levels(0.0)
         groups = self.mode_set.groups
         total = np.bincount(groups._label, weights=body, minlength=system.n)[groups._label]
-        noise = np.concatenate([self._at_ends(body / system.inertia, self.mode_set.slip)]
-                               + [self._at_ends(total, self.mode_set.stuck)] * 2)
+        force_noise = self._at_ends(total, self.held)
+        force_noise[self.mode_set.stuck.size :] = z[self.mode_set.stuck.size :]
+        noise = np.concatenate([self._at_ends(body / system.inertia, self.mode_set.slip), force_noise, force_noise])
         size = np.concatenate([np.zeros(k), level[:s] + z, level[s:] + z])
         return size, _ROUNDOFF * noise
 
@@ -299,7 +342,7 @@ class Segment:
             0 where the guard is positive, k where it starts as tau^k, a huge number where it stays 0.
         """
         g0, g1, g2 = self.taylor
-        k, s = self.slips, self.stucks
+        k, s = self.slips, self.helds
         resting = self.at_rest[self.mode_set.slip]
         order = np.zeros(k + 2 * s, dtype=np.intp)
         violated = np.zeros(k + 2 * s, dtype=bool)

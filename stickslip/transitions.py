@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import OPEN, System
+from stickslip.assembly import FREE, OPEN, System
 from stickslip.grouping import Groups
 from stickslip.segment import AT_LIMIT, Segment
 
@@ -82,17 +82,32 @@ def settle(
     closed = system.alive & ((normal > 0) | ((normal == 0) & _rising(system, t, slopes)))
     w = system.W @ y + system.D @ q
     resting = touching | (np.abs(w) <= _ROUNDOFF * _speed(system, y, q))
+    resting &= system.hard
     y = project(system, y, q, closed & resting)
-    trial = np.where(closed, np.where(resting, 0, np.sign(w)), OPEN).astype(np.int8)
-    was_stuck = np.zeros(system.m, dtype=bool) if modes is None else modes == 0
-    if modes is None:
-        was_stuck = resting
+    trial = np.where(resting, 0, np.sign(w))
+    if not system.hard.all():
+        trial = np.where(system.hard, trial, _slip_states(system, w, modes, fired))
+    trial = np.where(closed, trial, OPEN).astype(np.int8)
+    was_stuck = trial == 0 if modes is None else modes == 0
     tried_since = np.where(was_stuck, since, t)
     search = _Search(system, t, y, tried_since, closed & resting, fired, stop)
     segment = search.run(trial)
     result = segment.mode_set.modes.copy()
     _label_open(segment, result, w, resting)
+    free = result == FREE
+    result[free] = system.sign_of(w)[free]
     return Settled(result, np.where(result == 0, tried_since, t), segment)
+
+
+def _slip_states(system: System, w: Array, modes: Modes | None, fired: Mask) -> Array:
+    """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
+    speed, sign = np.abs(w), np.sign(w)
+    velocity, threshold = system.coefficients.velocity, system.coefficients.threshold
+    slipped = np.zeros(system.m, dtype=bool) if modes is None else np.abs(modes) == 1
+    limit = np.where(slipped, threshold, velocity)
+    slips = (speed > limit) | (fired & ~slipped & (speed > 0.5 * limit))
+    slips &= ~(fired & slipped)
+    return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
 def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
@@ -163,19 +178,19 @@ class _Search:
         if not violated.any():
             segment.arm(order)
             return segment, released, np.empty(0, dtype=np.intp)
-        k, s = segment.slips, segment.stucks
+        k, s = segment.slips, segment.helds
         over = violated[k:]
         if over.any():
             ratio = np.where(over, self._ratios(segment), 0.0)
             first = np.flatnonzero(over & (ratio >= ratio.max() * (1 - AT_LIMIT)))
-            released[segment.mode_set.stuck[first % s]] = np.where(first < s, 1, -1)
+            released[segment.held[first % s]] = np.where(first < s, 1, -1)
         retried = segment.mode_set.slip[violated[:k]]
         return segment, released, retried
 
     def _ratios(self, segment: Segment) -> Array:
         """Return ``|lambda| / B`` for upper and lower levels, by their rates where both are 0."""
         g0, g1, _ = segment.taylor
-        k, s = segment.slips, segment.stucks
+        k, s = segment.slips, segment.helds
         ratios = np.empty(2 * s)
         for g, out in ((g0, ratios), (g1, None)):
             upper, lower = g[k : k + s], g[k + s :]

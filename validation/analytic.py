@@ -34,6 +34,11 @@ def exact(x: Number) -> mpf:
     return mp.convert(repr(float(x)) if isinstance(x, float) else x)
 
 
+def _roundoff() -> mpf:
+    """Return the relative size below which a number that should be zero is taken for zero."""
+    return mp.mpf(10) ** (10 - mp.dps)
+
+
 def _require(condition: bool, what: str) -> None:
     if not condition:
         raise ValueError(f"this closed form does not apply: {what}")
@@ -226,12 +231,12 @@ def chain(
     t, end, v = mp.zero, exact(until), [exact(speed) for speed in speeds]
     modes = [int(mp.sign(w)) for w in row.relative(v)]
     since = [t] * len(contacts)  # when each contact last became stuck
+    near = _roundoff() * max(map(abs, v))  # friction never makes a wheel the fastest yet
     events: list[Event] = []
     starts: list[mpf] = []
     pieces: list[list[tuple[mpf, mpf, mpf]]] = []
 
     while not starts or t < end:
-        near = mp.mpf(10) ** (10 - mp.dps) * max(map(abs, v))
         zero = [abs(w) <= near for w in row.relative(v)]
         v = row.join(v, zero)  # exactly equal velocities, so that stuck contacts cannot drift
         before, modes = modes, row.settle(t, modes, zero, since)
@@ -242,9 +247,8 @@ def chain(
         (_, a), (_, jerk) = row.solve(modes, row.normals(t)), row.solve(modes, row.slopes(t))
         starts.append(t)
         pieces.append([(v0, v1, v2 / 2) for v0, v1, v2 in zip(v, a, jerk, strict=True)])
-        step = row.step(t, pieces[-1], modes, since, end)
-        v = [_quadratic(piece, step) for piece in pieces[-1]]
-        t += step
+        t = row.next_time(t, pieces[-1], modes, since, end)
+        v = [_quadratic(piece, t - starts[-1]) for piece in pieces[-1]]
         if len(starts) > 1000:
             raise ValueError(f"more than 1000 events; the last ones at t = {mp.nstr(t, 12)}")
 
@@ -322,7 +326,7 @@ class _Row:
         # brake has it as body a and pushes it by -r.
         self.signs = [-1] + [1] * (len(laws) - 1)
         largest = max(law.mu_s * max(law.forces) for law in laws)
-        self.tiny = mp.mpf(10) ** (10 - mp.dps) * largest  # forces this small are roundoff
+        self.tiny = _roundoff() * largest  # forces this small are roundoff
 
     def normals(self, t: mpf) -> list[mpf]:
         return [law.normal(t) for law in self.laws]
@@ -389,7 +393,7 @@ class _Row:
             starts = list(zip(self.relative(a), self.relative(da), strict=True))
             wrong = [k for k in range(len(trial)) if zero[k] and trial[k] * self._sign(*starts[k]) < 0]
             if overload:
-                most = max(overload.values()) * (1 - mp.mpf(10) ** (10 - mp.dps))  # ties go together
+                most = max(overload.values()) * (1 - _roundoff())  # ties go together
                 for k, ratio in overload.items():
                     trial[k] = self._sign(r[k], dr[k]) if ratio >= most else STUCK
             elif wrong:
@@ -399,43 +403,42 @@ class _Row:
                 return trial
         raise ValueError(f"no consistent modes at t = {mp.nstr(t, 12)}")
 
-    def step(
+    def next_time(
         self, t: mpf, pieces: list[tuple[mpf, mpf, mpf]], modes: list[int], since: list[mpf], end: mpf
     ) -> mpf:
-        """Time to the next event, kink of a normal force, or the end, whichever comes first."""
-        step = min([x for law in self.laws for x in law.times if t < x < end], default=end) - t
+        """Time of the next event, kink of a normal force, or the end, whichever comes first."""
+        horizon = min([x for law in self.laws for x in law.times if t < x < end], default=end)
+        step, instant = horizon - t, _roundoff() * end
         normals, slopes = self.normals(t), self.slopes(t)
         (r, _), (dr, _) = self.solve(modes, normals), self.solve(modes, slopes)
         gaps = [self.relative(column) for column in zip(*pieces, strict=True)]
         for k, law in enumerate(self.laws):
             if modes[k] != STUCK:
-                step = min([step, *_positive_roots(*(gap[k] for gap in gaps))])
+                # A root closer than roundoff is the one the contact has just left.
+                roots = _real_roots(*(gap[k] for gap in gaps))
+                step = min([step, *(root for root in roots if root > instant)])
                 continue
             unrisen = law.unrisen(t - since[k])
             decaying = (unrisen * normals[k], unrisen * slopes[k])
             for side in (-1, 1):
                 line = (side * r[k] - law.mu_s * normals[k], side * dr[k] - law.mu_s * slopes[k])
                 step = _first_rise(line, decaying, law.tau or mp.one, step)
-        return step
+        return t + step if t + step < horizon - instant else horizon
 
 
 def _quadratic(coefficients: tuple[mpf, mpf, mpf], s: mpf) -> mpf:
     return coefficients[0] + s * (coefficients[1] + s * coefficients[2])
 
 
-def _positive_roots(c0: mpf, c1: mpf, c2: mpf) -> list[mpf]:
-    """Roots s > 0 of c0 + c1 s + c2 s²; a root at s = 0 is where the motion comes from."""
-    if c0 == 0:
-        roots = [-c1 / c2] if c2 else []
-    elif c2 == 0:
-        roots = [-c0 / c1] if c1 else []
-    else:
-        discriminant = c1 * c1 - 4 * c2 * c0
-        if discriminant < 0:
-            return []
-        q = -(c1 + (1 if c1 >= 0 else -1) * mp.sqrt(discriminant)) / 2  # no cancellation
-        roots = [q / c2, c0 / q]
-    return [root for root in roots if root > 0]
+def _real_roots(c0: mpf, c1: mpf, c2: mpf) -> list[mpf]:
+    """Roots s of c0 + c1 s + c2 s²."""
+    if c2 == 0:
+        return [-c0 / c1] if c1 else []
+    discriminant = c1 * c1 - 4 * c2 * c0
+    if discriminant < 0:
+        return []
+    q = -(c1 + (1 if c1 >= 0 else -1) * mp.sqrt(discriminant)) / 2  # no cancellation
+    return [q / c2, c0 / q] if q else [mp.zero]
 
 
 def _first_rise(p: tuple[mpf, mpf], q: tuple[mpf, mpf], tau: mpf, end: mpf) -> mpf:
@@ -614,7 +617,7 @@ def coulomb_decay(
     _require(min(m, k, force) > 0 and level >= force, "friction must be positive, and breakaway no less")
     omega = mp.sqrt(k / m)
     # A turn exactly on the level stays: roundoff must not add another.
-    last = max(int(mp.ceil((k * abs(x0) - level) / (2 * force) - mp.mpf(10) ** (10 - mp.dps))), 0)
+    last = max(int(mp.ceil((k * abs(x0) - level) / (2 * force) - _roundoff())), 0)
     turns = tuple(
         (n * mp.pi / omega, (-1) ** n * mp.sign(x0) * (abs(x0) - 2 * n * force / k)) for n in range(last + 1)
     )
