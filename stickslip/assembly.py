@@ -43,9 +43,11 @@ class System:
     scene : Scene
     start, stop : float
         Time span in s, for the breaks of the loads.
+    stepped : bool
+        Whether a fixed-step method reads the loads.
     """
 
-    def __init__(self, scene: Scene, start: float, stop: float) -> None:
+    def __init__(self, scene: Scene, start: float, stop: float, stepped: bool = False) -> None:
         self.scene = scene
         self.names = [body.name for body in scene.bodies]
         n, drives = len(scene.bodies), len(scene.drives)
@@ -57,7 +59,7 @@ class System:
         self.index = index
         self.a = np.array([index[c.a] for c in scene.contacts], dtype=np.intp)
         self.b = np.array([index[c.b] for c in scene.contacts], dtype=np.intp)
-        self._place_inputs(scene, start, stop)
+        self._place_inputs(scene, start, stop, stepped)
         self._place_positions(scene)
         self._place_laws(scene)
         self._join(scene)
@@ -70,7 +72,7 @@ class System:
         self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
-    def _place_inputs(self, scene: Scene, start: float, stop: float) -> None:
+    def _place_inputs(self, scene: Scene, start: float, stop: float, stepped: bool) -> None:
         normals = [_signal(c.normal).clipped(start, stop) for c in scene.contacts]
         forces = [_signal(f.signal) for f in scene.forces]
         velocities = [_signal(d.velocity) for d in scene.drives]
@@ -78,7 +80,7 @@ class System:
         self.first_drive = self.m + len(forces)
         self.first_acceleration = self.first_drive + self.drives
         signals = [*normals, *forces, *velocities]
-        self.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop)
+        self.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
         self.normals, self.velocities = normals, velocities
         self.loaded = np.array([_ever_positive(s) for s in normals], dtype=bool)
 
@@ -196,9 +198,9 @@ class ModeSet:
         self.lead = self.groups.leader[self.follow]
         self.held = np.flatnonzero(held)
         self.holder = self.groups.holder[self.held]
-        self._kinetic = np.zeros(system.m)
+        self.kinetic = np.zeros(system.m)
         plain = self.slip[~system.coefficients.curved[self.slip]]
-        self._kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
+        self.kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
         (self._assemble_sparse if system.sparse else self._assemble_dense)()
 
     # -- forces on bodies ---------------------------------------------------------------------------------
@@ -224,7 +226,7 @@ class ModeSet:
         n, size, inputs = system.n, system.size, system.loads.size
         C = self._folded(system.C)
         Q = system.Q.copy()
-        Q[:, : system.m] += system.force_of_contacts * self._kinetic
+        Q[:, : system.m] += system.force_of_contacts * self.kinetic
         P = system.force_of_contacts[:, self.acting]
         held_inputs = self._held_inputs_dense()
         forces = np.hstack([C, Q, P])
@@ -303,7 +305,7 @@ class ModeSet:
 
     def _input_forces(self, q: Array) -> Array:
         system = self.system
-        return system.Q @ q + system.force_of_contacts @ (self._kinetic * q[: system.m])
+        return system.Q @ q + system.force_of_contacts @ (self.kinetic * q[: system.m])
 
     def _held_acceleration(self, q: Array) -> Array:
         system = self.system

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 _ROOTS_PER_SOLVER = 20
 _DENSE_LIMIT = 100
-_STEPS_PER_PERIOD = 8
-_LOCAL = 0.1
+STEPS_PER_PERIOD = 8
+LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
 
@@ -54,15 +54,26 @@ class Work:
     guard_calls: int = 0
     starts: int = 0
     solvers: int = 0
+    fewest_states: float = np.inf
 
 
 @dataclass(frozen=True)
 class Reached:
-    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root."""
+    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
+
+    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes.
+    """
 
     taus: Array
     states: Array
     hit: bool
+    multipliers: tuple[Array, Array] | None = None
+
+    def until(self, count: int) -> Reached:
+        """Return the first `count` points."""
+        forces = self.multipliers
+        cut = None if forces is None else (forces[0][:count], forces[1][:count])
+        return Reached(self.taus[:count], self.states[:count], False, cut)
 
 
 class _Cvode:
@@ -119,12 +130,16 @@ class Engine:
         Tolerances of the states.
     max_step : float
         Longest step in s, infinite for none.
+    merged : bool
+        Integrate one velocity for each stuck group and none for what is held: the state shrinks and grows.
     """
 
-    def __init__(self, size: int, method: str, rtol: float, atol: float | Array, max_step: float) -> None:
+    def __init__(
+        self, size: int, method: str, rtol: float, atol: float, max_step: float, merged: bool = False
+    ) -> None:
         self._size, self._method = size, method
-        self._rtol, self._atol = _LOCAL * rtol, _LOCAL * atol
-        self._max_step = max_step
+        self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
+        self._max_step, self._merged = max_step, merged
         self.work = Work()
         self._clock = _Cvode(self._make_clock, self.work)
         self._steppers: dict[Any, _Cvode] = {}
@@ -167,23 +182,28 @@ class Engine:
     # -- everything else ----------------------------------------------------------------------------------
 
     def _by_steps(self, segment: Segment, horizon: float) -> Reached:
+        self._states = _States(segment) if self._merged else _AllStates(segment)
+        self.work.fewest_states = min(self.work.fewest_states, self._states.start.size)
         stepper = self._stepper(segment)
+        guard = self._states.guards
         while True:
-            reached = stepper.advance(segment.guards, segment.y, horizon)
-            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
+            reached = stepper.advance(guard, self._states.start, horizon)
+            states = self._states.expand_many(reached.taus, reached.states)
+            missed = first_dip(segment, reached.taus, states, reached.hit)
             if missed is None:
-                return reached
+                return Reached(reached.taus, states, reached.hit)
             horizon = missed
 
     def _stepper(self, segment: Segment) -> _Cvode:
         max_step = self._max_step
         if segment.has_curved:
-            max_step = min(max_step, segment.system.loads.period / _STEPS_PER_PERIOD)
+            max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
+        size = self._states.start.size
         if self._size > _DENSE_LIMIT:
             self._widen_pattern(segment)
-        stepper = self._steppers.get(max_step)
+        stepper = self._steppers.get((max_step, size))
         if stepper is None:
-            stepper = self._steppers[max_step] = _Cvode(
+            stepper = self._steppers[max_step, size] = _Cvode(
                 lambda guard: self._make_stepper(guard, self._options(max_step)), self.work
             )
         return stepper
@@ -201,7 +221,7 @@ class Engine:
 
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
-            out[:] = self._segment.rate(tau, y)
+            out[:] = self._states.rate(tau, y)
 
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
@@ -209,28 +229,71 @@ class Engine:
             return CVODE(rate, eventsfn=guard, num_events=1, **options)
 
     def _dense_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
-        matrix = self._segment.jacobian(tau, y)
+        matrix = self._states.jacobian(tau, y)
         out[:] = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
     def _sparse_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
-        matrix = sparse.coo_array(self._segment.jacobian(tau, y))
+        matrix = sparse.coo_array(self._states.jacobian(tau, y))
         out[:] = 0.0
         out[np.searchsorted(self._places, _place(matrix))] = matrix.data
 
     def _widen_pattern(self, segment: Segment) -> None:
         """Let the sparsity pattern hold this segment's Jacobian; solvers of a narrower pattern are let go."""
-        matrix = segment.jacobian(0.0, segment.y)
-        matrix = sparse.coo_array(matrix)
-        if self._pattern is not None and np.isin(_place(matrix), self._places).all():
+        matrix = sparse.coo_array(self._states.jacobian(0.0, self._states.start))
+        known = self._pattern if self._pattern is not None and self._pattern.shape == matrix.shape else None
+        if known is not None and np.isin(_place(matrix), self._places).all():
             return
-        pattern = abs(matrix) + sparse.eye_array(self._size)
-        if self._pattern is not None:
-            pattern = pattern + self._pattern
-        pattern = sparse.csc_array(pattern)
+        pattern = abs(matrix) + sparse.eye_array(matrix.shape[0])
+        pattern = sparse.csc_array(pattern if known is None else pattern + known)
         pattern.sort_indices()
         pattern.data[:] = 1.0
         self._pattern, self._places = pattern, _place(pattern.tocoo())
         self._steppers.clear()
+
+
+class _AllStates:
+    """The states of a segment as CVODE sees them: all of them (static structure)."""
+
+    def __init__(self, segment: Segment) -> None:
+        self.start, self.guards = segment.y, segment.guards
+        self.rate, self.jacobian = segment.rate, segment.jacobian
+
+    def expand_many(self, taus: Array, states: Array) -> Array:
+        """Return all states (rows)."""
+        return states
+
+
+class _States:
+    """One velocity for each stuck group, none for what is held (dynamic structure, Breedveld 2000, figs. 4 and 5)."""
+
+    def __init__(self, segment: Segment) -> None:
+        self._segment, mode_set = segment, segment.mode_set
+        stays = np.ones(segment.y.size, dtype=bool)
+        stays[mode_set.follow] = stays[mode_set.held] = False
+        self._stays = np.flatnonzero(stays)
+        self.start = segment.y[self._stays]
+
+    def _expand(self, tau: float, y: Array) -> Array:
+        return self.expand_many(np.array([tau]), y[None, :])[0]
+
+    def expand_many(self, taus: Array, states: Array) -> Array:
+        """Return all states (rows)."""
+        full = np.zeros((taus.size, self._segment.y.size))
+        full[:, self._stays] = states
+        self._segment.exact_velocities(taus, full)
+        return full
+
+    def rate(self, tau: float, y: Array) -> Array:
+        """Return the rates of the states that are left."""
+        return self._segment.rate(tau, self._expand(tau, y))[self._stays]
+
+    def guards(self, tau: float, y: Array) -> Array:
+        """Return the guards."""
+        return self._segment.guards(tau, self._expand(tau, y))
+
+    def jacobian(self, tau: float, y: Array) -> Any:
+        """Return the Jacobian of the states that are left."""
+        return self._segment.jacobian(tau, self._expand(tau, y))[self._stays][:, self._stays]
 
 
 def _place(matrix: Any) -> NDArray[np.int64]:

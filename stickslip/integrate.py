@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 
 from stickslip.assembly import FREE, OPEN, System
 from stickslip.engine import Engine, Reached, SolverFailure
+from stickslip.engine_ida import MultiplierEngine
+from stickslip.fixed_step import FixedStepEngine
 from stickslip.modes import Mode
+from stickslip.regularized import Karnopp
 from stickslip.result import Event, Piece, Result, SimulationError, interpolate
 from stickslip.scene import Scene
 from stickslip.segment import Segment
@@ -23,8 +26,9 @@ __all__ = ["simulate"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_METHODS = ("BDF", "Adams")
-_FORMULATIONS = ("contact-force",)
+_METHODS = ("BDF", "Adams", "RK4", "Euler")
+_FIXED = ("RK4", "Euler")
+_FORMULATIONS = ("contact-force", "merged", "multiplier")
 _IDLE_RESTARTS = 100
 
 
@@ -54,9 +58,11 @@ def simulate(
     t_span : (float, float)
         Start and end in s.
     formulation : str
-        "contact-force": static structure, all velocities are states (the paper's final model).
+        "contact-force": static structure, all velocities are states (the paper's final model). "merged": dynamic
+        structure, stuck bodies become one inertia and the state shrinks (figs. 4 and 5). "multiplier": the contact
+        forces are unknowns of an index-1 DAE (figs. 2 and 3), solved by IDA.
     method : str
-        "BDF" or "Adams".
+        "BDF" or "Adams" (CVODE); "RK4" or "Euler" with fixed steps, mode changes at step ends.
     step : float, optional
         Step in s of the fixed-step methods.
     rtol, atol : float
@@ -89,8 +95,6 @@ def simulate(
     start, stop = _span(t_span)
     _choice("formulation", formulation, _FORMULATIONS)
     _choice("method", method, _METHODS)
-    if step is not None:
-        raise ValueError(f"simulate: step={step!r} belongs to a fixed-step method; leave it out for {method}")
     rtol = _between("rtol", rtol, 1e-14, 0.1)
     atol = _between("atol", atol, 0.0, math.inf)
     max_step = math.inf if max_step == math.inf else _between("max_step", max_step, 0.0, math.inf)
@@ -99,8 +103,18 @@ def simulate(
     outputs = None if t_eval is None else _outputs(t_eval, start, stop)
     if not dense_output and outputs is None:
         raise ValueError("simulate: dense_output=False keeps nothing but the outputs; give t_eval")
-    system = System(scene, start, stop)
-    engine = Engine(system.size, method, rtol, atol, max_step)
+    step = _check_step(method, step, formulation)
+    _check_dead_bands(scene)
+    system = System(scene, start, stop, stepped=step is not None)
+    engine: Engine
+    if step is not None:
+        engine = FixedStepEngine(system.size, method, step)
+    elif formulation == "multiplier":
+        if method != "BDF":
+            raise ValueError(f"simulate: IDA, which solves the multiplier formulation, is a BDF method, not {method!r}")
+        engine = MultiplierEngine(system.size, method, rtol, atol, max_step)
+    else:
+        engine = Engine(system.size, method, rtol, atol, max_step, merged=formulation == "merged")
     run = _Run(system, engine, start, stop, outputs, dense_output, _margin(velocity_margin, system, rtol, atol))
     return run.to_end(progress)
 
@@ -302,7 +316,7 @@ class _Run:
             ]
             if resting:
                 self._causes = dict.fromkeys(resting, "relaxation")
-                return Reached(reached.taus[: k + 1], reached.states[: k + 1], False)
+                return reached.until(k + 1)
         return None
 
     def _watch_progress(self, t: float) -> None:
@@ -333,7 +347,7 @@ class _Run:
                     return
                 self._pieces.append(Piece.of(segment, stop, labels, wanted, found, complete=False))
                 return
-        self._pieces.append(Piece.of(segment, stop, labels, taus, states))
+        self._pieces.append(Piece.of(segment, stop, labels, taus, states, multipliers=reached.multipliers))
 
     def _result(self, message: str, status: int) -> Result:
         system, pieces = self._system, self._pieces
@@ -416,6 +430,28 @@ def _between(name: str, value: float, low: float, high: float) -> float:
     if not low < number < high:
         raise ValueError(f"simulate: {name} must lie between {low:g} and {high:g}, got {number:g}")
     return number
+
+
+def _check_step(method: str, step: float | None, formulation: str) -> float | None:
+    if method not in _FIXED:
+        if step is not None:
+            raise ValueError(f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}")
+        return None
+    if step is None:
+        raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
+    if formulation != "contact-force":
+        raise ValueError(f"simulate: fixed steps solve the contact-force formulation, not {formulation!r}")
+    return _between("step", step, 0.0, math.inf)
+
+
+def _check_dead_bands(scene: Scene) -> None:
+    free = {body.name for body in scene.bodies}
+    for contact in scene.contacts:
+        if isinstance(contact.law, Karnopp) and contact.a in free and contact.b in free:
+            raise ValueError(
+                f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
+                f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
+            )
 
 
 def _outputs(t_eval: Iterable[float], start: float, stop: float) -> Array:

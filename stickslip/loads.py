@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.signals import Signal
+from stickslip.signals import Constant, Signal
 
 __all__ = ["Loads"]
 
@@ -26,16 +26,21 @@ class Loads:
         Signals whose slopes follow the values as further entries (the accelerations of drives).
     start, stop : float
         The time span in s.
+    stepped : bool
+        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks, and every signal that
+        changes counts as curved.
     """
 
-    def __init__(self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float) -> None:
+    def __init__(
+        self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float, stepped: bool = False
+    ) -> None:
         count = len(signals)
         self.size = count + len(rates) + 1
         self._signals, self._rates = list(signals), list(rates)
-        curved = [i for i, s in enumerate(signals) if s.period is not None]
+        curved = [i for i, s in enumerate(signals) if s.period is not None or (stepped and not isinstance(s, Constant))]
         functions: list[Callable[[float], float]] = [signals[i] for i in curved]
         for place, i in enumerate(rates):
-            if signals[i].period is not None:
+            if i in curved:
                 curved.append(count + place)
                 functions.append(signals[i].slope)
         self.curved = np.array(curved, dtype=np.intp)
@@ -45,7 +50,7 @@ class Loads:
             # nothing is known of the function: a hundredth of the span is all a solver can be asked to see
             self.period = (stop - start) / 10
         self._breaking: dict[float, list[int]] = {}
-        for i, s in enumerate(signals):
+        for i, s in enumerate(() if stepped else signals):
             for t in s.breaks(start, stop):
                 self._breaking.setdefault(t, []).append(i)
         self.breaks = np.array(sorted(self._breaking), dtype=float)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from stickslip.assembly import FREE, OPEN, System
 from stickslip.modes import Mode
@@ -63,15 +64,23 @@ class Piece:
     taus: Array
     states: Array
     complete: bool = True
+    multipliers: tuple[Array, Array] | None = None
 
     @classmethod
     def of(
-        cls, segment: Segment, stop: float, labels: NDArray[np.int8], taus: Array, states: Array, complete: bool = True
+        cls,
+        segment: Segment,
+        stop: float,
+        labels: NDArray[np.int8],
+        taus: Array,
+        states: Array,
+        complete: bool = True,
+        multipliers: tuple[Array, Array] | None = None,
     ) -> Piece:
         """Return the computed points (rows) of a segment."""
         modes = segment.mode_set.modes
         since, at_rest = segment.since, segment.at_rest
-        return cls(segment.system, segment.t, stop, modes, labels, since, at_rest, taus, states, complete)
+        return cls(segment.system, segment.t, stop, modes, labels, since, at_rest, taus, states, complete, multipliers)
 
     def segment(self) -> Segment:
         """Return the segment again."""
@@ -175,12 +184,21 @@ class Result:
             If there is no such body.
         """
         i = self._body(body)
-        if i < self._system.n:
-            return self.y[i]
         if body == GROUND:
             return np.zeros_like(self.t)
-        entry = self._system.first_drive + i - self._system.n
-        return self._per_piece(lambda piece, segment, taus, y: segment.inputs(taus)[entry])
+        first = self._system.first_drive - self._system.n
+        if i >= self._system.n:
+            return self._per_piece(lambda piece, segment, taus, y: segment.inputs(taus)[first + i])
+        if not self._system.drives:
+            return self.y[i]
+
+        def as_held(piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
+            # read from the same expression as the drive's, so that the two are equal to the bit
+            holder = segment.mode_set.groups.holder[i]
+            driven = 0 <= holder < self._system.n + self._system.drives
+            return segment.inputs(taus)[first + holder] if driven else y[i]
+
+        return self._per_piece(as_held)
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive at the times `t`, in m or rad.
@@ -236,7 +254,7 @@ class Result:
             side = 1 if piece.labels[j] < 0 else 0
             if piece.labels[j] != 0:
                 return (coulomb if dwell > 0 else static)[side] * normal
-            side = (self._forces_at(segment, taus, y)[j] < 0).astype(int) if np.ptp(static) else side
+            side = (self._forces_at(piece, segment, taus, y)[j] < 0).astype(int) if np.ptp(static) else side
             rise = 0.0 if dwell == 0 else np.exp(-(segment.t + taus - segment.since[j]) / dwell)
             return (static[side] - (static[side] - coulomb[side]) * rise) * normal
 
@@ -264,19 +282,21 @@ class Result:
     @cached_property
     def _forces(self) -> Array:
         out = np.empty((self._system.m, self.t.size))
-        for _, segment, chosen, taus in self._chosen():
-            out[:, chosen] = self._forces_at(segment, taus, self.y[:, chosen])
+        for k, segment, chosen, taus in self._chosen():
+            out[:, chosen] = self._forces_at(self._pieces[k], segment, taus, self.y[:, chosen])
         return out
 
-    def _forces_at(self, segment: Segment, taus: Array, y: Array) -> Array:
+    def _forces_at(self, piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
         system = self._system
         mode_set = segment.mode_set
         forces = np.zeros((system.m, taus.size))
         normals = segment.normals(taus)
-        forces[mode_set.slip] = mode_set._kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
+        forces[mode_set.slip] = mode_set.kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
         if mode_set.acting.size:
             forces[mode_set.acting] = segment.acting_forces(taus, y)
-        if mode_set.stuck.size:
+        if piece.multipliers is not None and mode_set.stuck.size:
+            forces[mode_set.stuck] = CubicHermiteSpline(piece.taus, *piece.multipliers)(taus).T
+        elif mode_set.stuck.size:
             first = mode_set.slip.size
             forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
         return forces

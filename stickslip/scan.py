@@ -45,7 +45,8 @@ def first_violation(segment: Segment, horizon: float) -> float:
 
 def _first_vertex(segment: Segment, horizon: float) -> float:
     c0, c1, c2 = segment.coefficients
-    dips = np.flatnonzero((c2 > 0) & (c1 < 0) & (c1 * c1 > 4 * c0 * c2))
+    dips = np.flatnonzero((c2 > 0) & (c1 < 0))
+    dips = dips[c1[dips] ** 2 > 4 * c0[dips] * c2[dips]]
     if not dips.size:
         return horizon
     return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips])))

@@ -104,11 +104,15 @@ class Segment:
         """Return the normal forces at local time `tau`."""
         return np.maximum(self.inputs(tau)[: self.system.m], 0.0)
 
+    def closed(self, tau: float) -> NDArray[np.bool_]:
+        """Tell which contacts are pressed together at local time `tau`."""
+        return self.system.alive & (self.inputs(tau)[: self.system.m] > 0)
+
     def relative_velocity(self, tau: float | Array, y: Array) -> Array:
         """Return ``w = v_a - v_b`` of every contact."""
         return self.system.W @ y + self.system.D @ self.inputs(tau)
 
-    def _acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
+    def acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting contacts."""
         mode_set, system = self.mode_set, self.system
         rows = mode_set.acting
@@ -121,7 +125,7 @@ class Segment:
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces of the contacts that act through their velocity."""
-        return self.mode_set.law.forces(*self._acting_terms(tau, y))
+        return self.mode_set.law.forces(*self.acting_terms(tau, y))
 
     # -- rates --------------------------------------------------------------------------------------------
 
@@ -133,7 +137,7 @@ class Segment:
         if self.has_curved:
             rate += self._b_curved @ self._curved_inputs(tau)
         if self.has_law:
-            w, normal, lag, z = self._acting_terms(tau, y)
+            w, normal, lag, z = self.acting_terms(tau, y)
             rate += mode_set.K @ mode_set.law.forces(w, normal, lag, z)
             if mode_set.bristle_places.size:
                 rate[mode_set.bristle_places] = mode_set.law.bristle_rates(w, normal, z)
@@ -146,7 +150,7 @@ class Segment:
         mode_set = self.mode_set
         if not self.has_law:
             return mode_set.A
-        terms = self._acting_terms(tau, y)
+        terms = self.acting_terms(tau, y)
         matrix = mode_set.A + mode_set.law_jacobian(mode_set.law.slopes(*terms))
         return matrix if not mode_set.bristle_places.size else self._with_bristles(matrix, terms)
 
@@ -394,7 +398,11 @@ class Segment:
         if self.polynomial_guards and not isinstance(tau, np.ndarray):
             c0, c1, c2 = self.coefficients
             return c0 + tau * (c1 + tau * c2)
-        g = self.raw_guards(tau, self.watched(tau, self.state(tau) if y is None else y))
+        return self.armed_guards(tau, self.watched(tau, self.state(tau) if y is None else y))
+
+    def armed_guards(self, tau: float | Array, z: Array) -> Array:
+        """Return the armed guards of what is watched."""
+        g = self.raw_guards(tau, z)
         return g if self._plain else self._deflate(tau, g)
 
     def _deflate(self, tau: float | Array, g: Array) -> Array:

@@ -1,0 +1,268 @@
+"""Results as files: CSV and JSON for reading elsewhere, npz for reading back without loss, pandas frames."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.assembly import System
+from stickslip.modes import Mode
+from stickslip.result import Event, Piece, Result
+from stickslip.scene import Scene
+
+__all__ = ["columns", "load", "save", "summary", "to_csv", "to_frame", "to_json"]
+
+Array = NDArray[np.float64]
+Target = str | PathLike[str]
+
+_FORMAT = 1
+_PER_PIECE = ("modes", "labels", "since", "at_rest")
+
+
+def columns(result: Result) -> dict[str, NDArray[Any]]:
+    """Return time, velocities, positions that are states, forces and modes, each under the name it has in files.
+
+    Parameters
+    ----------
+    result : Result
+
+    Returns
+    -------
+    dict of str to array (n,)
+        ``time``, ``velocity NAME``, ``position NAME``, ``force NAME``, ``breakaway NAME`` and ``mode NAME``.
+    """
+    scene = result.scene
+    bodies, drives = [b.name for b in scene.bodies], [d.name for d in scene.drives]
+    placed = {name for spring in scene.springs if spring.stiffness for name in (spring.a, spring.b)}
+    found: dict[str, NDArray[Any]] = {"time": result.t}
+    found |= {f"velocity {name}": result.velocity(name) for name in (*bodies, *drives)}
+    found |= {f"position {name}": result.position(name) for name in (*bodies, *drives) if name in placed}
+    contacts = [contact.name for contact in scene.contacts]
+    found |= {f"force {name}": result.force(name) for name in contacts}
+    found |= {f"breakaway {name}": result.breakaway(name) for name in contacts}
+    found |= {f"mode {name}": result.mode(name) for name in contacts}
+    return found
+
+
+def to_csv(result: Result, path: Target) -> None:
+    """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
+
+    Parameters
+    ----------
+    result : Result
+    path : path
+        Times stand in s, everything else in the SI units of the scene.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    found = columns(result)
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(found)
+        writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """Return outcome, events, counts and the state at the last time as plain data.
+
+    Parameters
+    ----------
+    result : Result
+    """
+    data: dict[str, Any] = {
+        "success": bool(result.success),
+        "status": int(result.status),
+        "message": result.message,
+        "events": [_event_to_dict(event) for event in result.events],
+        "stats": {name: _plain(value) for name, value in result.stats.items()},
+    }
+    if result.t.size:
+        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
+    return data
+
+
+def to_json(result: Result, path: Target) -> None:
+    """Write outcome, events, counts and the state at the last time as JSON.
+
+    Parameters
+    ----------
+    result : Result
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    Path(path).write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def to_frame(result: Result) -> Any:
+    """Return a pandas DataFrame with the columns of a result.
+
+    Times are a column, not the index, because both limits of an event stand at the same time.
+
+    Parameters
+    ----------
+    result : Result
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as missing:
+        raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
+    return pandas.DataFrame(columns(result))
+
+
+# -- without loss -----------------------------------------------------------------------------------------
+
+
+def save(result: Result, path: Target) -> None:
+    """Write a result as npz, from which `load` brings back all of it.
+
+    Beside what `load` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
+    contact), so that it can be read without this package.
+
+    Parameters
+    ----------
+    result : Result
+        Signals and laws made of code are not written; `load` then asks for the scene.
+    path : path
+        Written as it stands, whatever its suffix.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    pieces, contacts = result._pieces, result.scene.contacts
+    size, m = result._system.size, len(contacts)
+    arrays: dict[str, Any] = {"t": result.t, "y": result.y, "piece_of": result._piece_of}
+    for name in ("force", "breakaway", "mode"):
+        rows = [getattr(result, name)(contact.name) for contact in contacts]
+        arrays[name] = np.array(rows).reshape(m, result.t.size)
+    arrays["span"] = np.array(_span(result))
+    arrays["start"] = np.array([piece.start for piece in pieces])
+    arrays["stop"] = np.array([piece.stop for piece in pieces])
+    arrays["complete"] = np.array([piece.complete for piece in pieces], dtype=bool)
+    arrays["count"] = np.array([piece.taus.size for piece in pieces], dtype=np.intp)
+    for name in _PER_PIECE:
+        arrays[name] = np.array([getattr(piece, name) for piece in pieces]).reshape(len(pieces), m)
+    arrays["taus"] = np.concatenate([np.empty(0), *(piece.taus for piece in pieces)])
+    arrays["states"] = np.concatenate([np.empty((0, size)), *(piece.states for piece in pieces)])
+    about = summary(result) | {"format": _FORMAT, "scene": _scene_to_dict(result.scene)}
+    arrays["about"] = np.array(json.dumps(about))
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def load(path: Target, scene: Scene | None = None) -> Result:
+    """Return the result that `save` wrote: the same numbers, and `result(t)` between them.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene, optional
+        The simulated scene, where its signals or laws are code that no file holds.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not such a file, or the scene is missing or another one.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        about = json.loads(str(data["about"]))
+        known = about["format"]
+    except (KeyError, ValueError, EOFError) as error:
+        raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
+    if known != _FORMAT:
+        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
+    system = System(_scene_of(about, scene, path), *map(float, data["span"]))
+    if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
+        raise ValueError(f"load: {path} holds the motion of another scene than the one given")
+    return _rebuilt(system, data, about)
+
+
+def _rebuilt(system: System, data: Mapping[str, Any], about: Mapping[str, Any]) -> Result:
+    ends = np.cumsum(data["count"])[:-1]
+    knots = zip(np.split(data["taus"], ends), np.split(data["states"], ends), strict=True)
+    pieces = [
+        Piece(
+            system,
+            float(data["start"][k]),
+            float(data["stop"][k]),
+            *(data[name][k] for name in _PER_PIECE),
+            taus=taus,
+            states=states,
+            complete=bool(data["complete"][k]),
+        )
+        for k, (taus, states) in enumerate(knots)
+        if data["start"].size
+    ]
+    events = [_event_from_dict(row) for row in about["events"]]
+    outcome = about["success"], about["status"], about["message"], about["stats"]
+    return Result(
+        system.scene, data["t"], data["y"], events, *outcome, system, pieces, data["piece_of"].astype(np.intp)
+    )
+
+
+def _span(result: Result) -> tuple[float, float]:
+    system, pieces = result._system, result._pieces
+    start = float(system.loads._start)
+    return start, pieces[-1].stop if pieces else start + 1.0
+
+
+def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:
+    try:
+        return scene.to_dict()
+    except ValueError:
+        return None
+
+
+def _scene_of(about: Mapping[str, Any], scene: Scene | None, path: Target) -> Scene:
+    if scene is not None:
+        return scene
+    if about["scene"] is None:
+        raise ValueError(f"load: the scene of {path} holds code that no file can; give load(path, scene=...)")
+    return Scene.from_dict(about["scene"])
+
+
+def _event_to_dict(event: Event) -> dict[str, Any]:
+    return asdict(event) | {"before": event.before.name, "after": event.after.name}
+
+
+def _event_from_dict(row: Mapping[str, Any]) -> Event:
+    return Event(row["t"], row["contact"], Mode[row["before"]], Mode[row["after"]], row["cause"])
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it; what is not finite becomes text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    return value
