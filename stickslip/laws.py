@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stickslip.signals import _finite
+from stickslip.checks import finite
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
@@ -16,6 +16,11 @@ _MAKERS: dict[str, type[Law]] = {}
 
 class Law:
     """A friction law of a contact."""
+
+    @property
+    def core(self) -> DryFriction:
+        """The dry friction from which the law takes its coefficients."""
+        return self if isinstance(self, DryFriction) else self.law  # type: ignore[attr-defined]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as plain data."""
@@ -80,36 +85,48 @@ class DryFriction(Law):
     kinetic: Callable[[float], float] | None = None
 
     def __post_init__(self) -> None:
+        """Check the coefficients."""
         for name in ("mu_static", "mu_coulomb", "dwell", "mu_static_backward", "mu_coulomb_backward"):
-            value = getattr(self, name)
-            if value is None:
+            if getattr(self, name) is None and name.endswith("_backward"):
                 continue
-            number = _finite(value, f"DryFriction: {name}")
-            if number < 0:
+            if (number := self._number(name)) < 0:
                 raise ValueError(f"DryFriction: {name} must not be negative, got {number:g}")
-            object.__setattr__(self, name, number)
-        for static, coulomb, suffix in ((self.mu_s(1), self.mu_c(1), ""), (self.mu_s(-1), self.mu_c(-1), "_backward")):
+        for direction, suffix in ((1, ""), (-1, "_backward")):
+            static, coulomb = self.mu_s(direction), self.mu_c(direction)
             if static < coulomb:
                 raise ValueError(
                     f"DryFriction: mu_static{suffix} = {static:g} is below mu_coulomb{suffix} = {coulomb:g}; "
                     "static friction is at least Coulomb friction: swap or equalise them"
                 )
-        if self.stribeck_velocity is not None and _finite(self.stribeck_velocity, "DryFriction: stribeck_velocity") <= 0:
+        if self.stribeck_velocity is not None and (number := self._number("stribeck_velocity")) <= 0:
             raise ValueError(
-                f"DryFriction: stribeck_velocity must be positive, got {self.stribeck_velocity:g}; "
+                f"DryFriction: stribeck_velocity must be positive, got {number:g}; "
                 "leave it out for plain Coulomb friction"
             )
-        if _finite(self.stribeck_exponent, "DryFriction: stribeck_exponent") <= 0:
-            raise ValueError(f"DryFriction: stribeck_exponent must be positive, got {self.stribeck_exponent:g}")
+        if (number := self._number("stribeck_exponent")) <= 0:
+            raise ValueError(f"DryFriction: stribeck_exponent must be positive, got {number:g}")
         if self.kinetic is not None:
             self._check_kinetic()
 
+    def _number(self, name: str) -> float:
+        number = finite(getattr(self, name), f"DryFriction: {name}")
+        object.__setattr__(self, name, number)
+        return number
+
     def _check_kinetic(self) -> None:
         if not callable(self.kinetic):
-            raise TypeError(f"DryFriction: kinetic must be callable, got {self.kinetic!r}")
+            raise TypeError(
+                f"DryFriction: kinetic must be callable, got {self.kinetic!r}; a constant one is mu_coulomb"
+            )
         if self.stribeck_velocity is not None:
             raise ValueError("DryFriction: give either kinetic or stribeck_velocity, not both")
-        at_rest = _finite(self.kinetic(0.0), "DryFriction: kinetic(0)")
+        try:
+            at_rest = self.kinetic(0.0)
+        except Exception as error:
+            raise ValueError(
+                f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest"
+            ) from error
+        at_rest = finite(at_rest, "DryFriction: kinetic(0)")
         if not 0 <= at_rest <= min(self.mu_s(1), self.mu_s(-1)):
             raise ValueError(
                 f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and mu_static = {self.mu_static:g}"
@@ -117,11 +134,13 @@ class DryFriction(Law):
 
     def mu_s(self, direction: int) -> float:
         """Return the static coefficient for slip in `direction` (-1 or +1)."""
-        return self.mu_static_backward if direction < 0 and self.mu_static_backward is not None else self.mu_static
+        backward = self.mu_static_backward
+        return self.mu_static if direction > 0 or backward is None else backward
 
     def mu_c(self, direction: int) -> float:
         """Return the Coulomb coefficient for slip in `direction` (-1 or +1)."""
-        return self.mu_coulomb_backward if direction < 0 and self.mu_coulomb_backward is not None else self.mu_coulomb
+        backward = self.mu_coulomb_backward
+        return self.mu_coulomb if direction > 0 or backward is None else backward
 
     @property
     def curved(self) -> bool:
@@ -131,26 +150,36 @@ class DryFriction(Law):
     def mu_k(self, speed: float, direction: int) -> float:
         """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""
         if self.kinetic is not None:
-            return float(self.kinetic(speed))
+            mu = float(self.kinetic(speed))
+            if not 0 <= mu < math.inf:
+                raise ValueError(
+                    f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0"
+                )
+            return mu
         mu_c = self.mu_c(direction)
         if self.stribeck_velocity is None:
             return mu_c
-        ratio = speed / self.stribeck_velocity
-        return mu_c + (self.mu_s(direction) - mu_c) * math.exp(-(ratio**self.stribeck_exponent))
+        return mu_c + (self.mu_s(direction) - mu_c) * math.exp(-self._power(speed))
 
     def mu_k_slope(self, speed: float, direction: int) -> float:
         """Return the derivative of the kinetic coefficient with respect to speed."""
         if self.kinetic is not None:
             h = 1e-6 * max(speed, 1e-3)
-            return (self.mu_k(speed + h, direction) - self.mu_k(max(speed - h, 0.0), direction)) / (
-                speed + h - max(speed - h, 0.0)
-            )
+            left, right = max(speed - h, 0.0), speed + h
+            return (self.mu_k(right, direction) - self.mu_k(left, direction)) / (right - left)
         if self.stribeck_velocity is None or speed <= 0:
             return 0.0
+        power = self._power(speed)
+        fall = self.mu_s(direction) - self.mu_c(direction)
+        return -fall * self.stribeck_exponent * power / speed * math.exp(-power)
+
+    def _power(self, speed: float) -> float:
+        """Return ``(speed / v_s)^delta``, cut off where the exponential of the Stribeck curve is 0."""
+        assert self.stribeck_velocity is not None
         ratio = speed / self.stribeck_velocity
-        power = ratio**self.stribeck_exponent
-        mu_c = self.mu_c(direction)
-        return -(self.mu_s(direction) - mu_c) * self.stribeck_exponent * power / speed * math.exp(-power)
+        if ratio <= 1:
+            return ratio**self.stribeck_exponent
+        return math.exp(min(self.stribeck_exponent * math.log(ratio), 7.0))
 
 
 def law_from_dict(data: Any, what: str) -> Law:
@@ -158,14 +187,14 @@ def law_from_dict(data: Any, what: str) -> Law:
 
     Raises
     ------
-    ValueError
-        If the data do not describe a law.
+    ValueError, TypeError
+        If the data do not describe a law; `what` begins the message.
     """
-    if not isinstance(data, dict):
-        raise ValueError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
+    if not isinstance(data, Mapping):
+        raise TypeError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
     values = dict(data)
     kind = values.pop("type", "DryFriction")
-    if kind not in _MAKERS:
+    if not isinstance(kind, str) or kind not in _MAKERS:
         raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
     if "kinetic" in values:
         raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
@@ -173,5 +202,5 @@ def law_from_dict(data: Any, what: str) -> Law:
         values["law"] = law_from_dict(values["law"], what)
     try:
         return _MAKERS[kind](**values)
-    except TypeError as error:
-        raise ValueError(f"{what}: {kind}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{what}: {error}") from None

@@ -95,9 +95,17 @@ class Loads:
         value = self._value + self._slope * (t - self._since)
         return value, self._slope.copy()
 
-    def curved_at(self, t: float) -> Array:
-        """Return the values of the curved entries at `t`."""
+    def curved_at(self, t: float | Array) -> Array:
+        """Return the values of the curved entries at `t`, one column per time where that is an array."""
+        if isinstance(t, np.ndarray):
+            return np.array([self._sample(function, t) for function in self._functions])
         return np.array([function(t) for function in self._functions])
+
+    @staticmethod
+    def _sample(function: Callable[[float], float], times: Array) -> Array:
+        if isinstance(function, Signal):
+            return function.sampled(times)
+        return np.array([function(float(t)) for t in times])
 
     def complete(self, t: float) -> Array:
         """Return the whole input vector at `t`, right limits."""

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 Target = str | PathLike[str]
 
 _FORMAT = 1
-_PER_PIECE = ("modes", "labels", "since", "at_rest")
+_KEPT = tuple(field.name for field in fields(Piece) if field.name != "system")
 
 
 def columns(result: Result) -> dict[str, NDArray[Any]]:
-    """Return time, velocities, positions that are states, forces and modes, each under the name it has in files.
+    """Return time, velocities, positions that are states, forces and modes, under their names in files.
 
     Parameters
     ----------
@@ -152,21 +152,13 @@ def save(result: Result, path: Target) -> None:
         If the file cannot be written.
     """
     pieces, contacts = result._pieces, result.scene.contacts
-    size, m = result._system.size, len(contacts)
     arrays: dict[str, Any] = {"t": result.t, "y": result.y, "piece_of": result._piece_of}
     for name in ("force", "breakaway", "mode"):
         rows = [getattr(result, name)(contact.name) for contact in contacts]
-        arrays[name] = np.array(rows).reshape(m, result.t.size)
-    arrays["span"] = np.array(_span(result))
-    arrays["start"] = np.array([piece.start for piece in pieces])
-    arrays["stop"] = np.array([piece.stop for piece in pieces])
-    arrays["complete"] = np.array([piece.complete for piece in pieces], dtype=bool)
-    arrays["count"] = np.array([piece.taus.size for piece in pieces], dtype=np.intp)
-    for name in _PER_PIECE:
-        arrays[name] = np.array([getattr(piece, name) for piece in pieces]).reshape(len(pieces), m)
-    arrays["taus"] = np.concatenate([np.empty(0), *(piece.taus for piece in pieces)])
-    arrays["states"] = np.concatenate([np.empty((0, size)), *(piece.states for piece in pieces)])
-    about = summary(result) | {"format": _FORMAT, "scene": _scene_to_dict(result.scene)}
+        arrays[name] = np.array(rows).reshape(len(contacts), result.t.size)
+    for name in _KEPT:
+        arrays |= _packed(f"piece.{name}", [getattr(piece, name) for piece in pieces])
+    about = summary(result) | _assembly(result._system, pieces) | {"format": _FORMAT, "pieces": len(pieces)}
     arrays["about"] = np.array(json.dumps(about))
     with Path(path).open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -197,39 +189,71 @@ def load(path: Target, scene: Scene | None = None) -> Result:
         raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
     if known != _FORMAT:
         raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
-    system = System(_scene_of(about, scene, path), *map(float, data["span"]))
+    start, stop = about["span"]
+    system = System(_scene_of(about, scene, path), start, stop, about["stepped"])
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     return _rebuilt(system, data, about)
 
 
 def _rebuilt(system: System, data: Mapping[str, Any], about: Mapping[str, Any]) -> Result:
-    ends = np.cumsum(data["count"])[:-1]
-    knots = zip(np.split(data["taus"], ends), np.split(data["states"], ends), strict=True)
-    pieces = [
-        Piece(
-            system,
-            float(data["start"][k]),
-            float(data["stop"][k]),
-            *(data[name][k] for name in _PER_PIECE),
-            taus=taus,
-            states=states,
-            complete=bool(data["complete"][k]),
-        )
-        for k, (taus, states) in enumerate(knots)
-        if data["start"].size
-    ]
-    events = [_event_from_dict(row) for row in about["events"]]
-    outcome = about["success"], about["status"], about["message"], about["stats"]
+    count = about["pieces"]
+    kept = {name: _unpacked(f"piece.{name}", data, count) for name in _KEPT}
+    pieces = [Piece(system=system, **{name: kept[name][k] for name in _KEPT}) for k in range(count)]
     return Result(
-        system.scene, data["t"], data["y"], events, *outcome, system, pieces, data["piece_of"].astype(np.intp)
+        scene=system.scene,
+        t=data["t"],
+        y=data["y"],
+        events=[_event_from_dict(row) for row in about["events"]],
+        success=about["success"],
+        status=about["status"],
+        message=about["message"],
+        stats=about["stats"],
+        _system=system,
+        _pieces=pieces,
+        _piece_of=data["piece_of"].astype(np.intp),
     )
 
 
-def _span(result: Result) -> tuple[float, float]:
-    system, pieces = result._system, result._pieces
+def _packed(name: str, values: list[Any]) -> dict[str, NDArray[Any]]:
+    """Return arrays that hold a list of numbers, arrays, or tuples of arrays, some of which may be None."""
+    present = np.array([value is not None for value in values], dtype=bool)
+    there = [value for value in values if value is not None]
+    if there and isinstance(there[0], tuple):
+        found = {f"{name}.present": present, f"{name}.width": np.array(len(there[0]))}
+        for place in range(len(there[0])):
+            found |= _packed(f"{name}.{place}", [value[place] for value in there])
+        return found
+    rows = [np.asarray(value) for value in there]
+    flat = np.concatenate([row.ravel() for row in rows]) if rows else np.empty(0)
+    shapes = np.array([row.shape for row in rows], dtype=np.intp)
+    return {f"{name}.present": present, f"{name}.shapes": shapes, f"{name}.values": flat}
+
+
+def _unpacked(name: str, data: Mapping[str, Any], count: int) -> list[Any]:
+    present = data[f"{name}.present"]
+    there = int(present.sum())
+    rows: list[Any]
+    if f"{name}.width" in data:
+        parts = [_unpacked(f"{name}.{place}", data, there) for place in range(int(data[f"{name}.width"]))]
+        rows = list(zip(*parts, strict=True))
+    else:
+        shapes = data[f"{name}.shapes"]
+        ends = np.cumsum([math.prod(shape) for shape in shapes.tolist()], dtype=np.intp)
+        flat = np.split(data[f"{name}.values"], ends[:-1])
+        rows = [part.reshape(shape) for part, shape in zip(flat, shapes, strict=False)]
+        rows = [row if row.ndim else row.item() for row in rows]
+    found = iter(rows)
+    return [next(found) if here else None for here in present[:count].tolist()]
+
+
+def _assembly(system: System, pieces: list[Piece]) -> dict[str, Any]:
+    """Return what assembles the system again."""
     start = float(system.loads._start)
-    return start, pieces[-1].stop if pieces else start + 1.0
+    span = start, pieces[-1].stop if pieces else start + 1.0
+    # a fixed-step method takes all its loads as they come, without stops at their breaks
+    stepped = not np.array_equal(System(system.scene, *span).loads.curved, system.loads.curved)
+    return {"span": span, "stepped": stepped, "scene": _scene_to_dict(system.scene)}
 
 
 def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:

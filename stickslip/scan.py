@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _PER_PERIOD = 16
 _LOOKS = 4096
-_SUSPICION = 1e-2
+_SUSPICION = 5e-2
 
 
 def longest_look(segment: Segment) -> float:
@@ -89,10 +89,7 @@ def _first_negative(taus: Array, values: Array, guards: Callable[[float], Array]
     found = float(taus[negative[0]]) if negative.size else otherwise
     if last < 3:
         return found
-    left, middle, right = values[:, : last - 2], values[:, 1 : last - 1], values[:, 2:last]
-    with np.errstate(invalid="ignore"):
-        bend = left - 2 * middle + right
-        turns = (middle <= left) & (middle <= right) & (middle <= 2 * bend + _SUSPICION * np.abs(bend))
+    turns = _may_dip(taus[:last], values[:, :last])
     for place in np.flatnonzero(turns.any(axis=0)):
         for row in np.flatnonzero(turns[:, place]):
             lowest = minimize_scalar(
@@ -104,3 +101,15 @@ def _first_negative(taus: Array, values: Array, guards: Callable[[float], Array]
             if lowest.fun < 0:
                 return min(found, float(lowest.x))
     return found
+
+
+def _may_dip(taus: Array, values: Array) -> NDArray[np.bool_]:
+    """Tell at which inner samples a guard turns and the parabola through its neighbours comes near zero."""
+    left, middle, right = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    before, after = np.diff(taus)[:-1], np.diff(taus)[1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        falling, rising = (middle - left) / before, (right - middle) / after
+        bend = (rising - falling) / (before + after)
+        lowest = middle - (falling + bend * before) ** 2 / (4 * bend)
+        near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2
+    return near & (middle <= left) & (middle <= right)

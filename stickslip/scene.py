@@ -1,282 +1,19 @@
-"""The elements of a scene: bodies, drives, contacts, springs, dampers and forces, as frozen data."""
+"""A scene: bodies and what acts between them, checked as a whole, to and from plain data."""
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import KW_ONLY, dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
+from functools import cache
 from typing import Any
 
-from stickslip.laws import DryFriction, Law, law_from_dict
-from stickslip.regularized import PreSlip
-from stickslip.signals import Signal, _finite, as_signal, signal_from_dict
+from stickslip.elements import GROUND, Body, Contact, Damper, Drive, Element, Force, Named, Spring
+from stickslip.laws import Law, law_from_dict
+from stickslip.regularized import PreSlip, Shape
+from stickslip.signals import signal_from_dict
 
 __all__ = ["GROUND", "Body", "Contact", "Damper", "Drive", "Element", "Force", "Scene", "Spring"]
-
-GROUND = "ground"
-
-
-@dataclass(frozen=True)
-class Element:
-    """A part of a scene."""
-
-    @property
-    def label(self) -> str:
-        """How messages name the element."""
-        raise NotImplementedError
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the element as plain data, defaults left out."""
-        data: dict[str, Any] = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value != field.default:
-                data[field.name] = value.to_dict() if isinstance(value, (Signal, Law)) else value
-        return data
-
-    def _number(self, name: str) -> float:
-        number = _finite(getattr(self, name), f"{self.label}: {name}")
-        object.__setattr__(self, name, number)
-        return number
-
-    def _not_negative(self, name: str) -> None:
-        if (number := self._number(name)) < 0:
-            raise ValueError(f"{self.label}: {name} must not be negative, got {number:g}")
-
-    def _signal(self, name: str) -> None:
-        object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
-
-    def _identifier(self, name: str) -> None:
-        value = getattr(self, name)
-        if not isinstance(value, str) or not value:
-            raise TypeError(
-                f"{type(self).__name__}: {name} must be a name (a string that is not empty), got {value!r}"
-            )
-
-    def _two_ends(self, a: str, b: str) -> None:
-        for end in ("a", "b"):
-            self._identifier(end)
-        if a == b:
-            raise ValueError(f"{self.label}: joins {a!r} to itself; name two different bodies")
-
-
-@dataclass(frozen=True)
-class Body(Element):
-    """A free body: a flywheel, a block, a node of a drive line.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the scene.
-    inertia : float
-        Mass in kg or moment of inertia in kg m^2, positive.
-    velocity, position : float
-        At the start, in m/s or rad/s and in m or rad.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a number is not finite or the inertia not positive.
-    """
-
-    name: str
-    _: KW_ONLY
-    inertia: float
-    velocity: float = 0.0
-    position: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._identifier("name")
-        if (inertia := self._number("inertia")) <= 0:
-            raise ValueError(
-                f"{self.label}: inertia must be positive, got {inertia:g}; "
-                "use a Drive for a body of prescribed velocity and GROUND for one at rest"
-            )
-        self._number("velocity")
-        self._number("position")
-
-    @property
-    def label(self) -> str:
-        return f"body {self.name!r}"
-
-
-@dataclass(frozen=True)
-class Drive(Element):
-    """A body of prescribed velocity: a belt, a motor, a moving plate.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the scene.
-    velocity : float or Signal
-        In m/s or rad/s.
-    position : float
-        At the start, in m or rad.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the velocity is not a signal or the position not finite.
-    """
-
-    name: str
-    _: KW_ONLY
-    velocity: Signal | float
-    position: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._identifier("name")
-        self._signal("velocity")
-        self._number("position")
-
-    @property
-    def label(self) -> str:
-        return f"drive {self.name!r}"
-
-
-@dataclass(frozen=True)
-class Contact(Element):
-    """A friction contact between two bodies, or between a body and a drive or the ground.
-
-    Its relative velocity is ``w = v_a - v_b``; its friction force r acts with -r on `a` and +r on `b`.
-
-    Parameters
-    ----------
-    name : str
-        Unique in the scene.
-    a, b : str
-        Names of bodies or drives, or GROUND.
-    law : Law
-        The friction law.
-    normal : float or Signal
-        Normal force in N; where it is negative the contact is open and the force is 0.
-    rested : float
-        How long in s a contact that is stuck at the start has been stuck already.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, or an argument is of the wrong kind.
-    """
-
-    name: str
-    a: str
-    b: str
-    law: Law
-    _: KW_ONLY
-    normal: Signal | float
-    rested: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends(self.a, self.b)
-        if not isinstance(self.law, Law):
-            raise TypeError(
-                f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
-            )
-        self._signal("normal")
-        self._not_negative("rested")
-
-    @property
-    def label(self) -> str:
-        return f"contact {self.name!r}"
-
-
-@dataclass(frozen=True)
-class Spring(Element):
-    """A linear spring, with a damper in parallel: ``-k (x_a - x_b - rest) - c (v_a - v_b)`` acts on `a`.
-
-    Parameters
-    ----------
-    a, b : str
-        Names of bodies or drives, or GROUND.
-    stiffness, damping : float
-        In N/m and N s/m (N m/rad and N m s/rad), not negative.
-    rest : float
-        ``x_a - x_b`` in m or rad at which the spring is free of force.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, or a number is negative or not finite.
-    """
-
-    a: str
-    b: str
-    _: KW_ONLY
-    stiffness: float
-    damping: float = 0.0
-    rest: float = 0.0
-
-    def __post_init__(self) -> None:
-        self._two_ends(self.a, self.b)
-        self._not_negative("stiffness")
-        self._not_negative("damping")
-        self._number("rest")
-
-    @property
-    def label(self) -> str:
-        return f"spring {self.a!r}-{self.b!r}"
-
-
-@dataclass(frozen=True)
-class Damper(Element):
-    """Viscous friction: ``-c (v_a - v_b)`` acts on `a`.
-
-    Parameters
-    ----------
-    a, b : str
-        Names of bodies or drives, or GROUND.
-    damping : float
-        In N s/m or N m s/rad, not negative.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, or the damping is negative or not finite.
-    """
-
-    a: str
-    b: str
-    _: KW_ONLY
-    damping: float
-
-    def __post_init__(self) -> None:
-        self._two_ends(self.a, self.b)
-        self._not_negative("damping")
-
-    @property
-    def label(self) -> str:
-        return f"damper {self.a!r}-{self.b!r}"
-
-
-@dataclass(frozen=True)
-class Force(Element):
-    """An external force or torque on a body.
-
-    Parameters
-    ----------
-    body : str
-        Name of a free body.
-    signal : float or Signal
-        In N or N m.
-
-    Raises
-    ------
-    TypeError
-        If the force is not a signal.
-    """
-
-    body: str
-    signal: Signal | float
-
-    def __post_init__(self) -> None:
-        self._identifier("body")
-        self._signal("signal")
-
-    @property
-    def label(self) -> str:
-        return f"force on {self.body!r}"
-
 
 _KINDS: dict[str, type[Element]] = {
     "bodies": Body,
@@ -311,13 +48,17 @@ class Scene:
     forces: tuple[Force, ...]
 
     def __init__(self, *elements: Element) -> None:
+        """Sort the elements by kind and check that they fit together."""
+        sorted_: dict[type, list[Element]] = {kind: [] for kind in _KINDS.values()}
         for element in elements:
-            if type(element) not in _KINDS.values():
+            if type(element) not in sorted_:
                 raise TypeError(
-                    f"Scene: {element!r} is not an element; give Body, Drive, Contact, Spring, Damper or Force"
+                    f"Scene: {reprlib.repr(element)} is not an element; "
+                    "give Body, Drive, Contact, Spring, Damper or Force one by one (a list of them as *list)"
                 )
+            sorted_[type(element)].append(element)
         for name, kind in _KINDS.items():
-            object.__setattr__(self, name, tuple(e for e in elements if type(e) is kind))
+            object.__setattr__(self, name, tuple(sorted_[kind]))
         self._check_names()
         self._check_references()
 
@@ -329,19 +70,22 @@ class Scene:
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        for kinds in ((self.bodies, self.drives), (self.contacts,)):
+        for element in (*self.bodies, *self.drives):
+            if element.name == GROUND:
+                raise ValueError(f"Scene: the name {GROUND!r} is taken by the ground; rename {element.label}")
+        groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.contacts)
+        for named in groups:
             seen: set[str] = set()
-            for element in (e for kind in kinds for e in kind):
-                if element.name == GROUND:
-                    raise ValueError(f"Scene: the name {GROUND!r} is taken by the ground; rename {element.label}")
-                if element.name in seen:
-                    raise ValueError(f"Scene: the name of {element.label} stands twice; names must be unique")
-                seen.add(element.name)
+            for one in named:
+                if one.name in seen:
+                    raise ValueError(f"Scene: the name of {one.label} stands twice; rename one of the two")
+                seen.add(one.name)
 
     def _check_references(self) -> None:
         free = {body.name for body in self.bodies}
         known = free | {drive.name for drive in self.drives} | {GROUND}
-        for link in (*self.contacts, *self.springs, *self.dampers):
+        links: tuple[Contact | Spring | Damper, ...] = (*self.contacts, *self.springs, *self.dampers)
+        for link in links:
             for end in (link.a, link.b):
                 if end not in known:
                     raise ValueError(f"{link.label}: no body is called {end!r}; known are {_listed(known)}")
@@ -351,11 +95,9 @@ class Scene:
                 )
         for force in self.forces:
             if force.body not in free:
-                remedy = (
-                    "a drive's velocity is prescribed, a force cannot change it"
-                    if force.body in known
-                    else f"known bodies are {_listed(free)}"
-                )
+                remedy = f"known bodies are {_listed(free)}"
+                if force.body in known:
+                    remedy = "no force changes the velocity of a drive or of the ground; leave it out"
                 raise ValueError(f"{force.label}: no free body is called {force.body!r}; {remedy}")
 
     def replace(self, name: str, **changes: Any) -> Scene:
@@ -373,16 +115,24 @@ class Scene:
         ValueError, TypeError
             If no element has the name, or the element refuses the changes.
         """
-        named = [e for e in (*self.bodies, *self.drives, *self.contacts) if e.name == name]
+        named: list[Any] = [e for e in (*self.bodies, *self.drives, *self.contacts) if e.name == name]
         if not named:
-            raise ValueError(f"Scene.replace: no body, drive or contact is called {name!r}")
+            known = {e.name for e in (*self.bodies, *self.drives, *self.contacts)}
+            raise ValueError(
+                f"Scene.replace: no body, drive or contact is called {name!r}; known are {_listed(known)}"
+            )
+        if len(named) > 1:
+            raise ValueError(
+                f"Scene.replace: a body and a contact are both called {name!r}; rename one of them"
+            )
+        _check_fields(type(named[0]), f"Scene.replace: {named[0].label}", changes)
         return Scene(*(replace(e, **changes) if e is named[0] else e for e in self.elements))
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
         """Return the scene with every contact's law replaced by ``change(law)``."""
         return Scene(*(replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements))
 
-    def regularized(self, velocity: float = 1e-3, shape: str = "linear") -> Scene:
+    def regularized(self, velocity: float = 1e-3, shape: Shape = "linear") -> Scene:
         """Return the scene with every contact on a pre-slip law of the same coefficients.
 
         Parameters
@@ -392,7 +142,7 @@ class Scene:
         shape : str
             "linear", "tanh" or "arctan".
         """
-        return self.with_laws(lambda law: PreSlip(law if isinstance(law, DryFriction) else law.law, velocity, shape))
+        return self.with_laws(lambda law: PreSlip(law.core, velocity, shape))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain data: tables of numbers, strings, lists and dicts.
@@ -402,9 +152,11 @@ class Scene:
         ValueError
             If a signal or a law holds code.
         """
-        return {
-            kind: [element.to_dict() for element in getattr(self, kind)] for kind in _KINDS if getattr(self, kind)
-        }
+        data = {}
+        for kind in _KINDS:
+            if elements := getattr(self, kind):
+                data[kind] = [_plain(element) for element in elements]
+        return data
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Scene:
@@ -423,6 +175,7 @@ class Scene:
         return cls(*_elements(data))
 
     def __repr__(self) -> str:
+        """Return the call that makes the scene."""
         return f"Scene({', '.join(map(repr, self.elements))})"
 
 
@@ -434,25 +187,43 @@ def _elements(data: Mapping[str, Any]) -> Iterator[Element]:
             yield _element(_KINDS[kind], f"{kind}[{number}]", row)
 
 
+def _plain(element: Element) -> dict[str, Any]:
+    try:
+        return element.to_dict()
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{element.label}: {error}") from None
+
+
 def _element(maker: type[Element], where: str, row: Any) -> Element:
     if not isinstance(row, Mapping):
         raise TypeError(f"{where}: expected a table, got {row!r}")
     values = dict(row)
-    known = [field.name for field in fields(maker)]
-    for name in values:
-        if name not in known:
-            raise ValueError(f"{where}: unknown field {name!r}; a {maker.__name__} has {', '.join(known)}")
+    _check_fields(maker, where, values)
+    for name, required in _fields(maker).items():
+        if required and name not in values:
+            raise ValueError(f"{where}: field {name!r} is missing; a {maker.__name__} needs it")
     for name in ("velocity", "normal", "signal"):
-        if isinstance(values.get(name), dict):
+        if isinstance(values.get(name), Mapping):
             values[name] = signal_from_dict(values[name], f"{where}.{name}")
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:
         return maker(**values)
-    except TypeError as error:
-        raise TypeError(f"{where}: {error}") from None
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _check_fields(kind: type[Element], where: str, values: Mapping[str, Any]) -> None:
+    known = _fields(kind)
+    for name in values:
+        if name not in known:
+            raise ValueError(f"{where}: unknown field {name!r}; a {kind.__name__} has {', '.join(known)}")
+
+
+@cache
+def _fields(kind: type[Element]) -> dict[str, bool]:
+    """Return the fields of a kind of element, and whether they must be given."""
+    return {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
 
 
 def _listed(names: set[str]) -> str:

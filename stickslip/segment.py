@@ -88,10 +88,7 @@ class Segment:
         self.curved_rates = bool(self._b_curved.any()) or self.has_law
 
     def _curved_inputs(self, tau: float | Array) -> Array:
-        at = self.system.loads.curved_at
-        if isinstance(tau, np.ndarray):
-            return np.column_stack([at(self.t + float(one)) for one in tau])
-        return at(self.t + tau)
+        return self.system.loads.curved_at(self.t + tau)
 
     def inputs(self, tau: float | Array) -> Array:
         """Return the whole input vector at local time `tau`, one column per time where that is an array."""
@@ -323,7 +320,8 @@ class Segment:
         force_noise = self._at_ends(total, self.held)
         force_noise[self.mode_set.stuck.size :] = z[self.mode_set.stuck.size :]
         noise = np.concatenate([self._at_ends(body / system.inertia, self.mode_set.slip), force_noise, force_noise])
-        size = np.concatenate([np.zeros(k), level[:s] + z, level[s:] + z])
+        speed = self._at_ends(y[: system.n], self.mode_set.slip)
+        size = np.concatenate([speed, level[:s] + z, level[s:] + z])
         return size, _ROUNDOFF * noise
 
     def _at_ends(self, values: Array, contacts: Indices) -> Array:
@@ -384,6 +382,8 @@ class Segment:
         self.armed = order.size - self._idle.size
         self._plain = not (self._once.size or self._twice.size or self._idle.size)
         g0, g1, g2 = self.taylor
+        if not self._plain:
+            self._place_zeros()
         self.polynomial_guards = self.quadratic and not self.has_curved and not self._rising
         if self.polynomial_guards:
             c0, c1, c2 = g0.copy(), g1.copy(), g2.copy()
@@ -392,6 +392,19 @@ class Segment:
                 c0[rows], c1[rows], c2[rows] = (source[shift + i][rows] for i in range(3))
             c0[self._idle] = np.inf
             self.coefficients = (c0, c1, c2)
+
+    def _place_zeros(self) -> None:
+        """Find out until when a guard that leaves 0 is roundoff, and how far an idle one may stray from 0."""
+        g0, g1, g2 = self.taylor
+        size, noise = self.guard_scales()
+        slipping = np.arange(size.size) < self.slips
+        rough = _ROUNDOFF * size + np.where(slipping, 0.0, noise)
+        self._settled = np.zeros_like(rough)
+        once, twice = self._once, self._twice
+        self._settled[once] = rough[once] / g1[once]
+        self._settled[twice] = np.sqrt(rough[twice] / g2[twice])
+        flat = np.where(slipping, rough + 1e2 * noise * self.horizon, AT_LIMIT * size + noise)
+        self._play = np.abs(g0) + 3 * flat + np.finfo(float).tiny
 
     def guards(self, tau: float | Array, y: Array | None = None) -> Array:
         """Return the armed guards at local time `tau`; a quadratic motion needs no state."""
@@ -406,15 +419,18 @@ class Segment:
         return g if self._plain else self._deflate(tau, g)
 
     def _deflate(self, tau: float | Array, g: Array) -> Array:
-        once, twice = self._once, self._twice
-        column = (slice(None), None) if g.ndim == 2 else (slice(None),)
-        g0, g1, g2 = (x[column] for x in self.taylor)
-        g[self._idle] = np.inf
-        if isinstance(tau, float) and tau <= 0:
-            g[once], g[twice] = g1[once], g2[twice]
-            return g
-        g[once] = (g[once] - g0[once]) / tau
-        g[twice] = (g[twice] - g0[twice] - tau * g1[twice]) / (tau * tau)
+        def column(values: Array) -> Array:
+            return values[:, None] if g.ndim == 2 else values
+
+        g0, g1, g2 = self.taylor
+        g[self._idle] += column(self._play[self._idle])
+        for rows, lead, power in ((self._once, g1, 1), (self._twice, g2, 2)):
+            if rows.size:
+                rest = g[rows] - column(g0[rows])
+                if power == 2:
+                    rest -= tau * column(g1[rows])
+                told = tau > column(self._settled[rows])
+                g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** power, column(lead[rows]))
         return g
 
     def has_come_to_rest(self, tau: float, y: Array, row: int) -> bool:

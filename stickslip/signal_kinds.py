@@ -1,21 +1,24 @@
-"""The kinds of signals: frozen data with a value, a slope and break times."""
+"""What signals are made of: frozen data with a value, a slope and break times, that add up and scale."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+from numpy.typing import NDArray
 
-__all__ = ["Clipped", "Constant", "Function", "PiecewiseLinear", "Signal", "Sine", "Sum", "time_scale"]
+from stickslip.checks import finite
+from stickslip.crossings import positive_pieces
+
+__all__ = ["Clipped", "Constant", "PiecewiseLinear", "Signal", "Sine", "Sum", "as_signal", "time_scale"]
+
+Array = NDArray[np.float64]
 
 _SAMPLES_PER_PERIOD = 16
-_SAMPLES_AT_LEAST = 20
 
 
 class Signal:
@@ -32,6 +35,10 @@ class Signal:
         """Return the derivative at `t` (the right limit where it jumps)."""
         raise NotImplementedError
 
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times."""
+        return np.array([self(t) for t in times.tolist()])
+
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the times in ``start < t < stop`` at which the value or the slope jumps."""
         return ()
@@ -47,15 +54,15 @@ class Signal:
 
     def to_dict(self) -> Any:
         """Return the signal as plain data."""
-        raise NotImplementedError
+        raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
 
     def scaled(self, factor: float) -> Signal:
         """Return the signal times a number that is not 0."""
-        raise NotImplementedError
+        raise TypeError(f"a {type(self).__name__} signal cannot be scaled; scale the signal it was made from")
 
     def __add__(self, other: Signal | float) -> Signal:
         """Return the sum with a signal or a number."""
-        return _sum(self, _signal(other, "a signal's summand"))
+        return _sum(self, as_signal(other, "a signal's summand"))
 
     __radd__ = __add__
 
@@ -65,7 +72,7 @@ class Signal:
 
     def __sub__(self, other: Signal | float) -> Signal:
         """Return the difference from a signal or a number."""
-        return self + -_signal(other, "a signal's subtrahend")
+        return self + -as_signal(other, "a signal's subtrahend")
 
     def __rsub__(self, other: float) -> Signal:
         """Return a number minus the signal."""
@@ -74,7 +81,9 @@ class Signal:
     def __mul__(self, factor: float) -> Signal:
         """Return the signal times a number."""
         if isinstance(factor, Signal):
-            raise TypeError("signals are scaled by numbers, not by signals; use signal(function) for a product")
+            raise TypeError(
+                "signals are scaled by numbers, not by signals; use signal(function) for a product"
+            )
         number = finite(factor, "a signal's factor")
         return self.scaled(number) if number else Constant(0.0)
 
@@ -184,16 +193,22 @@ class Sine(Signal):
     phase: float = 0.0
     offset: float = 0.0
 
+    def _angle(self, t: float) -> float:
+        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
+        return 2 * math.pi * math.fmod(self.frequency * t, 1.0) + self.phase
+
     def __call__(self, t: float) -> float:
         """Return the value at `t`."""
-        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
-        angle = 2 * math.pi * math.fmod(self.frequency * t, 1.0) + self.phase
-        return self.offset + self.amplitude * math.sin(angle)
+        return self.offset + self.amplitude * math.sin(self._angle(t))
+
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times."""
+        angles = 2 * math.pi * np.fmod(self.frequency * times, 1.0) + self.phase
+        return self.offset + self.amplitude * np.sin(angles)
 
     def slope(self, t: float) -> float:
         """Return the derivative at `t`."""
-        angle = 2 * math.pi * math.fmod(self.frequency * t, 1.0) + self.phase
-        return self.amplitude * 2 * math.pi * self.frequency * math.cos(angle)
+        return self.amplitude * 2 * math.pi * self.frequency * math.cos(self._angle(t))
 
     @property
     def period(self) -> float | None:
@@ -206,78 +221,7 @@ class Sine(Signal):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters."""
-        return {
-            "type": "sine",
-            "amplitude": self.amplitude,
-            "frequency": self.frequency,
-            "phase": self.phase,
-            "offset": self.offset,
-        }
-
-
-@dataclass(frozen=True)
-class Function(Signal):
-    """Any function of time; its jumps and kinks have to be named as breaks."""
-
-    function: Callable[[float], float]
-    break_times: tuple[float, ...] = ()
-    shortest_period: float | None = None
-    factor: float = 1.0
-
-    def __call__(self, t: float) -> float:
-        """Return the value at `t`; a ValueError says where it is not a finite number."""
-        value = self.function(t)
-        if type(value) is not float:
-            value = self._number(value, t)
-        if not math.isfinite(value):
-            raise ValueError(f"{self._label} returned {value} at t={t:g}; return a finite number")
-        return self.factor * value
-
-    def _number(self, value: Any, t: float) -> float:
-        if not isinstance(value, str) and np.ndim(value) == 0:
-            try:
-                return float(value)
-            except (TypeError, ValueError, OverflowError):
-                pass
-        raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
-
-    def slope(self, t: float) -> float:
-        """Return a difference quotient of second order that looks across no break."""
-        h = 1e-5 * min(self.shortest_period or 1.0, 1.0)
-        times = self.break_times
-        i = bisect_right(times, t)
-        behind = t - times[i - 1] if i else math.inf
-        ahead = times[i] - t if i < len(times) else math.inf
-        if min(behind, ahead) > h:
-            left, right = t - h, t + h
-            return (self(right) - self(left)) / (right - left)
-        h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
-        h = (t + h) - t
-        return (4 * self(t + h) - 3 * self(t) - self(t + 2 * h)) / (2 * h) if h else 0.0
-
-    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
-        """Return the breaks that were named."""
-        return self.break_times[bisect_right(self.break_times, start) : bisect_left(self.break_times, stop)]
-
-    @property
-    def period(self) -> float | None:
-        """The period that was named."""
-        return math.inf if self.shortest_period is None else self.shortest_period
-
-    def scaled(self, factor: float) -> Signal:
-        """Return the function times a number."""
-        return Function(self.function, self.break_times, self.shortest_period, factor * self.factor)
-
-    def to_dict(self) -> Any:
-        """Refuse: code is not data."""
-        raise ValueError(
-            f"{self._label} is code, not data; "
-            "sample it into piecewise_linear(times, values) to write it to a file"
-        )
-
-    @property
-    def _label(self) -> str:
-        return f"signal function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return {"type": "sine", **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -289,6 +233,10 @@ class Sum(Signal):
     def __call__(self, t: float) -> float:
         """Return the sum of the values."""
         return sum(term(t) for term in self.terms)
+
+    def sampled(self, times: Array) -> Array:
+        """Return the sums of the values at many times."""
+        return np.sum([term.sampled(times) for term in self.terms], axis=0)
 
     def slope(self, t: float) -> float:
         """Return the sum of the slopes."""
@@ -323,25 +271,21 @@ class Clipped(Signal):
     @classmethod
     def of(cls, base: Signal, start: float, stop: float) -> Signal:
         """Find the zero crossings of a curved signal, each by root finding."""
-        breaks = base.breaks(start, stop)
-        zeros: list[float] = []
-        for left, right in pairwise((start, *breaks, stop)):
-            period = time_scale(base, stop - start)
-            zeros += _crossings(base, left, right, math.ceil(_SAMPLES_PER_PERIOD * (right - left) / period))
-        points = (start, *sorted({*zeros, *breaks}), stop)
-        pieces = [base(0.5 * (a + b)) > 0 for a, b in pairwise(points)]
-        known, kinks, positive = set(breaks), [], pieces[:1]
-        for t, (before, after) in zip(points[1:], pairwise(pieces), strict=False):
-            if before != after or (before and t in known):
-                kinks.append(t)
-                positive.append(after)
+        distance = time_scale(base, stop - start) / _SAMPLES_PER_PERIOD
+        ends = (start, *base.breaks(start, stop), stop)
+        kinks, positive = positive_pieces(base, base.slope, ends, distance)
         if not any(positive):
             return Constant(0.0)
-        return base if all(positive) else cls(base, tuple(kinks), tuple(positive))
+        return base if all(positive) else cls(base, kinks, positive)
 
     def __call__(self, t: float) -> float:
         """Return the value at `t`, never negative."""
         return max(0.0, self.base(t)) if self.positive[bisect_right(self.kinks, t)] else 0.0
+
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times, none negative."""
+        positive = np.array(self.positive)[np.searchsorted(self.kinks, times, side="right")]
+        return np.where(positive, np.maximum(self.base.sampled(times), 0.0), 0.0)
 
     def slope(self, t: float) -> float:
         """Return the slope of the base, 0 where that is cut off."""
@@ -360,16 +304,6 @@ class Clipped(Signal):
         """Return the signal itself."""
         return self
 
-    def scaled(self, factor: float) -> Signal:
-        """Return the clipped signal times a positive number."""
-        if factor < 0:
-            raise ValueError(f"a clipped signal is scaled by positive numbers, got {factor:g}; scale its base")
-        return Clipped(self.base.scaled(factor), self.kinks, self.positive)
-
-    def to_dict(self) -> Any:
-        """Refuse: where a signal is clipped depends on the time span."""
-        raise ValueError("a clipped signal belongs to one simulation; write the signal it was made from")
-
 
 def time_scale(signal: Signal, span: float) -> float:
     """Return the shortest period of a signal, infinite if it is piecewise linear.
@@ -385,25 +319,20 @@ def time_scale(signal: Signal, span: float) -> float:
     return min(signal.period, span / 10) if math.isinf(signal.period) else signal.period
 
 
-def finite(value: float, what: str) -> float:
-    """Return a finite number as a float."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{what} must be a number, got {value!r}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"{what} must be finite, got {number}")
-    return number
+def as_signal(value: Signal | float, what: str) -> Signal:
+    """Return a number as a constant signal and a signal as it is.
 
-
-def _signal(value: Signal | float, what: str) -> Signal:
-    """Return a number as a constant signal and a signal as it is."""
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither; `what` begins the message.
+    """
     if isinstance(value, Signal):
         return value
     if callable(value):
-        raise TypeError(f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)")
+        raise TypeError(
+            f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)"
+        )
     return Constant(finite(value, what))
 
 
@@ -419,7 +348,9 @@ def _sum(*signals: Signal) -> Signal:
             curved.append(term)
     if not curved:
         return line
-    if line != Constant(0.0):
+    if isinstance(line, Constant) and isinstance(wave := curved[0], Sine):
+        curved[0] = replace(wave, offset=wave.offset + line.value)
+    elif line != Constant(0.0):
         curved.insert(0, line)
     return curved[0] if len(curved) == 1 else Sum(tuple(curved))
 
@@ -438,34 +369,3 @@ def _straight_sum(a: Constant | PiecewiseLinear, b: Constant | PiecewiseLinear) 
         if right != left:
             points.append((t, right))
     return PiecewiseLinear(tuple(t for t, _ in points), tuple(v for _, v in points))
-
-
-def _crossings(base: Signal, left: float, right: float, samples: int) -> Iterator[float]:
-    """Find where a signal that is smooth between `left` and `right` crosses 0.
-
-    Samples tell where its sign changes. Where it turns around between two samples of one sign, its extremum is
-    looked at too, so that short dips are not missed.
-    """
-    times = np.linspace(left, np.nextafter(right, left), max(samples, _SAMPLES_AT_LEAST) + 1).tolist()
-    values = [base(t) for t in times]
-    roundoff = 1e-12 * max(map(abs, values))
-    near = 1e-15 * max(abs(left), abs(right))
-    for i in range(len(times) - 1):
-        t0, t1, v0, v1 = times[i], times[i + 1], values[i], values[i + 1]
-        inner = [(t0, v0), (t1, v1)]
-        if v0 * v1 > 0 and v0 * base.slope(t0) < 0 < v1 * base.slope(t1):
-            turn = _root(base.slope, t0, t1)
-            value = base(turn)
-            if value * v0 < 0 and abs(value) > roundoff:
-                inner.insert(1, (turn, value))
-        elif v0 == 0 and t0 > left:
-            yield t0
-        for (a, va), (b, vb) in pairwise(inner):
-            if min(va, vb) < 0 < max(va, vb):
-                zero = _root(base, a, b)
-                if left + near < zero < right - near:
-                    yield zero
-
-
-def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    return float(brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15))

@@ -1,0 +1,90 @@
+"""Where a function of time crosses 0, and between which times it is positive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from math import ceil, isfinite
+
+import numpy as np
+from scipy.optimize import brentq
+
+__all__ = ["crossings", "positive_pieces"]
+
+_SAMPLES_AT_LEAST = 20
+_ROUNDOFF = 1e-12
+
+
+def crossings(
+    value: Callable[[float], float],
+    slope: Callable[[float], float],
+    left: float,
+    right: float,
+    distance: float,
+) -> Iterator[float]:
+    """Find the times between `left` and `right` at which a function crosses 0.
+
+    Samples tell where its sign changes. Where it turns round between two samples of one sign, its extremum is
+    looked at too, so that short dips are not missed; one that only touches 0 is no crossing.
+
+    Parameters
+    ----------
+    value, slope : callable
+        The function and its derivative, smooth from `left` up to but not at `right`.
+    left, right : float
+        Times in s.
+    distance : float
+        Longest time in s between samples, infinite for none.
+    """
+    samples = ceil((right - left) / distance) if isfinite(distance) else 0
+    times = np.linspace(left, np.nextafter(right, left), max(samples, _SAMPLES_AT_LEAST) + 1).tolist()
+    values = [value(t) for t in times]
+    roundoff = _ROUNDOFF * max(map(abs, values))
+    near = 1e-15 * max(abs(left), abs(right))
+    for (t0, v0), (t1, v1) in pairwise(zip(times, values, strict=True)):
+        points = [(t0, v0), (t1, v1)]
+        if v0 == 0 and t0 > left:
+            yield t0
+        elif v0 * v1 > 0 and v0 * slope(t0) < 0 < v1 * slope(t1):
+            turn = _root(slope, t0, t1)
+            if v0 * (extremum := value(turn)) < 0 and abs(extremum) > roundoff:
+                points.insert(1, (turn, extremum))
+        for (a, va), (b, vb) in pairwise(points):
+            if min(va, vb) < 0 < max(va, vb) and left + near < (zero := _root(value, a, b)) < right - near:
+                yield zero
+
+
+def positive_pieces(
+    value: Callable[[float], float], slope: Callable[[float], float], ends: Sequence[float], distance: float
+) -> tuple[tuple[float, ...], tuple[bool, ...]]:
+    """Tell where a function is positive.
+
+    Parameters
+    ----------
+    value, slope : callable
+        The function and its derivative, smooth between the `ends`.
+    ends : sequence of float
+        Start, breaks and stop in s.
+    distance : float
+        Longest time in s between samples.
+
+    Returns
+    -------
+    kinks : tuple of float
+        Zero crossings, and the breaks at which the function is positive.
+    positive : tuple of bool
+        Whether it is, before the first kink, between them, and after the last.
+    """
+    zeros = {t for left, right in pairwise(ends) for t in crossings(value, slope, left, right, distance)}
+    times = sorted(zeros.union(ends))
+    pieces = [value(0.5 * (a + b)) > 0 for a, b in pairwise(times)]
+    breaks, kinks, positive = set(ends), [], pieces[:1]
+    for t, (before, after) in zip(times[1:], pairwise(pieces), strict=False):
+        if before != after or (before and t in breaks):
+            kinks.append(t)
+            positive.append(after)
+    return tuple(kinks), tuple(positive)
+
+
+def _root(function: Callable[[float], float], a: float, b: float) -> float:
+    return float(brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15))

@@ -1,0 +1,91 @@
+"""What all drawings share: units, line styles that differ in greyscale, legends beside the data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from stickslip.result import Result
+
+__all__ = [
+    "DISPLACEMENT",
+    "FORCE",
+    "NORMAL",
+    "TIME",
+    "VELOCITY",
+    "beside",
+    "edges",
+    "look",
+    "mark_events",
+    "own_axes",
+    "raster",
+]
+
+TIME = "time [s]"
+VELOCITY = "velocity [m/s | rad/s]"
+DISPLACEMENT = "relative displacement [m | rad]"
+FORCE = "force [N | N m]"
+NORMAL = "normal force [N]"
+
+_COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000")
+_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+_MARKERS = "osD^vPX*<>hp"
+_MARKED_EVENTS = 40
+
+
+def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
+    """Return the axes given, or those of a new figure that no window and no list of figures knows."""
+    return Figure(figsize=(width, height), layout="constrained").subplots() if ax is None else ax
+
+
+def look(k: int) -> dict[str, Any]:
+    """Return colour and line style of the k-th curve; broken lines are thinner than whole ones."""
+    width = 1.9 if k % len(_LINES) == 0 else 1.4
+    return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
+
+
+def dots(k: int, count: int) -> dict[str, Any]:
+    """Return how the k-th curve's computed points are marked."""
+    size = 3.5 if count <= 300 else 1.5
+    return {
+        "color": _COLOURS[k % len(_COLOURS)],
+        "linestyle": "none",
+        "marker": _MARKERS[k % 12],
+        "markersize": size,
+    }
+
+
+def beside(ax: Any, **options: Any) -> None:
+    """Put the legend to the right of the axes."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
+
+
+def mark_events(ax: Any, result: Result) -> None:
+    """Draw a fine line at each event, unless there are too many to tell apart."""
+    times = sorted({event.t for event in result.events})
+    if len(times) <= _MARKED_EVENTS:
+        for t in times:
+            ax.axvline(t, color="0.7", linewidth=0.6, zorder=0)
+
+
+def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the edges of cells around rising centres."""
+    if centres.size < 2:
+        return np.array([centres[0] - 0.5, centres[0] + 0.5])
+    middles = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([centres[:1], middles, centres[-1:]])
+
+
+def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str], **options: Any) -> Any:
+    """Draw a row of colours per name over time, the first on top, and return the mesh."""
+    places = np.arange(len(names) + 1) - 0.5
+    keep = np.concatenate([[True], np.diff(t) > 0])
+    mesh = ax.pcolormesh(edges(t[keep]), places, rows[:, keep], rasterized=True, **options)
+    ax.invert_yaxis()
+    every = -(-len(names) // 20)
+    ax.set_yticks(range(0, len(names), every), names[::every], fontsize="small")
+    return mesh
