@@ -7,9 +7,10 @@ that act through their velocity. Only bodies that a spring touches have a positi
 
 from __future__ import annotations
 
-from collections import OrderedDict
+import weakref
 from collections.abc import Callable
-from functools import cached_property
+from copy import copy
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ OPEN, FREE = 2, 3
 
 _DENSE_LIMIT = 100
 _REMEMBERED = 64
+_COMPILED: dict[int, System] = {}
 
 
 class System:
@@ -41,13 +43,11 @@ class System:
     Parameters
     ----------
     scene : Scene
-    start, stop : float
-        Time span in s, for the breaks of the loads.
-    stepped : bool
-        Whether a fixed-step method reads the loads.
     """
 
-    def __init__(self, scene: Scene, start: float, stop: float, stepped: bool = False) -> None:
+    loads: Loads
+
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.names = [body.name for body in scene.bodies]
         n, drives = len(scene.bodies), len(scene.drives)
@@ -59,11 +59,13 @@ class System:
         self.index = index
         self.a = np.array([index[c.a] for c in scene.contacts], dtype=np.intp)
         self.b = np.array([index[c.b] for c in scene.contacts], dtype=np.intp)
-        self._place_inputs(scene, start, stop, stepped)
+        self._place_inputs(scene)
         self._place_positions(scene)
         self._place_laws(scene)
         self._join(scene)
-        self._known: OrderedDict[bytes, ModeSet] = OrderedDict()
+        # mode sets hold the compiled scene, and live as long as it does
+        self.mode_set = lru_cache(maxsize=_REMEMBERED)(lambda key: ModeSet(self, np.frombuffer(key, dtype=np.int8)))
+        self.groups = lru_cache(maxsize=_REMEMBERED)(self._groups)
 
     def _place_positions(self, scene: Scene) -> None:
         ends = {self.index[e] for s in scene.springs if s.stiffness for e in (s.a, s.b)}
@@ -72,17 +74,36 @@ class System:
         self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
-    def _place_inputs(self, scene: Scene, start: float, stop: float, stepped: bool) -> None:
-        normals = [_signal(c.normal).clipped(start, stop) for c in scene.contacts]
-        forces = [_signal(f.signal) for f in scene.forces]
-        velocities = [_signal(d.velocity) for d in scene.drives]
+    def _place_inputs(self, scene: Scene) -> None:
+        self._normals = [_signal(c.normal) for c in scene.contacts]
+        self._others = [_signal(f.signal) for f in scene.forces] + [_signal(d.velocity) for d in scene.drives]
         self.first_force = self.m
-        self.first_drive = self.m + len(forces)
+        self.first_drive = self.m + len(scene.forces)
         self.first_acceleration = self.first_drive + self.drives
-        signals = [*normals, *forces, *velocities]
-        self.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
-        self.normals, self.velocities = normals, velocities
-        self.loaded = np.array([_ever_positive(s) for s in normals], dtype=bool)
+        self.inputs = self.first_acceleration + self.drives + 1
+        self.loaded = np.array([_ever_positive(s) for s in self._normals], dtype=bool)
+
+    @classmethod
+    def of(cls, scene: Scene) -> System:
+        """Return the compiled scene; it is compiled once."""
+        known = _COMPILED.get(id(scene))
+        if known is None:
+            known = _COMPILED[id(scene)] = cls(scene)
+            # a scene that nobody holds is forgotten; the compiled one must not hold it
+            del known.scene
+            weakref.finalize(scene, _COMPILED.pop, id(scene), None)
+        system = copy(known)
+        system.scene = scene
+        return system
+
+    def over(self, start: float, stop: float, stepped: bool = False) -> System:
+        """Return the same system with its loads over a time span, read as a fixed-step method does if `stepped`."""
+        system = copy(self)
+        system.normals = [s.clipped(start, stop) for s in self._normals]
+        system.velocities = self._others[len(self._others) - self.drives :]
+        signals = [*system.normals, *self._others]
+        system.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
+        return system
 
     def _place_laws(self, scene: Scene) -> None:
         c = self.coefficients = Coefficients([contact.law for contact in scene.contacts])
@@ -110,7 +131,7 @@ class System:
                     inputs.add(body, self.first_drive + end - n, sign * c)
                 if k and end in self.position_state:
                     state.add(body, self.position_state[end], sign * k)
-            inputs.add(body, self.loads.size - 1, k * rest)
+            inputs.add(body, self.inputs - 1, k * rest)
 
         for spring in scene.springs:
             i, j = self.index[spring.a], self.index[spring.b]
@@ -123,7 +144,7 @@ class System:
         for k, force in enumerate(scene.forces):
             inputs.add(self.index[force.body], self.first_force + k, 1.0)
         self.C = self._matrix(state, (n, size))
-        self.Q = self._matrix(inputs, (n, self.loads.size))
+        self.Q = self._matrix(inputs, (n, self.inputs))
         self._join_contacts()
 
     def _join_contacts(self) -> None:
@@ -136,7 +157,7 @@ class System:
                     driven.add(contact, self.first_drive + end - self.n, sign)
         self.G = self._matrix(free, (self.m, self.n))
         self.W = self._matrix(free, (self.m, self.size))
-        self.D = self._matrix(driven, (self.m, self.loads.size))
+        self.D = self._matrix(driven, (self.m, self.inputs))
         self.force_of_contacts = -self.G.T.tocsr() if self.sparse else -self.G.T
 
     def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
@@ -149,17 +170,10 @@ class System:
         limit = self.coefficients.velocity
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
-    def mode_set(self, modes: NDArray[np.int8]) -> ModeSet:
-        """Return the equations in these modes; those used last are kept ready."""
-        key = modes.tobytes()
-        known = self._known.get(key)
-        if known is None:
-            known = self._known[key] = ModeSet(self, modes)
-            if len(self._known) > _REMEMBERED:
-                self._known.popitem(last=False)
-        else:
-            self._known.move_to_end(key)
-        return known
+    def _groups(self, joined: bytes) -> Groups:
+        """Return the rigid groups that the contacts of a mask (as bytes) form."""
+        mask = np.frombuffer(joined, dtype=bool)
+        return Groups(self.inertia, self.a[mask], self.b[mask])
 
 
 class ModeSet:
@@ -188,9 +202,13 @@ class ModeSet:
         self.direction = (modes < 0).astype(np.intp)
         curved = system.coefficients.curved & (np.abs(modes) == 1)
         self.acting = np.flatnonzero(curved | (modes == FREE) | ((modes == 0) & (kind == LINEAR)))
+        self.held_contacts = np.concatenate([self.stuck, self.pre])
+        self._place_levels()
         self.law = ActingForces(system.coefficients, self.acting, modes)
         self.bristle_places = np.array([system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp)
-        self.groups = Groups(system.inertia, system.a[self.stuck], system.b[self.stuck])
+        stuck = np.zeros(system.m, dtype=bool)
+        stuck[self.stuck] = True
+        self.groups = system.groups(stuck.tobytes())
         n = system.n
         everyone = np.arange(n)
         held = ~self.groups.free
@@ -202,6 +220,32 @@ class ModeSet:
         plain = self.slip[~system.coefficients.curved[self.slip]]
         self.kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
         (self._assemble_sparse if system.sparse else self._assemble_dense)()
+
+    def _place_levels(self) -> None:
+        """Breakaway coefficients of the held contacts, upper levels first, then lower ones."""
+        c = self.system.coefficients
+        both = np.tile(self.held_contacts, 2)
+        side = np.repeat([0, 1], self.held_contacts.size)
+        self.is_pre = np.tile(np.arange(self.held_contacts.size) >= self.stuck.size, 2)
+        mu_s = np.where(self.is_pre, c.velocity[both], c.mu_s[side, both])
+        dwells = (c.dwell[both] > 0) & ~self.is_pre
+        rise = np.where(dwells, mu_s - np.maximum(c.mu_c, c.mu_0)[side, both], 0.0)
+        rate = np.divide(1.0, c.dwell[both], out=np.zeros(both.size), where=dwells)
+        self.levels = (both, mu_s, rise, rate)
+        self.has_dwell = bool(dwells.any())
+        self.has_threshold = bool(c.threshold[self.slip].any())
+
+    def apply(self, y: Array) -> Array:
+        """Return ``A y`` and ``E y`` in one array."""
+        if self.system.sparse:
+            return np.concatenate([self.A @ y, self.E @ y])
+        return self._AE @ y
+
+    def respond(self, q: Array) -> Array:
+        """Return ``B q`` and ``H q`` in one array."""
+        if self.system.sparse:
+            return np.concatenate([self.B @ q, self.H @ q])
+        return self._BH @ q
 
     # -- forces on bodies ---------------------------------------------------------------------------------
 
@@ -223,7 +267,7 @@ class ModeSet:
 
     def _assemble_dense(self) -> None:
         system, groups = self.system, self.groups
-        n, size, inputs = system.n, system.size, system.loads.size
+        n, size, inputs = system.n, system.size, system.inputs
         C = self._folded(system.C)
         Q = system.Q.copy()
         Q[:, : system.m] += system.force_of_contacts * self.kinetic
@@ -251,10 +295,11 @@ class ModeSet:
         cuts = (size, size + inputs)
         self.A, self.B, self.K = (np.ascontiguousarray(x) for x in np.split(rates, cuts, axis=1))
         self.E, self.H, self.L = (np.ascontiguousarray(x) for x in np.split(watched, cuts, axis=1))
+        self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
 
     def _held_inputs_dense(self) -> Array:
         system = self.system
-        held_inputs = np.zeros((system.n, system.loads.size))
+        held_inputs = np.zeros((system.n, system.inputs))
         driven = self.held[self.holder < system.n + system.drives]
         held_inputs[driven, system.first_acceleration + self.groups.holder[driven] - system.n] = 1.0
         return held_inputs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from stickslip.segment import Segment
 __all__ = ["FixedStepEngine"]
 
 Array = NDArray[np.float64]
+
+_FEWEST, _MOST = 4, 64
+"""Steps taken before the guards are looked at, all at once: few after an event, more as the modes last."""
 
 
 class FixedStepEngine(Engine):
@@ -29,44 +33,112 @@ class FixedStepEngine(Engine):
     """
 
     def __init__(self, size: int, method: str, step: float) -> None:
+        """Choose the method."""
         super().__init__(size, method, 1e-8, 1e-8, math.inf)
         self._step = step
-        self._advance_one = _runge_kutta if method == "RK4" else _euler
-        self._stages = 4 if method == "RK4" else 1
+        self._take: Callable[[_Rates, int, Array, float], Array]
+        self._take, self._stages, self._times = (
+            (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
+        )
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Step until a guard is violated, a contact opens or closes, or local time `horizon` is reached."""
         count = max(1, math.ceil(horizon / self._step * (1 - 1e-12)))
-        taus, states = [0.0], [segment.y]
-        hit = False
-        watches_loads = segment.has_curved
-        closed = segment.closed(0.0) if watches_loads else None
-        for number in range(1, count + 1):
-            tau = horizon if number == count else number * self._step
-            y = self._advance_one(segment, taus[-1], states[-1], tau - taus[-1])
-            if not np.all(np.isfinite(y)):
-                raise SolverFailure(taus[-1], -3, f"the {self._method} step of {self._step:g} s is unstable")
-            taus.append(tau)
-            states.append(y)
-            self.work.guard_calls += 1
-            if segment.guards(tau, y).min(initial=np.inf) < 0:
-                hit = True
-                break
-            if watches_loads and np.any(segment.closed(tau) != closed):
-                break
-        self.work.steps += len(taus) - 1
-        self.work.rate_calls += self._stages * (len(taus) - 1)
+        taus, states = [np.zeros(1)], [segment.y[None, :]]
+        done, some, hit, over = 0, _FEWEST, False, False
         self.work.starts += 1
-        return Reached(np.array(taus), np.array(states), hit)
+        while done < count and not over:
+            ends = self._step * np.arange(done, min(done + some, count) + 1)
+            if done + some >= count:
+                ends[-1] = horizon
+            ys = self._steps(segment, ends, states[-1][-1])
+            kept, hit, over = self._until_a_change(segment, ends[1:], ys)
+            taus.append(ends[1 : kept + 1])
+            states.append(ys[:kept])
+            self.work.steps += kept
+            done, some = done + kept, min(2 * some, _MOST)
+        return Reached(np.concatenate(taus), np.concatenate(states), hit)
+
+    def _steps(self, segment: Segment, ends: Array, y: Array) -> Array:
+        """Return the states (rows) at the ends of steps in fixed modes."""
+        count, times = ends.size - 1, self._times
+        stages = np.empty(times * count + 1)
+        stages[::times] = ends
+        if times == 2:
+            stages[1::2] = 0.5 * (ends[:-1] + ends[1:])
+        rates = _Rates(segment, stages)
+        ys = np.empty((count, y.size))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, h in enumerate(np.diff(ends).tolist()):
+                y = ys[k] = self._take(rates, times * k, y, h)
+        self.work.rate_calls += self._stages * count
+        return ys
+
+    def _until_a_change(self, segment: Segment, ends: Array, ys: Array) -> tuple[int, bool, bool]:
+        """Return how many steps hold, whether a guard ended them, and whether anything did."""
+        finite = np.isfinite(ys).all(axis=1)
+        if not finite.all():
+            ends, ys = ends[: finite.argmin()], ys[: finite.argmin()]
+        self.work.guard_calls += ends.size
+        violated = segment.guards(ends, ys.T).min(axis=0, initial=np.inf) < 0
+        changed = violated
+        if segment.has_curved:
+            pressed = (segment.normals(ends) > 0) & segment.system.alive[:, None]
+            changed = violated | np.any(pressed != segment.closed(0.0)[:, None], axis=0)
+        if changed.any():
+            first = int(changed.argmax())
+            return first + 1, bool(violated[first]), True
+        if not finite.all():
+            reached = float(ends[-1]) if ends.size else 0.0
+            raise SolverFailure(reached, -3, f"the {self._method} step of {self._step:g} s is unstable")
+        return ends.size, False, False
 
 
-def _euler(segment: Segment, tau: float, y: Array, h: float) -> Array:
-    return y + h * segment.rate(tau, y)
+class _Rates:
+    """The rates at times known beforehand: what does not depend on the state is evaluated for all of them at once.
+
+    Parameters
+    ----------
+    segment : Segment
+    taus : array (k,)
+        Local times of the stages.
+    """
+
+    def __init__(self, segment: Segment, taus: Array) -> None:
+        """Evaluate the inputs."""
+        mode_set = self._mode_set = segment.mode_set
+        q, B = segment.inputs(taus), mode_set.B
+        inputs = B @ q if isinstance(B, np.ndarray) else np.column_stack([B @ column for column in q.T])
+        self._inputs = list(np.ascontiguousarray(inputs.T))
+        self._has_law = segment.has_law
+        if self._has_law:
+            rest = np.zeros((segment.y.size, taus.size))
+            w, normal, lag, _ = (list(np.ascontiguousarray(term.T)) for term in segment.acting_terms(taus, rest))
+            self._w, self._normal, self._lag = w, normal, lag
+
+    def __call__(self, stage: int, y: Array) -> Array:
+        """Return the rates at the time of a stage."""
+        mode_set = self._mode_set
+        rate = mode_set.A @ y
+        rate += self._inputs[stage]
+        if self._has_law:
+            law, places = mode_set.law, mode_set.bristle_places
+            w, normal, z = mode_set.acting_rows @ y, self._normal[stage], y[places]
+            w += self._w[stage]
+            rate += mode_set.K @ law.forces(w, normal, self._lag[stage], z)
+            if places.size:
+                rate[places] = law.bristle_rates(w, normal, z)
+        return rate
 
 
-def _runge_kutta(segment: Segment, tau: float, y: Array, h: float) -> Array:
-    k1 = segment.rate(tau, y)
-    k2 = segment.rate(tau + 0.5 * h, y + 0.5 * h * k1)
-    k3 = segment.rate(tau + 0.5 * h, y + 0.5 * h * k2)
-    k4 = segment.rate(tau + h, y + h * k3)
+def _euler(rate: _Rates, stage: int, y: Array, h: float) -> Array:
+    return y + h * rate(stage, y)
+
+
+def _runge_kutta(rate: _Rates, stage: int, y: Array, h: float) -> Array:
+    half = 0.5 * h
+    k1 = rate(stage, y)
+    k2 = rate(stage + 1, y + half * k1)
+    k3 = rate(stage + 1, y + half * k2)
+    k4 = rate(stage + 2, y + h * k3)
     return y + h / 6 * (k1 + 2 * (k2 + k3) + k4)

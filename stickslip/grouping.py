@@ -1,11 +1,15 @@
 """Stuck bodies as rigid groups, and the forces that hold them together.
 
 Eq. (1) of Breedveld (2000) holds for every stuck contact of a tree: cut the group at the contact, and
-``lambda = (F_A m_B - F_B m_A) / (m_A + m_B)`` with the forces and inertias of the two sides. Contacts that
-close a loop make the forces ambiguous; then the forces of least norm are given.
+``lambda = (F_A m_B - F_B m_A) / (m_A + m_B)`` with the forces and inertias of the two sides. That is
+``F_A - m_A a`` with the acceleration ``a`` of the whole group, and so it is computed: in this form it also holds
+for groups that a prescribed body holds. Contacts that close a loop make the forces ambiguous; then the forces of
+least norm are given.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +23,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _SMALL = 100
+_RIGID = 1e10
+"""Force between prescribed bodies that part, as a multiple of inertia times relative acceleration."""
 
 
 class Groups:
@@ -36,24 +42,38 @@ class Groups:
     leader : array (n,)
         For each free body the first free body of its group.
     holder : array (n,)
-        The prescribed body that its group is stuck to, -1 for a free group.
+        The prescribed body that its group is stuck to, -1 for a free group; of several, the first contact's.
+    free : array (n,)
+        Whether its group is free.
     mass : array (n,)
         Inertia of the whole group of each body.
+    redundant : bool
+        Whether contacts close loops, so that their forces are not unique.
     """
 
     def __init__(self, inertia: Array, a: Indices, b: Indices) -> None:
+        """Find the groups, and prepare what their forces need."""
         self.n, self.count = inertia.size, a.size
         self._inertia, self._a, self._b = inertia, a, b
-        if self.n + self.count > _SMALL:
-            self._grow_tree_sparse()
-        else:
-            self._grow_tree()
-        self.mass = np.bincount(self._label, weights=inertia, minlength=self.n)[self._label]
+        self._is_small = self.n + self.count <= _SMALL
+        (self._group_few if self._is_small else self._group_many)()
+        self._label = self.leader
         self.free = self.holder < 0
-        self._sub_mass = self._subtree_sums(inertia)
+        self.mass = np.bincount(self.leader, weights=inertia, minlength=self.n)[self.leader]
+        self._child = np.flatnonzero(self._edge >= 0)
+        self._carrier = self._edge[self._child]
+        self.redundant = self._child.size < self.count
+        if self.redundant:
+            self._prepare_least_norm()
+        else:
+            self._sign = np.where(a[self._carrier] == self._child, 1.0, -1.0)
+            self._sums = self._prepare_sums()
+            self._sub_mass = self._sums(inertia)
 
-    def _grow_tree(self) -> None:
-        """Walk each group from its root: the prescribed bodies, else the heaviest body."""
+    # -- trees: each body but the roots has a parent, and an edge, the contact that joins it to that ---------
+
+    def _group_few(self) -> None:
+        """Walk each group from its root: the body that a prescribed one holds, or the heaviest."""
         n = self.n
         near: list[list[tuple[int, int]]] = [[] for _ in range(n)]
         fixed: list[tuple[int, int, int]] = []
@@ -63,141 +83,121 @@ class Groups:
                 near[j].append((i, contact))
             else:
                 fixed.append((min(i, j), max(i, j), contact))
-        parent, edge, holder, label = [-1] * n, [-1] * n, [-1] * n, [-1] * n
+        parent, edge, holder, leader = [-1] * n, [-1] * n, [-1] * n, [-1] * n
         order: list[int] = []
 
-        def walk(first: int, held_by: int) -> None:
-            queue = [first]
-            for i in queue:
-                order.append(i)
-                for j, contact in near[i]:
-                    if label[j] < 0:
-                        label[j], parent[j], edge[j], holder[j] = label[first], i, contact, held_by
-                        queue.append(j)
+        def walk(root: int, contact: int, held_by: int) -> None:
+            members = [root]
+            leader[root], edge[root] = root, contact
+            for i in members:
+                for j, between in near[i]:
+                    if leader[j] < 0:
+                        leader[j], parent[j], edge[j] = root, i, between
+                        members.append(j)
+            first = min(members)
+            for i in members:
+                leader[i], holder[i] = first, held_by
+            order.extend(members)
 
         for i, prescribed, contact in fixed:
-            if label[i] < 0:
-                label[i], edge[i], holder[i] = i, contact, prescribed
-                walk(i, prescribed)
-        for i in sorted(range(n), key=lambda i: -self._inertia[i]) if self.count > len(fixed) else range(n):
-            if label[i] < 0:
-                label[i] = i
-                walk(i, -1)
+            if leader[i] < 0:
+                walk(i, contact, prescribed)
+        for i in sorted(range(n), key=lambda i: -self._inertia[i]):
+            if leader[i] < 0:
+                walk(i, -1, -1)
         self._order, self._parent, self._edge = np.array(order), np.array(parent), np.array(edge)
-        self.holder, self._label = np.array(holder), np.array(label)
-        self._lead()
+        self.holder, self.leader = np.array(holder), np.array(leader)
 
-    def _grow_tree_sparse(self) -> None:
-        n = self.n
-        a, b = np.minimum(self._a, n), np.minimum(self._b, n)
-        ones = np.ones(self.count)
-        graph = sparse.coo_array((ones, (a, b)), shape=(n + 2, n + 2))
-        _, component = connected_components(graph, directed=False)
-        heaviest = np.lexsort((-self._inertia, component[:n]))
-        first = heaviest[np.r_[True, np.diff(component[heaviest]) > 0]]
-        roots = np.r_[first[component[first] != component[n]], n]
-        rows, columns = np.r_[a, np.full(roots.size, n + 1)], np.r_[b, roots]
-        graph = sparse.coo_array((np.ones(rows.size), (rows, columns)), shape=(n + 2, n + 2)).tocsr()
-        order, parent = breadth_first_order(graph, n + 1, directed=False)
-        self._order = order[order < n]
-        ahead = parent[:n].astype(np.intp)
+    def _group_many(self) -> None:
+        """Do the same with sparse graphs: one tree from a root above all groups."""
+        n, contacts = self.n, np.arange(self.count)
+        inner = (self._a < n) & (self._b < n)
+        a, b = self._a[inner], self._b[inner]
+        graph = sparse.coo_array((np.ones(a.size), (a, b)), shape=(n, n))
+        count, group = connected_components(graph, directed=False)
+        first = np.empty(count, dtype=np.intp)
+        first[group[::-1]] = np.arange(n)[::-1]
+        self.leader = first[group]
+        # assigned in reverse, the first contact's (or body's) value remains
+        fixed = contacts[~inner][::-1]
+        held, prescribed = (f(self._a[fixed], self._b[fixed]) for f in (np.minimum, np.maximum))
+        root, root_edge, holder = np.empty(count, dtype=np.intp), np.full(count, -1), np.full(count, -1)
+        by_weight = np.argsort(self._inertia, kind="stable")
+        root[group[by_weight]] = by_weight
+        root[group[held]], root_edge[group[held]], holder[group[held]] = held, fixed, prescribed
+        self.holder = holder[group]
+        rows, columns = np.r_[a, np.full(count, n)], np.r_[b, root]
+        graph = sparse.coo_array((np.ones(rows.size), (rows, columns)), shape=(n + 1, n + 1))
+        order, parent = breadth_first_order(graph.tocsr(), n, directed=False)
+        self._order = order[1:]
+        self._parent = np.where(parent[:n] < n, parent[:n], -1).astype(np.intp)
         self._edge = np.full(n, -1)
-        contacts = np.arange(self.count)
-        # the lower of doubled contacts carries the tree
         for child, other in ((a, b), (b, a)):
-            tree = (child < n) & (ahead[np.minimum(child, n - 1)] == other)
-            self._edge[child[tree][::-1]] = contacts[tree][::-1]
-        self._parent = np.where(ahead < n, ahead, -1)
-        self.holder = np.full(n, -1)
-        self._label = self._labels(component[:n])
-        held = np.flatnonzero(ahead == n)
-        prescribed = np.maximum(self._a, self._b)[self._edge[held]]
-        by_label = np.full(n, -1)
-        by_label[self._label[held]] = prescribed
-        if held.size and np.unique(prescribed).size > 1:
-            self._hold_branches(held, prescribed)
-        else:
-            self.holder = by_label[self._label]
-        self._lead()
+            tree = self._parent[child] == other
+            self._edge[child[tree][::-1]] = contacts[inner][tree][::-1]
+        self._edge[root] = root_edge
 
-    def _labels(self, component: Indices) -> Indices:
-        first = np.full(int(component.max(initial=0)) + 1, self.n)
-        np.minimum.at(first, component, np.arange(self.n))
-        return first[component]
+    def _prepare_sums(self) -> Callable[[Array], Array]:
+        """Return a function that gives for each body the sum over itself and all bodies further from the root."""
+        child = np.flatnonzero(self._parent >= 0)
+        if not child.size:
+            return np.array
+        if self._is_small:
+            outside_in = [(i, p) for i in self._order[::-1].tolist() if (p := int(self._parent[i])) >= 0]
 
-    def _hold_branches(self, held: Indices, prescribed: Indices) -> None:
-        """Bodies held by different prescribed bodies share a tree: pass each holder down its own branch."""
-        self.holder[held] = prescribed
-        label = self._label
-        label[held] = held
-        is_root = np.zeros(self.n, dtype=bool)
-        is_root[held] = True
-        for i in self._order:
-            if not is_root[i] and self._parent[i] >= 0:
-                self.holder[i], label[i] = self.holder[self._parent[i]], label[self._parent[i]]
+            def add_up(values: Array) -> Array:
+                sums = np.array(values)
+                for i, above in outside_in:
+                    sums[above] += sums[i]
+                return sums
 
-    def _lead(self) -> None:
-        first = np.full(self.n, self.n)
-        np.minimum.at(first, self._label, np.arange(self.n))
-        self.leader = first[self._label]
-        tree = self._edge[self._edge >= 0]
-        self.redundant = tree.size < self.count
-        self._child = np.flatnonzero(self._edge >= 0)
-        self._sign = np.where(self._a[tree] == self._child, 1.0, -1.0)
-        self._subtree_solver = None
-        if self.redundant:
-            self._prepare_least_norm()
+            return add_up
+        place = np.empty(self.n, dtype=np.intp)
+        place[self._order] = np.arange(self.n)
+        entries = (place[self._parent[child]], place[child])
+        above = sparse.coo_array((np.ones(child.size), entries), shape=(self.n, self.n))
+        matrix = (sparse.eye_array(self.n) - above).tocsc()
+        solver = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0)
+
+        def solve(values: Array) -> Array:
+            sums = np.empty_like(values)
+            sums[self._order] = solver.solve(values[self._order])
+            return sums
+
+        return solve
+
+    # -- loops ---------------------------------------------------------------------------------------------
 
     def _prepare_least_norm(self) -> None:
-        keep_a, keep_b = self._a < self.n, self._b < self.n
-        rows = np.arange(self.count)
-        incidence = sparse.coo_array(
-            (
-                np.r_[np.ones(keep_a.sum()), -np.ones(keep_b.sum())],
-                (np.r_[rows[keep_a], rows[keep_b]], np.r_[self._a[keep_a], self._b[keep_b]]),
-            ),
-            shape=(self.count, self.n),
-        ).tocsc()
-        pins = np.zeros(self.n)
-        pins[self._edge < 0] = 1.0
-        laplacian = (incidence.T @ incidence + sparse.diags_array(pins)).tocsc()
-        self._incidence, self._laplacian = incidence, splu(laplacian)
+        """Prepare ``lambda = G x`` with ``G^T G x = F - m a``: forces of that form have the least norm."""
+        ends = np.r_[self._a, self._b]
+        rows = np.tile(np.arange(self.count), 2)
+        signs = np.repeat([1.0, -1.0], self.count)
+        inner = ends < self.n
+        triplets = (signs[inner], (rows[inner], ends[inner]))
+        self._incidence = sparse.coo_array(triplets, shape=(self.count, self.n)).tocsc()
+        # x counts by differences within a free group: it is 0 at its root
+        pins = sparse.diags_array((self._edge < 0).astype(float))
+        self._laplacian = splu((self._incidence.T @ self._incidence + pins).tocsc())
 
-    def _subtree_sums(self, values: Array) -> Array:
-        """Return for each body the sum over itself and all bodies further from the root."""
-        if self.n + self.count <= _SMALL:
-            sums = np.array(values)
-            parent = self._parent
-            for i in self._order[::-1]:
-                if parent[i] >= 0:
-                    sums[parent[i]] += sums[i]
-            return sums
-        if not self._child.size:
-            return values
-        if self._subtree_solver is None:
-            child = np.flatnonzero(self._parent >= 0)
-            matrix = sparse.eye_array(self.n, format="csc") - sparse.csc_array(
-                (np.ones(child.size), (self._parent[child], child)), shape=(self.n, self.n)
-            )
-            place = np.empty(self.n, dtype=np.intp)
-            place[self._order] = np.arange(self.n)
-            matrix = matrix.tocoo()
-            ordered = sparse.csc_array((matrix.data, (place[matrix.row], place[matrix.col])), shape=matrix.shape)
-            self._subtree_solver = splu(ordered, permc_spec="NATURAL", diag_pivot_thresh=0.0)
-        sums = np.empty_like(values)
-        sums[self._order] = self._subtree_solver.solve(np.ascontiguousarray(values[self._order]))
-        return sums
+    def _least_norm(self, forces: Array) -> Array:
+        """Return the contact forces of least norm whose resultants are the `forces` on the bodies."""
+        found = self._incidence @ self._laplacian.solve(forces)
+        # long chains are badly conditioned: solve once more for what is left
+        return found + self._incidence @ self._laplacian.solve(forces - self._incidence.T @ found)
+
+    # -- what is asked of the groups -----------------------------------------------------------------------
 
     def mean(self, forces: Array) -> Array:
         """Return each body's group acceleration ``sum F / sum m``, zero where the group is held."""
         if forces.ndim == 1:
-            total = np.bincount(self._label, weights=forces, minlength=self.n)[self._label]
-            return np.where(self.free, total / self.mass, 0.0)
+            total = np.bincount(self.leader, weights=forces, minlength=self.n)
+            return np.where(self.free, total[self.leader] / self.mass, 0.0)
         total = np.zeros_like(forces)
-        np.add.at(total, self._label, forces)
-        return np.where(self.free[:, None], total[self._label] / self.mass[:, None], 0.0)
+        np.add.at(total, self.leader, forces)
+        return np.where(self.free[:, None], total[self.leader] / self.mass[:, None], 0.0)
 
-    def contact_forces(self, forces: Array, held_acceleration: Array) -> Array:
+    def contact_forces(self, forces: Array, held_acceleration: Array, parting: Array | None = None) -> Array:
         """Return the stuck contacts' forces by eq. (1), least norm where they are not unique.
 
         Parameters
@@ -206,29 +206,26 @@ class Groups:
             All other forces on the free bodies.
         held_acceleration : array like `forces`
             Acceleration of the prescribed body that holds each body, 0 for free groups.
+        parting : array (s,) or (s, k), optional
+            Relative acceleration ``a_a - a_b`` of each contact when every group follows its holder. It is not
+            0 where a group is stuck to prescribed bodies that accelerate differently: not all of its contacts
+            can stay stuck, and the forces on the way from one body to the other come out huge.
 
         Returns
         -------
         array (s,) or (s, k)
         """
-        wide = forces.ndim == 2
-        mass = self.mass[:, None] if wide else self.mass
-        inertia = self._inertia[:, None] if wide else self._inertia
+        wide = (slice(None), None) if forces.ndim == 2 else slice(None)
+        acceleration = self.mean(forces) + held_acceleration
         if self.redundant:
-            acceleration = self.mean(forces) + held_acceleration
-            return self._incidence @ self._laplacian.solve(np.ascontiguousarray(forces - inertia * acceleration))
+            found = self._least_norm(forces - self._inertia[wide] * acceleration)
+            if parting is not None and parting.any():
+                stiff = _RIGID * self.mass[np.minimum(self._a, self._b)][wide] * parting
+                found += stiff - self._least_norm(self._incidence.T @ stiff)
+            return found
+        found = np.zeros((self.count, *forces.shape[1:]))
         child = self._child
-        result = np.zeros((self.count, *forces.shape[1:]))
-        if not child.size:
-            return result
-        sub = self._subtree_sums(forces)[child]
-        sub_mass = (self._sub_mass[:, None] if wide else self._sub_mass)[child]
-        total = self.mean(forces)[child] * mass[child]
-        mass, free = mass[child], self.free[child]
-        free = free[:, None] if wide else free
-        split = (sub * (mass - sub_mass) - (total - sub) * sub_mass) / mass
-        held = sub - sub_mass * held_acceleration[child]
-        sign = self._sign[:, None] if wide else self._sign
-        result[self._edge[child]] = sign * np.where(free, split, held)
-        return result
-
+        if child.size:
+            cut = self._sums(forces)[child] - self._sub_mass[child][wide] * acceleration[child]
+            found[self._carrier] = self._sign[wide] * cut
+        return found

@@ -105,7 +105,7 @@ def simulate(
         raise ValueError("simulate: dense_output=False keeps nothing but the outputs; give t_eval")
     step = _check_step(method, step, formulation)
     _check_dead_bands(scene)
-    system = System(scene, start, stop, stepped=step is not None)
+    system = System.of(scene).over(start, stop, stepped=step is not None)
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system.size, method, step)

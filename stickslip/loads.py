@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.signals import Constant, Signal
+from stickslip.signals import Constant, Signal, time_scale
 
 __all__ = ["Loads"]
 
@@ -27,27 +27,41 @@ class Loads:
     start, stop : float
         The time span in s.
     stepped : bool
-        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks, and every signal that
-        changes counts as curved.
+        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks, and every
+        signal that changes counts as curved.
+
+    Attributes
+    ----------
+    size : int
+        Number of entries: the signals, the rates, and a 1.
+    curved : array of int
+        Entries that no straight line holds.
+    period : float
+        Shortest period of the curved signals in s, a tenth of the span where they tell none.
+    breaks : array
+        Times at which any signal breaks, each once.
     """
 
     def __init__(
-        self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float, stepped: bool = False
+        self,
+        signals: Sequence[Signal],
+        rates: Sequence[int],
+        start: float,
+        stop: float,
+        stepped: bool = False,
     ) -> None:
+        """Collect the breaks, and load the values at the start."""
         count = len(signals)
         self.size = count + len(rates) + 1
         self._signals, self._rates = list(signals), list(rates)
-        curved = [i for i, s in enumerate(signals) if s.period is not None or (stepped and not isinstance(s, Constant))]
-        functions: list[Callable[[float], float]] = [signals[i] for i in curved]
-        for place, i in enumerate(rates):
-            if i in curved:
-                curved.append(count + place)
-                functions.append(signals[i].slope)
-        self.curved = np.array(curved, dtype=np.intp)
-        self._functions = functions
-        self.period = min((p for s in signals if (p := s.period) is not None), default=math.inf)
-        if math.isinf(self.period) and curved:
-            # nothing is known of the function: a hundredth of the span is all a solver can be asked to see
+        bends = [s.period is not None or (stepped and not isinstance(s, Constant)) for s in signals]
+        curved = [i for i in range(count) if bends[i]]
+        accelerations = [place for place, i in enumerate(rates) if bends[i]]
+        self.curved = np.array([*curved, *(count + place for place in accelerations)], dtype=np.intp)
+        self._functions: list[Callable[[float], float]] = [signals[i] for i in curved]
+        self._functions += [signals[rates[place]].slope for place in accelerations]
+        self.period = min((time_scale(s, stop - start) for s in signals), default=math.inf)
+        if curved and math.isinf(self.period):
             self.period = (stop - start) / 10
         self._breaking: dict[float, list[int]] = {}
         for i, s in enumerate(() if stepped else signals):
@@ -67,7 +81,11 @@ class Loads:
     def _load(self, entries: Sequence[int] | range, t: float) -> None:
         for i in entries:
             if not self._is_curved[i]:
-                self._value[i], self._slope[i], self._since[i] = self._signals[i](t), self._signals[i].slope(t), t
+                self._value[i], self._slope[i], self._since[i] = (
+                    self._signals[i](t),
+                    self._signals[i].slope(t),
+                    t,
+                )
         for place, i in enumerate(self._rates):
             if not self._is_curved[i]:
                 self._value[len(self._signals) + place] = self._slope[i]

@@ -190,7 +190,7 @@ def load(path: Target, scene: Scene | None = None) -> Result:
     if known != _FORMAT:
         raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
     start, stop = about["span"]
-    system = System(_scene_of(about, scene, path), start, stop, about["stepped"])
+    system = System(_scene_of(about, scene, path)).over(start, stop, about["stepped"])
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     return _rebuilt(system, data, about)
@@ -252,7 +252,7 @@ def _assembly(system: System, pieces: list[Piece]) -> dict[str, Any]:
     start = float(system.loads._start)
     span = start, pieces[-1].stop if pieces else start + 1.0
     # a fixed-step method takes all its loads as they come, without stops at their breaks
-    stepped = not np.array_equal(System(system.scene, *span).loads.curved, system.loads.curved)
+    stepped = not np.array_equal(system.over(*span).loads.curved, system.loads.curved)
     return {"span": span, "stepped": stepped, "scene": _scene_to_dict(system.scene)}
 
 

@@ -49,6 +49,7 @@ def overview(
     *,
     bodies: Sequence[str] | None = None,
     contacts: Sequence[str] | None = None,
+    t_span: tuple[float, float] | None = None,
     axes: Sequence[Any] | None = None,
 ) -> Figure:
     """Draw velocities, modes, contact forces within breakaway levels, and normal forces that vary, over time.
@@ -61,6 +62,8 @@ def overview(
     result : Result
     bodies, contacts : sequence of str, optional
         What to draw; by default everything.
+    t_span : (float, float), optional
+        Times in s to show; by default all.
     axes : sequence of matplotlib axes, optional
         One per panel, from top to bottom; by default a new figure.
 
@@ -85,6 +88,8 @@ def overview(
         draw(ax)
         mark_events(ax, result)
         ax.set_xlabel("")
+        if t_span is not None:
+            ax.set_xlim(t_span)
     axes[-1].set_xlabel(TIME)
     return axes[0].get_figure()
 

@@ -17,6 +17,7 @@ from stickslip.plots_style import (
     NORMAL,
     TIME,
     VELOCITY,
+    WITH_DOTS,
     beside,
     dots,
     look,
@@ -57,7 +58,8 @@ def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, level, label="± breakaway level", **grey)
     ax.plot(fine.t, -level, **grey)
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
-    ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0, computed.t.size))
+    if computed.t.size <= WITH_DOTS:
+        ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
     ax.set(xlabel=TIME, ylabel=FORCE)
     ax.margins(x=0.01)
     beside(ax, title=f"contact {contact}", alignment="left")
@@ -200,12 +202,19 @@ def characteristic(result: Result, contact: str, *, ax: Any = None) -> Any:
     if isinstance(element.law, DryFriction):
         ax.plot([0, 0], [-normal * core.mu_s(-1), normal * core.mu_s(1)], **law)
     ax.plot([], [], color="0.65", linewidth=4, label=type(element.law).__name__)
-    for at, style in ((fine, look(0) | {"linewidth": 1.2, "label": "trajectory"}), (computed, dots(1, 301))):
+    line: dict[str, Any] = {"color": "black", "linewidth": 1.2, "label": "trajectory"}
+    size = 5 if computed.t.size <= WITH_DOTS else 2.5
+    points = dots(1) | {
+        "marker": "o",
+        "markersize": size,
+        "markerfacecolor": "white",
+        "label": "computed points",
+    }
+    for at, style in ((fine, line), (computed, points)):
         force = at.force(contact)
         ax.plot(
             at.relative_velocity(contact), _ratio(force, at.normal(contact)) if divided else force, **style
         )
-    ax.lines[-1].set(label="computed points", zorder=3)
     unit = "force / normal force [1 | m]" if divided else FORCE
     ax.set(xlabel=f"relative {VELOCITY}", ylabel=unit)
     beside(ax, title=f"contact {contact}", alignment="left")

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from stickslip.modes import Mode
-from stickslip.plots_style import TIME, VELOCITY, beside, dots, look, own_axes, raster
+from stickslip.plots_style import TIME, VELOCITY, WITH_DOTS, beside, dots, look, own_axes, raster
 from stickslip.result import Result
 from stickslip.sampling import is_dense, refined, sampled
 
@@ -32,8 +32,8 @@ _STRIPS: dict[int, dict[str, Any]] = {
 def velocities(result: Result, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
-    Markers are the computed points; a broad grey line runs under a body while a contact holds it. More than a
-    dozen bodies become a raster with a colour bar.
+    Markers are the computed points, or ticks at the bottom where they are many; a broad grey line runs under
+    a body while a contact holds it. More than a dozen bodies become a raster with a colour bar.
 
     Parameters
     ----------
@@ -66,14 +66,22 @@ def _velocity_curves(result: Result, names: list[str], ax: Any) -> None:
         stuck = fine.mode(contact.name) == Mode.STUCK if held else np.empty(0)
         for name in sorted(held) if stuck.any() else ():
             ax.plot(fine.t, np.where(stuck, fine.velocity(name), np.nan), color=_SHADE, linewidth=8, zorder=1)
+    few = computed.t.size <= WITH_DOTS
+    driven = {drive.name for drive in result.scene.drives}
     for k, name in enumerate(names):
         ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
-        ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k, computed.t.size))
+        if few and name not in driven:
+            ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
     ax.set_ylabel(VELOCITY)
     ax.margins(x=0.01)
     if any(line.get_color() == _SHADE for line in ax.get_lines()):
         ax.plot([], [], color=_SHADE, linewidth=8, label="held by a contact")
-    ax.plot([], [], color="0.3", linestyle="none", marker="o", markersize=3.5, label="computed points")
+    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": "computed points"}
+    if few:
+        ax.plot([], [], marker="o", markersize=3.5, **points)
+    else:
+        low = np.zeros(computed.t.size)
+        ax.plot(computed.t, low, "|", transform=ax.get_xaxis_transform(), markersize=9, **points)
     beside(ax)
 
 

@@ -16,7 +16,9 @@ __all__ = [
     "NORMAL",
     "TIME",
     "VELOCITY",
+    "WITH_DOTS",
     "beside",
+    "dots",
     "edges",
     "look",
     "mark_events",
@@ -29,6 +31,9 @@ VELOCITY = "velocity [m/s | rad/s]"
 DISPLACEMENT = "relative displacement [m | rad]"
 FORCE = "force [N | N m]"
 NORMAL = "normal force [N]"
+
+WITH_DOTS = 300
+"""More computed points than this are not marked on the curves."""
 
 _COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000")
 _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
@@ -47,21 +52,15 @@ def look(k: int) -> dict[str, Any]:
     return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
 
 
-def dots(k: int, count: int) -> dict[str, Any]:
+def dots(k: int) -> dict[str, Any]:
     """Return how the k-th curve's computed points are marked."""
-    size = 3.5 if count <= 300 else 1.5
-    return {
-        "color": _COLOURS[k % len(_COLOURS)],
-        "linestyle": "none",
-        "marker": _MARKERS[k % 12],
-        "markersize": size,
-    }
+    marker = _MARKERS[k % len(_MARKERS)]
+    return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
 
 
 def beside(ax: Any, **options: Any) -> None:
     """Put the legend to the right of the axes."""
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
 
 
 def mark_events(ax: Any, result: Result) -> None:

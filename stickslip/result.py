@@ -14,7 +14,8 @@ from scipy.interpolate import CubicHermiteSpline
 from stickslip.assembly import FREE, OPEN, System
 from stickslip.modes import Mode
 from stickslip.scene import GROUND, Scene
-from stickslip.segment import Segment, hermite
+from stickslip.motion import hermite
+from stickslip.segment import Segment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,8 +85,8 @@ class Piece:
 
     def segment(self) -> Segment:
         """Return the segment again."""
-        mode_set = self.system.mode_set(self.modes)
-        return Segment(mode_set, self.start, self.states[0], self.since, self.at_rest, self.stop)
+        mode_set = self.system.mode_set(self.modes.tobytes())
+        return Segment(self.system, mode_set, self.start, self.states[0], self.since, self.at_rest, self.stop)
 
 
 def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from stickslip.segment import Segment, hermite
+from stickslip.motion import hermite
+from stickslip.segment import Segment
 
 __all__ = ["first_dip", "first_violation", "longest_look"]
 

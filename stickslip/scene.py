@@ -5,7 +5,6 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from functools import cache
 from typing import Any
 
 from stickslip.elements import GROUND, Body, Contact, Damper, Drive, Element, Force, Named, Spring
@@ -23,6 +22,11 @@ _KINDS: dict[str, type[Element]] = {
     "dampers": Damper,
     "forces": Force,
 }
+_FIELDS = {
+    kind: {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
+    for kind in _KINDS.values()
+}
+"""Of each kind of element the names of its fields, and whether they must be given."""
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -199,7 +203,7 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
         raise TypeError(f"{where}: expected a table, got {row!r}")
     values = dict(row)
     _check_fields(maker, where, values)
-    for name, required in _fields(maker).items():
+    for name, required in _FIELDS[maker].items():
         if required and name not in values:
             raise ValueError(f"{where}: field {name!r} is missing; a {maker.__name__} needs it")
     for name in ("velocity", "normal", "signal"):
@@ -214,16 +218,10 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
 
 
 def _check_fields(kind: type[Element], where: str, values: Mapping[str, Any]) -> None:
-    known = _fields(kind)
+    known = _FIELDS[kind]
     for name in values:
         if name not in known:
             raise ValueError(f"{where}: unknown field {name!r}; a {kind.__name__} has {', '.join(known)}")
-
-
-@cache
-def _fields(kind: type[Element]) -> dict[str, bool]:
-    """Return the fields of a kind of element, and whether they must be given."""
-    return {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
 
 
 def _listed(names: set[str]) -> str:

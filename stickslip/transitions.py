@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import FREE, OPEN, System
-from stickslip.grouping import Groups
 from stickslip.segment import AT_LIMIT, Segment
 
 __all__ = ["Inconsistent", "Settled", "settle"]
@@ -114,7 +113,7 @@ def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
     """Return the state with the velocities across `joined` contacts exactly equal, momentum conserved."""
     if not joined.any():
         return y
-    groups = Groups(system.inertia, system.a[joined], system.b[joined])
+    groups = system.groups(joined.tobytes())
     y = y.copy()
     velocity = y[: system.n]
     if groups.free.any() and np.any(groups.leader != np.arange(system.n)):
@@ -171,7 +170,7 @@ class _Search:
         """Return the segment, the contacts to release with their directions, and those to try stuck again."""
         system = self._system
         segment = Segment(
-            system.mode_set(trial), self._t, self._y, self._since, self._candidates, self._stop
+            system, system.mode_set(trial.tobytes()), self._t, self._y, self._since, self._candidates, self._stop
         )
         violated, order = segment.classify(self._fired)
         released = np.zeros(system.m, dtype=np.int8)

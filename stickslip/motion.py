@@ -1,0 +1,226 @@
+"""Motion in fixed modes, in local time: inputs, rates, and interpolation between computed points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.assembly import ModeSet, System
+
+__all__ = ["Motion", "hermite", "line"]
+
+Array = NDArray[np.float64]
+
+
+def line(c0: Array, c1: Array, tau: float | Array) -> Array:
+    """Return ``c0 + c1 tau``: one column per time where `tau` is an array."""
+    return c0[:, None] + np.multiply.outer(c1, tau) if isinstance(tau, np.ndarray) else c0 + tau * c1
+
+
+class Motion:
+    """The equations of one mode set from time `t` on, without regard to when the modes end.
+
+    Parameters
+    ----------
+    system : System
+        With its loads.
+    mode_set : ModeSet
+    t : float
+        Start in s.
+    y : array (size,)
+        State at the start, velocities of stuck bodies exactly equal.
+    since : array (m,)
+        When each contact last became stuck, in s.
+    stop : float
+        The next break in s.
+    """
+
+    def __init__(self, system: System, mode_set: ModeSet, t: float, y: Array, since: Array, stop: float) -> None:
+        self.system, self.mode_set, self.t, self.y, self.since = system, mode_set, t, y, since
+        self.horizon = stop - t
+        self.q0, self.q1 = system.loads.at(t)
+        constant, slope = mode_set.respond(self.q0), mode_set.respond(self.q1)
+        size = system.size
+        self.b0, self.b1, self.h0, self.h1 = constant[:size], slope[:size], constant[size:], slope[size:]
+        self._place_curved()
+        self._find_polynomial()
+
+    # -- inputs -------------------------------------------------------------------------------------------
+
+    def _place_curved(self) -> None:
+        """Columns of the inputs that no straight line holds, where they matter."""
+        curved = self.system.loads.curved
+        self.has_curved = bool(curved.size)
+        self.has_law = bool(self.mode_set.acting.size)
+        if not self.has_curved:
+            self.curved_rates = self.has_law
+            return
+        units = np.zeros((curved.size, self.system.inputs))
+        units[np.arange(curved.size), curved] = 1.0
+        responses = np.column_stack([self.mode_set.respond(unit) for unit in units])
+        self._b_curved, self._h_curved = np.split(responses, [self.system.size])
+        self.curved_rates = bool(self._b_curved.any()) or self.has_law
+
+    def _curved_inputs(self, tau: float | Array) -> Array:
+        return self.system.loads.curved_at(self.t + tau)
+
+    def inputs(self, tau: float | Array) -> Array:
+        """Return the whole input vector at local time `tau`, one column per time where that is an array."""
+        q = line(self.q0, self.q1, tau)
+        if self.has_curved:
+            q[self.system.loads.curved] = self._curved_inputs(tau)
+        return q
+
+    def normals(self, tau: float | Array) -> Array:
+        """Return the normal forces at local time `tau`."""
+        return np.maximum(self.inputs(tau)[: self.system.m], 0.0)
+
+    def closed(self, tau: float) -> NDArray[np.bool_]:
+        """Tell which contacts are pressed together at local time `tau`."""
+        return self.system.alive & (self.inputs(tau)[: self.system.m] > 0)
+
+    def relative_velocity(self, tau: float | Array, y: Array) -> Array:
+        """Return ``w = v_a - v_b`` of every contact."""
+        return self.system.W @ y + self.system.D @ self.inputs(tau)
+
+    def acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
+        """Return relative velocity, normal force, dwell lag and bristle deflection of the acting contacts."""
+        mode_set, system = self.mode_set, self.system
+        rows = mode_set.acting
+        w = self.relative_velocity(tau, y)[rows]
+        dwell = system.dwell[rows]
+        rate = np.divide(1.0, dwell, out=np.zeros_like(dwell), where=dwell > 0)
+        lag = np.exp(-line((self.t - self.since[rows]) * rate, rate, tau))
+        lag[dwell == 0] = 0.0
+        return w, self.normals(tau)[rows], lag, y[mode_set.bristle_places]
+
+    def acting_forces(self, tau: float | Array, y: Array) -> Array:
+        """Return the friction forces of the contacts that act through their velocity."""
+        return self.mode_set.law.forces(*self.acting_terms(tau, y))
+
+    # -- rates --------------------------------------------------------------------------------------------
+
+    def rate(self, tau: float | Array, y: Array) -> Array:
+        """Return ``y' = A y + b0 + b1 tau`` and what is curved; states are columns where `tau` is an array."""
+        mode_set = self.mode_set
+        rate = mode_set.A @ y
+        rate += line(self.b0, self.b1, tau)
+        if self.has_curved:
+            rate += self._b_curved @ self._curved_inputs(tau)
+        if self.has_law:
+            w, normal, lag, z = self.acting_terms(tau, y)
+            rate += mode_set.K @ mode_set.law.forces(w, normal, lag, z)
+            if mode_set.bristle_places.size:
+                rate[mode_set.bristle_places] = mode_set.law.bristle_rates(w, normal, z)
+        if mode_set.follow.size:
+            rate[mode_set.follow] = rate[mode_set.lead]
+        return rate
+
+    def jacobian(self, tau: float, y: Array) -> Any:
+        """Return the matrix ``d y' / d y``, dense or sparse as the scene is."""
+        mode_set = self.mode_set
+        if not self.has_law:
+            return mode_set.A
+        terms = self.acting_terms(tau, y)
+        matrix = mode_set.A + mode_set.law_jacobian(mode_set.law.slopes(*terms))
+        return matrix if not mode_set.bristle_places.size else self._with_bristles(matrix, terms)
+
+    def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
+        """Add the entries of the bristles: ``dz'/dw W``, ``dz'/dz`` and ``K dr/dz``."""
+        mode_set = self.mode_set
+        law, places = mode_set.law, mode_set.bristle_places
+        w, normal, _, z = terms
+        by_w, by_z = law.bristle_slopes(w, normal, z)
+        sigma = self.system.coefficients.sigma[mode_set.acting[law.bristles]]
+        size, count = self.system.size, places.size
+        rows = sparse.csr_array(mode_set.acting_rows)[law.bristles]
+        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        pushed = sparse.csc_array(mode_set.K)[:, law.bristles]
+        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        return matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+
+    def second_rate(self, tau: float | Array, y: Array, rate: Array) -> Array:
+        """Return ``y''``: exact where the rates are linear, by central difference along the motion elsewhere."""
+        if not self.curved_rates:
+            return self.mode_set.A @ rate + (self.b1 if rate.ndim == 1 else self.b1[:, None])
+        d = self._difference_step
+        return (self.rate(tau + d, y + d * rate) - self.rate(tau - d, y - d * rate)) / (2 * d)
+
+    @property
+    def _difference_step(self) -> float:
+        return 1e-4 * min(self.horizon, self.system.loads.period, 1.0)
+
+    def _find_polynomial(self) -> None:
+        """Find out whether the motion is exactly quadratic in time, as it is wherever no spring or damper acts.
+
+        Kept on the way: the first rates, and what the guards watch as ``z0 + z1 tau + z2 tau^2``.
+        """
+        self.quadratic = False
+        if self.has_curved or self.has_law:
+            self.f0 = self.rate(0.0, self.y)
+            if self.curved_rates:
+                return
+        size, mode_set = self.system.size, self.mode_set
+        at_start = mode_set.apply(self.y)
+        self.f0 = at_start[:size] + self.b0
+        if self.has_curved:
+            self.f0 += self._b_curved @ self._curved_inputs(0.0)
+        rates = mode_set.apply(self.f0)
+        self.f1 = rates[:size] + self.b1
+        if mode_set.follow.size:
+            # identical rows may round differently within a product
+            self.f0[mode_set.follow], self.f1[mode_set.follow] = self.f0[mode_set.lead], self.f1[mode_set.lead]
+        bends = mode_set.apply(self.f1)
+        self.quadratic = not np.any(bends[:size])
+        self.z = (at_start[size:] + self.h0, rates[size:] + self.h1, 0.5 * bends[size:])
+
+    def state(self, tau: float | Array) -> Array:
+        """Return the state of a quadratic motion."""
+        if isinstance(tau, np.ndarray):
+            return self.y[:, None] + tau * (self.f0[:, None] + 0.5 * tau * self.f1[:, None])
+        return self.y + tau * (self.f0 + (0.5 * tau) * self.f1)
+
+    # -- many times at once -------------------------------------------------------------------------------
+
+    def exact_velocities(self, taus: Array, states: Array) -> None:
+        """Set the velocities of stuck bodies exactly equal, and those of held ones to their holder's, in place."""
+        mode_set, system = self.mode_set, self.system
+        if mode_set.follow.size:
+            states[:, mode_set.follow] = states[:, mode_set.lead]
+        for body, holder in zip(mode_set.held.tolist(), mode_set.holder.tolist(), strict=True):
+            if holder == system.n + system.drives:
+                states[:, body] = 0.0
+            else:
+                velocity = system.velocities[holder - system.n]
+                last = self.inputs(float(taus[-1]))[system.first_drive + holder - system.n]
+                states[:-1, body] = [velocity(self.t + tau) for tau in taus[:-1]]
+                states[-1, body] = last
+
+    def knots(self, taus: Array, states: Array) -> tuple[Array, Array]:
+        """Return first and second derivatives at computed points (rows), for interpolation."""
+        columns = states.T
+        rates = self.rate(taus, columns)
+        return rates.T, self.second_rate(taus, columns, rates).T
+
+
+def hermite(taus: Array, states: Array, rates: Array, seconds: Array, query: Array) -> Array:
+    """Return the quintic Hermite interpolant through values, slopes and curvatures (order 5)."""
+    i = np.clip(np.searchsorted(taus, query, side="right") - 1, 0, max(taus.size - 2, 0))
+    if taus.size == 1:
+        return np.repeat(states, query.size, axis=0)
+    h = (taus[i + 1] - taus[i])[:, None]
+    x = (query[:, None] - taus[i][:, None]) / h
+    u = 1.0 - x
+    return (
+        u**3 * ((1 + x * (3 + 6 * x)) * states[i] + x * h * ((1 + 3 * x) * rates[i] + 0.5 * x * h * seconds[i]))
+        + x**3
+        * (
+            (1 + u * (3 + 6 * u)) * states[i + 1]
+            - u * h * ((1 + 3 * u) * rates[i + 1] - 0.5 * u * h * seconds[i + 1])
+        )
+    )
+

@@ -1,0 +1,141 @@
+"""What a row of the table is, and how it is judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip import Result, SimulationError
+
+Array = NDArray[np.float64]
+Answer = float | tuple[float, str]
+Change = tuple[float, str, int, int]
+"""A change of mode: time in s, contact, mode before, mode after."""
+
+FORMULATIONS = ("contact-force", "merged", "multiplier")
+
+
+class Wrong(Exception):
+    """An answer that is wrong in kind, not by an amount: a missing event, a stuck contact that moves."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A check: data, so that it can be listed, sent to another process, and printed.
+
+    Parameters
+    ----------
+    theme : str
+        Chapter of the table it stands in.
+    name : str
+        By which it can be run on its own.
+    what : str
+        What is compared, and relative to what.
+    source : str
+        Where the right answer comes from.
+    check : callable
+        Returns the measured error, or that and a remark; raises `Wrong` where no number would say it.
+    bound : float
+        Largest error that passes.
+    quick : bool
+        Whether it belongs to the quick run.
+    limit : float
+        Time in s after which it counts as hanging.
+    """
+
+    theme: str
+    name: str
+    what: str
+    source: str
+    check: Callable[[], Answer]
+    bound: float
+    quick: bool = True
+    limit: float = 30.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a row: measured error, time spent in s, and a remark where there is something to say."""
+
+    row: Row
+    error: float
+    seconds: float
+    remark: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the error is within the bound; an error that is not a number is not."""
+        return self.error <= self.row.bound
+
+
+def judge(row: Row, seconds: Callable[[], float]) -> Outcome:
+    """Run a row here and now; `seconds` is a clock."""
+    start = seconds()
+    try:
+        answer = row.check()
+        error, remark = answer if isinstance(answer, tuple) else (answer, "")
+    except Wrong as wrong:
+        error, remark = math.inf, str(wrong)
+    except Exception as fault:
+        error, remark = math.inf, f"{type(fault).__name__}: {fault}"
+    return Outcome(row, float(error), seconds() - start, remark)
+
+
+# How errors are measured
+
+
+def require(condition: bool, otherwise: str) -> None:
+    """Raise `Wrong` unless a condition holds."""
+    if not condition:
+        raise Wrong(otherwise)
+
+
+def changes(result: Result, opened: bool = False) -> list[Change]:
+    """Return the events as plain numbers, without those of contacts that are open unless these are asked for."""
+    events = (e for e in result.events if opened or e.cause != "open")
+    return [(e.t, e.contact, int(e.before), int(e.after)) for e in events]
+
+
+def event_error(found: Sequence[Change], exact: Iterable[Sequence[Any]], scale: float) -> float:
+    """Return the largest error of the event times over a time scale; other events than the exact ones are wrong.
+
+    Events closer together than roundoff may come in any order.
+    """
+    wanted = [(float(t), name, int(before), int(after)) for t, name, before, after in exact]
+    key = lambda event: (round(event[0] / scale, 10), event[1:])  # noqa: E731
+    if [e[1:] for e in found] != [e[1:] for e in wanted]:
+        found, wanted = sorted(found, key=key), sorted(wanted, key=key)
+    if [e[1:] for e in found] != [e[1:] for e in wanted]:
+        raise Wrong(f"events {_story(found)} instead of {_story(wanted)}")
+    return max((abs(a[0] - b[0]) / scale for a, b in zip(found, wanted, strict=True)), default=0.0)
+
+
+def _story(events: Sequence[Change]) -> str:
+    shown = ", ".join(f"{t:.9g} s {name} {before:+d}>{after:+d}" for t, name, before, after in events[:6])
+    return f"[{shown}{', ...' if len(events) > 6 else ''}] ({len(events)})"
+
+
+def worst(found: Any, exact: Any, scale: float | None = None) -> float:
+    """Return the largest difference over `scale`, by default over the largest exact value (1 where all are 0)."""
+    found, exact = np.asarray(found, dtype=float), np.asarray(exact, dtype=float)
+    require(found.shape == exact.shape, f"shape {found.shape} instead of {exact.shape}")
+    if not exact.size:
+        return 0.0
+    size = (float(np.abs(exact).max()) or 1.0) if scale is None else scale
+    return float(np.abs(found - exact).max()) / size
+
+
+def refused(run: Callable[[], Any], *words: str) -> float:
+    """Return 0 where a run ends in an error whose message holds all the words; anything else is wrong."""
+    try:
+        run()
+    except (SimulationError, ValueError, TypeError) as error:
+        missing = [word for word in words if word not in str(error)]
+        require(not missing, f"the error does not say {', '.join(missing)}: {error}")
+        return 0.0
+    raise Wrong("an answer where there is none: an error was expected")
