@@ -1,9 +1,10 @@
-"""The command line: ``python -m stickslip`` runs the benchmark, ``python -m stickslip run FILE`` a scene file."""
+"""The command line: ``python -m stickslip`` runs the benchmark, ``... run FILE`` a scene file."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 import sys
 import time
@@ -57,8 +58,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except _BadInput as error:
         print(f"stickslip: {error}", file=sys.stderr)
         return _BAD_INPUT
+    except SimulationError as error:
+        print(f"stickslip: {error}", file=sys.stderr)
+        return _FAILED
+    except BrokenPipeError:
+        # whoever read the output has seen enough; the files are written
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        return _OK
     except SystemExit as stop:
-        return int(stop.code or 0)
+        return stop.code if isinstance(stop.code, int) else _BAD_INPUT
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -127,8 +135,8 @@ def _benchmark(chosen: argparse.Namespace) -> int:
     print("\nwork: " + ", ".join(f"{name} {value}" for name, value in result.stats.items()))
     span, median = BENCHMARK_SPAN[1] - BENCHMARK_SPAN[0], statistics.median(durations[1:])
     print(
-        f"time: {span:g} s simulated in {1e3 * median:.2f} ms (median of {_REPEATS} runs; the first, with all "
-        f"set-up, took {1e3 * durations[0]:.2f} ms), {span / median:,.0f} times faster than real time"
+        f"time: {span:g} s simulated in {1e3 * median:.2f} ms (median of {_REPEATS} runs; the first took "
+        f"{1e3 * durations[0]:.2f} ms), {span / median:,.0f} times faster than real time"
     )
     if plot:
         # the last three seconds show two wheels that turn together
@@ -176,8 +184,8 @@ def _run(chosen: argparse.Namespace) -> int:
     except SimulationError as error:
         print(f"stickslip: {error}", file=sys.stderr)
         result, code = error.result, _FAILED
-    _print_run(result)
     _write(result, outputs)
+    _print_run(result)
     return code
 
 
@@ -221,7 +229,8 @@ def _even_times(span: Any, points: Any) -> Any:
     if not isinstance(points, int) or isinstance(points, bool) or points < 2:
         raise _BadInput(f"points must be a whole number from 2 on, got {points!r}")
     try:
-        return np.linspace(*map(float, span), points)
+        start, stop = map(float, span)
+        return np.linspace(start, stop, points)
     except (TypeError, ValueError):
         raise _BadInput(f"span must be two times [T0, T1], got {span!r}") from None
 
@@ -273,7 +282,6 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
             writer(result, path)
         except OSError as error:
             raise _BadInput(f"--{kind} {path}: cannot be written: {error.strerror}") from None
-        print(f"{kind}: {path}")
 
 
 def _draw(result: Result, path: str, **options: Any) -> None:

@@ -18,6 +18,7 @@ from stickslip.segment import Segment
 __all__ = ["Engine", "Reached", "SolverFailure", "Work"]
 
 Array = NDArray[np.float64]
+Guard = Callable[[float, Array], float]
 
 _ROOTS_PER_SOLVER = 20
 _DENSE_LIMIT = 100
@@ -84,29 +85,42 @@ class _Cvode:
         self._solver: CVODE | None = None
         self._roots = 0
 
-    def advance(self, guard: Callable[[float, Array], Array], y: Array, tau: float) -> Reached:
+    def advance(self, guard: Guard, y: Array, tau: float) -> Reached:
         """Integrate from local time 0 to `tau` or to the first root of the smallest guard."""
+        solution = self._ready(guard).solve(np.array([0.0, tau]), y)
+        self._work.steps += solution.t.size - 1
+        return Reached(solution.t.copy(), solution.y.copy(), self._counted(solution, float(solution.t[-1])))
+
+    def leap(self, guard: Guard, y: Array, tau: float) -> tuple[float, bool]:
+        """Do the same, but return only the time reached and whether it is at a root."""
+        solver = self._ready(guard)
+        solver.init_step(0.0, y)
+        solution = solver.step(tau, "normal", tau)
+        self._work.steps += 1
+        return solution.t, self._counted(solution, solution.t)
+
+    def _ready(self, guard: Guard) -> CVODE:
         self._guard = guard
         if self._solver is None or self._roots >= _ROOTS_PER_SOLVER:
             # scikit-sundae keeps every event's record on the guard function: a fresh one now and then
             self._solver, self._roots = self._make(self._guard_function()), 0
             self._work.solvers += 1
         self._work.starts += 1
-        solution = self._solver.solve(np.array([0.0, tau]), y)
+        return self._solver
+
+    def _counted(self, solution: Any, tau: float) -> bool:
         work = self._work
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        work.steps += solution.t.size - 1
         if solution.status < 0:
-            raise SolverFailure(float(solution.t[-1]), solution.status, solution.message)
-        hit = solution.status == 2
-        self._roots += hit
-        return Reached(solution.t.copy(), solution.y.copy(), hit)
+            raise SolverFailure(tau, solution.status, solution.message)
+        self._roots += solution.status == 2
+        return solution.status == 2
 
     def _guard_function(self) -> Callable[..., None]:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self._work.guard_calls += 1
-            smallest = self._guard(tau, y).min(initial=np.inf)
+            smallest = self._guard(tau, y)
             if smallest != smallest:
                 raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
             out[0] = smallest if smallest < np.inf else 1.0
@@ -170,14 +184,20 @@ class Engine:
 
     def _on_clock(self, segment: Segment, horizon: float) -> Reached:
         stop = first_violation(segment, min(horizon, longest_look(segment)))
-        start = np.zeros(1)
+        guard, start = segment.smallest_guard(), np.zeros(1)
+        points = np.isfinite(self._max_step)
         while True:
-            reached = self._clock.advance(lambda tau, _: segment.guards(tau), start, stop)
+            if points:
+                reached = self._clock.advance(guard, start, stop)
+                taus, hit = reached.taus, reached.hit
+            else:
+                tau, hit = self._clock.leap(guard, start, stop)
+                taus = np.array([0.0, tau])
             # CVODE locates roots within 1e-14 of its step: come closer where the step was far too long
-            if not reached.hit or reached.taus[-1] > 0.1 * stop:
+            if not hit or taus[-1] > 0.1 * stop:
                 break
-            stop = max(4 * float(reached.taus[-1]), np.finfo(float).tiny)
-        return Reached(reached.taus, segment.state(reached.taus).T, reached.hit)
+            stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
+        return Reached(taus, segment.state(taus).T, hit)
 
     # -- everything else ----------------------------------------------------------------------------------
 
@@ -185,7 +205,11 @@ class Engine:
         self._states = _States(segment) if self._merged else _AllStates(segment)
         self.work.fewest_states = min(self.work.fewest_states, self._states.start.size)
         stepper = self._stepper(segment)
-        guard = self._states.guards
+        guards = self._states.guards
+
+        def guard(tau: float, y: Array) -> float:
+            return float(guards(tau, y).min(initial=np.inf))
+
         while True:
             reached = stepper.advance(guard, self._states.start, horizon)
             states = self._states.expand_many(reached.taus, reached.states)

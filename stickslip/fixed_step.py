@@ -37,9 +37,7 @@ class FixedStepEngine(Engine):
         super().__init__(size, method, 1e-8, 1e-8, math.inf)
         self._step = step
         self._take: Callable[[_Rates, int, Array, float], Array]
-        self._take, self._stages, self._times = (
-            (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
-        )
+        self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Step until a guard is violated, a contact opens or closes, or local time `horizon` is reached."""
@@ -48,7 +46,7 @@ class FixedStepEngine(Engine):
         done, some, hit, over = 0, _FEWEST, False, False
         self.work.starts += 1
         while done < count and not over:
-            ends = self._step * np.arange(done, min(done + some, count) + 1)
+            ends: Array = self._step * np.arange(done, min(done + some, count) + 1, dtype=np.float64)
             if done + some >= count:
                 ends[-1] = horizon
             ys = self._steps(segment, ends, states[-1][-1])
@@ -95,7 +93,7 @@ class FixedStepEngine(Engine):
 
 
 class _Rates:
-    """The rates at times known beforehand: what does not depend on the state is evaluated for all of them at once.
+    """The rates at times known beforehand: inputs are evaluated for all of them at once.
 
     Parameters
     ----------
@@ -113,7 +111,9 @@ class _Rates:
         self._has_law = segment.has_law
         if self._has_law:
             rest = np.zeros((segment.y.size, taus.size))
-            w, normal, lag, _ = (list(np.ascontiguousarray(term.T)) for term in segment.acting_terms(taus, rest))
+            w, normal, lag, _ = (
+                list(np.ascontiguousarray(term.T)) for term in segment.acting_terms(taus, rest)
+            )
             self._w, self._normal, self._lag = w, normal, lag
 
     def __call__(self, stage: int, y: Array) -> Array:

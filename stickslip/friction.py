@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stickslip.laws import DryFriction, Law
 from stickslip.regularized import Dahl, Karnopp, LuGre, PreSlip
 
-__all__ = ["BRISTLE", "HARD", "LINEAR", "SMOOTH", "Coefficients"]
+__all__ = ["BRISTLE", "HARD", "LINEAR", "SMOOTH", "ActingForces", "Coefficients"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -21,6 +21,10 @@ HARD, LINEAR, SMOOTH, BRISTLE = 0, 1, 2, 3
 
 MEMORY = 0.1
 """A slipping pre-slip contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
+
+_UNDERFLOW = 745.0
+_PRESSED = 1e-200
+"""Least steady bristle force: a contact that opens relaxes its bristles at once, but at a finite rate."""
 
 
 class Coefficients:
@@ -33,6 +37,7 @@ class Coefficients:
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
+        """Collect the coefficients."""
         cores = [law if isinstance(law, DryFriction) else law.law for law in laws]  # type: ignore[attr-defined]
         sides = (1, -1)
         self.kind = np.array([_kind(law) for law in laws], dtype=np.intp)
@@ -41,12 +46,16 @@ class Coefficients:
         self.mu_0 = np.array([[c.mu_k(0.0, s) for c in cores] for s in sides]).reshape(2, -1)
         self.dwell = np.array([c.dwell for c in cores])
         self.curved = np.array([c.curved for c in cores], dtype=bool)
-        self.velocity = np.array([law.velocity if isinstance(law, (PreSlip, Karnopp)) else 0.0 for law in laws])
-        self.arctan = np.array([isinstance(law, PreSlip) and law.shape == "arctan" for law in laws], dtype=bool)
+        banded = [law.velocity if isinstance(law, (PreSlip, Karnopp)) else 0.0 for law in laws]
+        self.velocity = np.array(banded)
+        arctan = [isinstance(law, PreSlip) and law.shape == "arctan" for law in laws]
+        self.arctan = np.array(arctan, dtype=bool)
         stribeck = [c.stribeck_velocity for c in cores]
         self._fall = np.where([v is not None for v in stribeck], self.mu_s - self.mu_c, 0.0)
         self._v_s = np.array([1.0 if v is None else v for v in stribeck])
         self._delta = np.array([c.stribeck_exponent for c in cores])
+        # beyond this ratio of speed to Stribeck velocity the exponential is 0, and its argument may overflow
+        self._gone = _UNDERFLOW ** (1.0 / self._delta)
         self._kinetic = {j: c for j, c in enumerate(cores) if c.kinetic is not None}
         self.sigma = np.array([_bristle(law) for law in laws]).reshape(-1, 3)
         self.threshold = np.where(self.kind == LINEAR, MEMORY * self.velocity, self.velocity)
@@ -54,23 +63,27 @@ class Coefficients:
 
     def mu_k(self, contacts: Indices, side: Indices, speed: Array) -> Array:
         """Return kinetic coefficients at speeds (k,) or (k, times); `side` is 0 or 1, shaped like `speed`."""
-        column = (slice(None), None) if speed.ndim == 2 else (slice(None),)
-        j = contacts[column]
-        ratio = speed / self._v_s[j]
-        mu = self.mu_c[side, j] + self._fall[side, j] * np.exp(-(ratio ** self._delta[j]))
-        for row, contact in enumerate(contacts.tolist()):
+        j = _like(contacts, speed)
+        mu = self.mu_c[side, j]
+        if self._fall.any():
+            ratio = np.minimum(speed / self._v_s[j], self._gone[j])
+            mu = mu + self._fall[side, j] * np.exp(-(ratio ** self._delta[j]))
+        for row, contact in enumerate(contacts.tolist() if self._kinetic else ()):
             if contact in self._kinetic:
                 law = self._kinetic[contact]
-                mu[row] = _each(lambda v, law=law: law.mu_k(v, 1), speed[row])
+                mu[row] = np.reshape(
+                    [law.mu_k(v, 1) for v in np.ravel(speed[row]).tolist()], np.shape(speed[row])
+                )
         return mu
 
     def mu_k_slope(self, contacts: Indices, side: Indices, speed: Array) -> Array:
         """Return the derivatives of the kinetic coefficients with respect to speed (k,)."""
-        ratio = speed / self._v_s[contacts]
-        delta = self._delta[contacts]
-        moving = np.maximum(ratio, np.finfo(float).tiny)
-        slope = -self._fall[side, contacts] * np.exp(-(moving**delta)) * delta * moving ** (delta - 1)
-        slope /= self._v_s[contacts]
+        ratio = np.minimum(speed / self._v_s[contacts], self._gone[contacts])
+        moving = ratio > 0
+        ratio[~moving] = 1.0
+        power = ratio ** self._delta[contacts]
+        slope = -self._fall[side, contacts] * np.exp(-power) * self._delta[contacts] * power / ratio
+        slope *= moving / self._v_s[contacts]
         for row, contact in enumerate(contacts.tolist()):
             if contact in self._kinetic:
                 slope[row] = self._kinetic[contact].mu_k_slope(float(speed[row]), 1)
@@ -87,17 +100,28 @@ class ActingForces:
         Which contacts: slipping with a curved kinetic law, in pre-slip, smooth, or with bristles.
     modes : array (m,)
         Modes of all contacts.
+
+    Attributes
+    ----------
+    bristles : array
+        Which of `contacts` have bristles.
     """
 
     def __init__(self, coefficients: Coefficients, contacts: Indices, modes: NDArray[np.int8]) -> None:
-        self._c, self.contacts = coefficients, contacts
-        kind = coefficients.kind[contacts]
-        mode = modes[contacts]
-        self._sign = mode.astype(float)
-        self._slip = np.flatnonzero((kind <= LINEAR) & (mode != 0))
-        self._pre = np.flatnonzero((kind == LINEAR) & (mode == 0))
-        self._smooth = np.flatnonzero(kind == SMOOTH)
+        """Sort the contacts by how they act."""
+        kind, mode = coefficients.kind[contacts], modes[contacts]
         self.bristles = np.flatnonzero(kind == BRISTLE)
+        self._brush = _Bristles(coefficients, contacts[self.bristles])
+        self._parts: list[tuple[Indices | slice, _Slipping | _Building | _Smooth | _Bristles]] = []
+        for chosen, part in (
+            ((kind <= LINEAR) & (mode != 0), lambda j: _Slipping(coefficients, j, modes[j].astype(float))),
+            ((kind == LINEAR) & (mode == 0), lambda j: _Building(coefficients, j)),
+            (kind == SMOOTH, lambda j: _Smooth(coefficients, j)),
+            (kind == BRISTLE, lambda j: self._brush),
+        ):
+            if chosen.any():
+                rows = slice(None) if chosen.all() else np.flatnonzero(chosen)
+                self._parts.append((rows, part(contacts[chosen])))
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the forces (k,) or (k, times).
@@ -111,93 +135,118 @@ class ActingForces:
         z : array (bristles,) or (bristles, times)
             Bristle deflections.
         """
-        c, r = self._c, np.zeros_like(w)
-        rows = self._slip
-        if rows.size:
-            sign = _like(self._sign[rows], w)
-            side = np.broadcast_to((sign < 0).astype(np.intp), w[rows].shape)
-            speed = np.maximum(sign * w[rows], 0.0)
-            r[rows] = sign * c.mu_k(self.contacts[rows], side, speed) * normal[rows]
-        rows = self._pre
-        if rows.size:
-            r[rows] = self._peak(rows, w, lag) * normal[rows] * w[rows] / _like(c.velocity[self.contacts[rows]], w)
-        rows = self._smooth
-        if rows.size:
-            side = (w[rows] < 0).astype(np.intp)
-            shape, _ = self._shape(rows, w[rows])
-            r[rows] = c.mu_k(self.contacts[rows], side, np.abs(w[rows])) * normal[rows] * shape
-        rows = self.bristles
-        if rows.size:
-            s0, s1, s2 = (_like(s, w) for s in c.sigma[self.contacts[rows]].T)
-            r[rows] = s0 * z + s1 * self.bristle_rates(w, normal, z) + s2 * w[rows]
+        r = np.empty_like(w)
+        for rows, part in self._parts:
+            r[rows] = part.forces(w[rows], normal[rows], lag[rows], z)
         return r
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        """Return the derivatives of the forces with respect to `w`, at fixed bristle deflections."""
-        c, d = self._c, np.zeros_like(w)
-        rows = self._slip
-        if rows.size:
-            sign = self._sign[rows]
-            side, speed = (sign < 0).astype(np.intp), np.maximum(sign * w[rows], 0.0)
-            d[rows] = c.mu_k_slope(self.contacts[rows], side, speed) * normal[rows]
-        rows = self._pre
-        if rows.size:
-            d[rows] = self._peak(rows, w, lag) * normal[rows] / c.velocity[self.contacts[rows]]
-        rows = self._smooth
-        if rows.size:
-            side, speed = (w[rows] < 0).astype(np.intp), np.abs(w[rows])
-            shape, slope = self._shape(rows, w[rows])
-            mu = c.mu_k(self.contacts[rows], side, speed)
-            d[rows] = normal[rows] * (mu * slope + c.mu_k_slope(self.contacts[rows], side, speed) * np.abs(shape))
-        rows = self.bristles
-        if rows.size:
-            _, s1, s2 = c.sigma[self.contacts[rows]].T
-            d[rows] = s1 * self.bristle_slopes(w, normal, z)[0] + s2
+        """Return the derivatives (k,) of the forces with respect to `w`, at fixed bristle deflections."""
+        d = np.empty_like(w)
+        for rows, part in self._parts:
+            d[rows] = part.slopes(w[rows], normal[rows], lag[rows], z)
         return d
 
     def bristle_rates(self, w: Array, normal: Array, z: Array) -> Array:
         """Return ``z' = w - sigma_0 |w| z / g(w)``."""
-        w, speed, g, s0 = self._bristle_terms(w, normal)
-        return w - s0 * speed * z / g
+        return self._brush.rates(w[self.bristles], normal[self.bristles], z)
 
     def bristle_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
         """Return the derivatives of the bristles' rates with respect to `w` and `z`."""
-        w, speed, g, s0 = self._bristle_terms(w, normal)
-        rows = self.contacts[self.bristles]
-        bend = self._c.mu_k_slope(rows, (w < 0).astype(np.intp), speed) * normal[self.bristles]
-        sign = np.sign(w)
-        return 1.0 - s0 * z * sign * (1.0 / g - speed * bend / g**2), -s0 * speed / g
-
-    def _bristle_terms(self, w: Array, normal: Array) -> tuple[Array, Array, Array, Array]:
-        rows, w = self.contacts[self.bristles], w[self.bristles]
-        speed = np.abs(w)
-        g = self._c.mu_k(rows, (w < 0).astype(np.intp), speed) * normal[self.bristles]
-        return w, speed, np.maximum(g, np.finfo(float).tiny), _like(self._c.sigma[rows, 0], w)
-
-    def _peak(self, rows: Indices, w: Array, lag: Array) -> Array:
-        """Return the static coefficient after its dwell, ``mu_s - (mu_s - mu_c) lag``."""
-        side = (w[rows] < 0).astype(np.intp)
-        j = self.contacts[rows]
-        j = j[:, None] if w.ndim == 2 else j
-        return self._c.mu_s[side, j] - (self._c.mu_s - self._c.mu_c)[side, j] * lag[rows]
-
-    def _shape(self, rows: Indices, w: Array) -> tuple[Array, Array]:
-        """Return the smooth step and its derivative."""
-        j = self.contacts[rows]
-        v, arctan = _like(self._c.velocity[j], w), _like(self._c.arctan[j], w)
-        x = w / v
-        with np.errstate(over="ignore"):
-            step = np.where(arctan, 2 / np.pi * np.arctan(0.5 * np.pi * x), np.tanh(x))
-            slope = np.where(arctan, 1.0 / (1.0 + (0.5 * np.pi * x) ** 2), 1.0 - np.tanh(x) ** 2) / v
-        return step, slope
+        return self._brush.rate_slopes(w[self.bristles], normal[self.bristles], z)
 
 
-def _like(values: Array, w: Array) -> Array:
+class _Slipping:
+    """Slipping in a known direction, with a kinetic coefficient that depends on speed."""
+
+    def __init__(self, coefficients: Coefficients, contacts: Indices, sign: Array) -> None:
+        self._c, self._contacts, self._sign = coefficients, contacts, sign
+        self._side = (sign < 0).astype(np.intp)
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        sign = _like(self._sign, w)
+        side = np.broadcast_to(_like(self._side, w), w.shape)
+        return sign * self._c.mu_k(self._contacts, side, np.maximum(sign * w, 0.0)) * normal
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return self._c.mu_k_slope(self._contacts, self._side, np.maximum(self._sign * w, 0.0)) * normal
+
+
+class _Building:
+    """Piecewise linear pre-slip: the force reaches the breakaway level at the pre-slip velocity (eq. 3)."""
+
+    def __init__(self, coefficients: Coefficients, contacts: Indices) -> None:
+        c = coefficients
+        velocity = c.velocity[contacts]
+        self._top = c.mu_s[:, contacts] / velocity
+        self._rise = self._top - np.maximum(c.mu_c, c.mu_0)[:, contacts] / velocity
+        self._isotropic = bool(
+            np.all(self._top[0] == self._top[1]) and np.all(self._rise[0] == self._rise[1])
+        )
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return self.slopes(w, normal, lag, z) * w
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        top, rise = (
+            _like(x[0], w) if self._isotropic else np.where(w < 0, _like(x[1], w), _like(x[0], w))
+            for x in (self._top, self._rise)
+        )
+        return (top - rise * lag) * normal
+
+
+class _Smooth:
+    """The smooth steps tanh and arctan, times the kinetic coefficient."""
+
+    def __init__(self, coefficients: Coefficients, contacts: Indices) -> None:
+        self._c, self._contacts = coefficients, contacts
+        self._velocity, self._arctan = coefficients.velocity[contacts], coefficients.arctan[contacts]
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        mu = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w))
+        return mu * normal * self._step(w / _like(self._velocity, w))
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        side, speed, x = (w < 0).astype(np.intp), np.abs(w), w / self._velocity
+        step = self._step(x)
+        rise = np.where(self._arctan, 1.0 / (1.0 + (0.5 * np.pi * x) ** 2), 1.0 - step**2) / self._velocity
+        mu, bend = (f(self._contacts, side, speed) for f in (self._c.mu_k, self._c.mu_k_slope))
+        return normal * (mu * rise + bend * np.abs(step))
+
+    def _step(self, x: Array) -> Array:
+        return np.where(_like(self._arctan, x), 2 / np.pi * np.arctan(0.5 * np.pi * x), np.tanh(x))
+
+
+class _Bristles:
+    """Bristles that bend until they slip: LuGre, and Dahl without its damping and viscous terms."""
+
+    def __init__(self, coefficients: Coefficients, contacts: Indices) -> None:
+        self._c, self._contacts = coefficients, contacts
+        self._stiffness, self._damping, self._viscous = coefficients.sigma[contacts].T
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        s0, s1, s2 = (_like(s, w) for s in (self._stiffness, self._damping, self._viscous))
+        return s0 * z + s1 * self.rates(w, normal, z) + s2 * w
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous
+
+    def rates(self, w: Array, normal: Array, z: Array) -> Array:
+        return w - _like(self._stiffness, w) * np.abs(w) * z / self._steady(w, normal)
+
+    def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
+        speed, g, s0 = np.abs(w), self._steady(w, normal), self._stiffness
+        bend = self._c.mu_k_slope(self._contacts, (w < 0).astype(np.intp), speed) * normal
+        return 1.0 - s0 * z * np.sign(w) * (1.0 - speed * bend / g) / g, -s0 * speed / g
+
+    def _steady(self, w: Array, normal: Array) -> Array:
+        """Return g, the bristles' force in steady sliding."""
+        mu = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w))
+        return np.maximum(mu * normal, _PRESSED)
+
+
+def _like(values: NDArray[Any], w: Array) -> NDArray[Any]:
     return values[:, None] if w.ndim == 2 else values
-
-
-def _each(function: Any, values: Array) -> Array:
-    return np.array([function(float(v)) for v in np.ravel(values)]).reshape(np.shape(values))
 
 
 def _kind(law: Law) -> int:

@@ -2,9 +2,9 @@
 
 Eq. (1) of Breedveld (2000) holds for every stuck contact of a tree: cut the group at the contact, and
 ``lambda = (F_A m_B - F_B m_A) / (m_A + m_B)`` with the forces and inertias of the two sides. That is
-``F_A - m_A a`` with the acceleration ``a`` of the whole group, and so it is computed: in this form it also holds
-for groups that a prescribed body holds. Contacts that close a loop make the forces ambiguous; then the forces of
-least norm are given.
+``F_A - m_A a`` with the acceleration ``a`` of the whole group, and so it is computed: in this form it also
+holds for groups that a prescribed body holds. Contacts that close a loop make the forces ambiguous; then the
+forces of least norm are given.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class Groups:
         self._edge[root] = root_edge
 
     def _prepare_sums(self) -> Callable[[Array], Array]:
-        """Return a function that gives for each body the sum over itself and all bodies further from the root."""
+        """Return a function that sums values over each body and all bodies further from the root."""
         child = np.flatnonzero(self._parent >= 0)
         if not child.size:
             return np.array

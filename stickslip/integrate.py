@@ -19,7 +19,7 @@ from stickslip.result import Event, Piece, Result, SimulationError, interpolate
 from stickslip.scene import Scene
 from stickslip.segment import Segment
 from stickslip.signals import _finite
-from stickslip.transitions import Inconsistent, Settled, settle
+from stickslip.transitions import Inconsistent, Settled, carry_on, settle
 
 __all__ = ["simulate"]
 
@@ -208,19 +208,24 @@ class _Run:
         """Settle the modes at `t`, the end of the segment, and start the next one."""
         segment, system = self._now.segment, self._system
         self._watch_progress(t)
-        touching, fired = self._at_limit(segment, reached)
         before = self._labels_at(segment, reached)
-        tau, y = float(reached.taus[-1]), reached.states[-1]
-        since = np.where(before == 0, self._now.since, t)
-        stuck = np.zeros(system.m, dtype=bool)
-        stuck[segment.mode_set.stuck] = True
-        touching |= stuck & ~self._jumped(segment, tau, t)
         self._t = t
         if t >= self._stop:
             return
-        stop = system.loads.next_break(t, self._stop)
-        self._now = settle(system, t, y, before, since, touching, fired, stop)
         self._restarts += 1
+        y, stop = reached.states[-1], system.loads.next_break(t, self._stop)
+        jumped = self._jumped(segment, float(reached.taus[-1]), t)
+        if not (reached.hit or self._causes or jumped.any() or before is not self._now.modes):
+            unchanged = carry_on(system, t, y, self._now, stop)
+            if unchanged is not None:
+                self._now = unchanged
+                return
+        touching, fired = self._at_limit(segment, reached)
+        since = np.where(before == 0, self._now.since, t)
+        stuck = np.zeros(system.m, dtype=bool)
+        stuck[segment.mode_set.stuck] = True
+        touching |= stuck & ~jumped
+        self._now = settle(system, t, y, before, since, touching, fired, stop)
         eventful = self._now.segment.mode_set.modes != FREE
         for j in np.flatnonzero((self._now.modes != before) & eventful).tolist():
             self._note(t, j, int(before[j]), int(self._now.modes[j]), bool(fired[j]))
@@ -304,6 +309,8 @@ class _Run:
         hard = self._system.hard[contacts]
         if self._margin <= 0 or not hard.any():
             return None
+        if segment.quadratic and not segment.comes_near_rest(self._margin, float(reached.taus[-1])):
+            return None
         last = reached.taus.size - (1 if reached.hit else 0)
         w = segment.relative_velocity(reached.taus[:last], reached.states[:last].T)[contacts]
         w *= segment.mode_set.sign[:, None]
@@ -361,7 +368,7 @@ class _Run:
             piece_of = np.repeat(np.arange(len(pieces)), [piece.taus.size for piece in pieces])
         stats = self._stats()
         return Result(
-            system.scene, t, y.T, self._events, status == 0, status, message, stats, system, pieces, piece_of
+            system.scene, t, y.T, sorted(self._events, key=lambda event: event.t), status == 0, status, message, stats, system, pieces, piece_of
         )
 
     def _stats(self) -> dict[str, Any]:
@@ -456,9 +463,9 @@ def _check_dead_bands(scene: Scene) -> None:
 
 def _outputs(t_eval: Iterable[float], start: float, stop: float) -> Array:
     try:
-        times = np.array([float(t) for t in t_eval])
+        times = np.array(t_eval if isinstance(t_eval, np.ndarray) else list(t_eval), dtype=float)
     except (TypeError, ValueError):
         raise TypeError(f"simulate: t_eval must be a sequence of times, got {t_eval!r}") from None
-    if times.size and not (np.all(np.diff(times) > 0) and start <= times[0] and times[-1] <= stop):
-        raise ValueError(f"simulate: t_eval must increase within [{start:g}, {stop:g}] s; sort it and cut it there")
+    if times.ndim != 1 or times.size and not (np.all(np.diff(times) > 0) and start <= times[0] and times[-1] <= stop):
+        raise ValueError(f"simulate: t_eval must be a list of times that increase within [{start:g}, {stop:g}] s; sort it and cut it there")
     return times

@@ -31,7 +31,7 @@ def longest_look(segment: Segment) -> float:
 
 def first_violation(segment: Segment, horizon: float) -> float:
     """Return the first time at which a guard of a quadratic motion is seen negative, or `horizon`."""
-    if segment.polynomial_guards:
+    if segment.looked_over:
         return _first_vertex(segment, horizon)
     looks = [np.linspace(0.0, horizon, 17)[1:]]
     if segment.dwell_times.size:

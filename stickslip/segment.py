@@ -7,7 +7,9 @@ positive while the modes hold: relative velocity times mode of a slipping contac
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
+from math import exp
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,9 @@ AT_LIMIT = 1e-10
 _ROUNDOFF = 1e-12
 _CONSTANT = 1e-7
 _DWELL_OVER = 40.0
+_DIFFERENCED = 4e-15
 _NEVER = np.iinfo(np.intp).max
+_FEW = 8
 
 
 class Segment(Motion):
@@ -276,8 +280,18 @@ class Segment(Motion):
             self._place_zeros()
         self.exact_guards = self.quadratic and not self.has_curved
         self.polynomial_guards = self.exact_guards and not self._rising
-        if self.polynomial_guards:
-            self.coefficients = self._deflated(g0, g1, g2)
+        self.looked_over = self.polynomial_guards or (self.exact_guards and self._rises_concavely())
+        if self.looked_over:
+            self.coefficients = self._deflated(*self._risen)
+
+    def _rises_concavely(self) -> bool:
+        """Tell whether no guard with a rising static coefficient can dip and come back.
+
+        ``N(t) exp(-t/tau)`` is convex while ``N >= 2 N' tau``, so that such a guard is smallest at one of its ends.
+        """
+        rising = self._rise > 0
+        steep = self._n1[rising] * 2 > self._n0[rising] * self._rate[rising]
+        return not steep.any() and not self.z[2].any()
 
     def _deflated(self, g0: Array, g1: Array, g2: Array) -> tuple[Array, Array, Array]:
         """Return the coefficients of polynomial guards with their zeros at the start divided out."""
@@ -314,6 +328,27 @@ class Segment(Motion):
         g[self.slips :] -= self._lag(tau) * (self._n0 + tau * self._n1)
         return g if self._plain else self._deflate(tau, g)
 
+    def smallest_guard(self) -> Callable[[float, Array], float]:
+        """Return the function of local time and state whose root ends the segment: plain arithmetic for few guards."""
+        few = self.exact_guards and self._plain or self.polynomial_guards
+        if not few or self.armed > _FEW:
+            return lambda tau, y: float(self.guards(tau, y).min(initial=np.inf))
+        source = self.coefficients if self.polynomial_guards else self._risen
+        rows = [row for row in zip(*(c.tolist() for c in source), strict=True) if row[0] < np.inf]
+        if self.polynomial_guards:
+            return lambda tau, y: min([a + tau * (b + tau * c) for a, b, c in rows], default=np.inf)
+        k = self.slips
+        lags = zip(self._rise.tolist(), self._age.tolist(), self._rate.tolist(), strict=True)
+        held = list(zip(rows[k:], lags, self._n0.tolist(), self._n1.tolist(), strict=True))
+
+        def smallest(tau: float, y: Array) -> float:
+            values = [a + tau * (b + tau * c) for a, b, c in rows[:k]]
+            for (a, b, c), (rise, age, rate), n0, n1 in held:
+                values.append(a + tau * (b + tau * c) - rise * exp(-(age + tau * rate)) * (n0 + tau * n1))
+            return min(values)
+
+        return smallest
+
     def armed_guards(self, tau: float | Array, z: Array) -> Array:
         """Return the armed guards of what is watched."""
         g = self.raw_guards(tau, z)
@@ -333,6 +368,12 @@ class Segment(Motion):
                 told = tau > column(self._settled[rows])
                 g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** power, column(lead[rows]))
         return g
+
+    def comes_near_rest(self, margin: float, tau: float) -> bool:
+        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest now or at `tau`."""
+        k = self.slips
+        z0, z1, z2 = (z[:k] for z in self.z)
+        return bool(np.any(z0 <= margin) or np.any(z0 + tau * (z1 + tau * z2) <= margin))
 
     def has_come_to_rest(self, tau: float, y: Array, row: int) -> bool:
         """Tell whether a slipping contact near rest would stay there: its relative acceleration is zero at ``w = 0``.

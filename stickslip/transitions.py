@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stickslip.assembly import FREE, OPEN, System
 from stickslip.segment import AT_LIMIT, Segment
 
-__all__ = ["Inconsistent", "Settled", "settle"]
+__all__ = ["Inconsistent", "Settled", "carry_on", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -76,9 +76,7 @@ def settle(
         If no set of modes is consistent.
     """
     q = system.loads.complete(t)
-    slopes = system.loads.at(t)[1]
-    normal = q[: system.m]
-    closed = system.alive & ((normal > 0) | ((normal == 0) & _rising(system, t, slopes)))
+    closed = _closed(system, t, q)
     w = system.W @ y + system.D @ q
     resting = touching | (np.abs(w) <= _ROUNDOFF * _speed(system, y, q))
     resting &= system.hard
@@ -109,6 +107,32 @@ def _slip_states(system: System, w: Array, modes: Modes | None, fired: Mask) -> 
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
+def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> Settled | None:
+    """Return the same modes from a load break on, or None where some may change and all must be settled.
+
+    Contacts that are in motion may open and close: they go on slipping as they do.
+    """
+    q = system.loads.complete(t)
+    closed = _closed(system, t, q)
+    mode_set = now.segment.mode_set
+    modes = mode_set.modes
+    w = system.W @ y + system.D @ q
+    moving = np.abs(w) > 1e-9 * _speed(system, y, q)
+    changed = closed != (modes != OPEN)
+    if np.any(system.hard & (modes != 0) & ~moving) or np.any(changed & ((modes == 0) | ~system.hard)):
+        return None
+    if changed.any():
+        trial = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
+        mode_set = system.mode_set(trial.tobytes())
+    nothing = np.zeros(system.m, dtype=bool)
+    segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
+    violated, order = segment.classify(nothing)
+    if violated.any():
+        return None
+    segment.arm(order)
+    return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
+
+
 def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
     """Return the state with the velocities across `joined` contacts exactly equal, momentum conserved."""
     if not joined.any():
@@ -128,12 +152,18 @@ def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
     return y
 
 
-def _rising(system: System, t: float, slopes: Array) -> Mask:
-    rising = slopes[: system.m] > 0
-    for i in system.loads.curved:
-        if i < system.m:
-            rising[i] = system.normals[i].slope(t) > 0
-    return rising
+def _closed(system: System, t: float, q: Array) -> Mask:
+    """Tell which contacts are pressed together at `t` or just after it."""
+    normal = q[: system.m]
+    closed = normal > 0
+    edge = (normal == 0) & system.alive
+    if edge.any():
+        rising = system.loads.at(t)[1][: system.m] > 0
+        for i in system.loads.curved:
+            if i < system.m and edge[i]:
+                rising[i] = system.normals[i].slope(t) > 0
+        closed |= edge & rising
+    return closed & system.alive
 
 
 def _speed(system: System, y: Array, q: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from scipy.optimize import brentq
@@ -101,7 +101,7 @@ BELT_CYCLE = (4.29599952548016, 7.70503176935042, 12.0010312948306, 1.1339446764
 
 def belt_cycle(formulation: str) -> Answer:
     """The limit cycle, reached at the first breakaway."""
-    result = simulate(belt(), (0.0, 41.0), formulation=formulation, **TIGHT)
+    result = simulate(belt(), (0.0, 42.0), formulation=formulation, **TIGHT)
     events = changes(result)
     require([e[2:] for e in events] == [(0, -1), (-1, 0)] * 3 + [(0, -1)], f"events {events}")
     t = [e[0] for e in events]
