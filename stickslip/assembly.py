@@ -110,6 +110,7 @@ class System:
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.alive = self.loaded & (self.mu_s.max(axis=0) > 0)
         self.hard = c.kind == HARD
+        self.all_hard = bool(self.hard.all())
         self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
         bristles = np.flatnonzero(c.kind == BRISTLE)
         self.size = self.first_bristle + bristles.size
@@ -226,6 +227,10 @@ class ModeSet:
         c = self.system.coefficients
         both = np.tile(self.held_contacts, 2)
         side = np.repeat([0, 1], self.held_contacts.size)
+        self.guard_contacts = np.concatenate([self.slip, both])
+        slips, helds = self.slip.size, self.held_contacts.size
+        self._source = np.concatenate([np.arange(slips + helds), slips + np.arange(helds)])
+        self._turn = np.repeat([1.0, -1.0, 1.0], [slips, helds, helds])
         self.is_pre = np.tile(np.arange(self.held_contacts.size) >= self.stuck.size, 2)
         mu_s = np.where(self.is_pre, c.velocity[both], c.mu_s[side, both])
         dwells = (c.dwell[both] > 0) & ~self.is_pre
@@ -234,6 +239,10 @@ class ModeSet:
         self.levels = (both, mu_s, rise, rate)
         self.has_dwell = bool(dwells.any())
         self.has_threshold = bool(c.threshold[self.slip].any())
+
+    def spread(self, watched: tuple[Array, Array, Array]) -> Array:
+        """Return what the upper and lower guards make of watched quantities: slipping, ``-lambda``, ``+lambda``."""
+        return np.array(watched)[:, self._source] * self._turn
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array."""

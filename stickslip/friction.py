@@ -188,10 +188,10 @@ class _Building:
         return self.slopes(w, normal, lag, z) * w
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        top, rise = (
-            _like(x[0], w) if self._isotropic else np.where(w < 0, _like(x[1], w), _like(x[0], w))
-            for x in (self._top, self._rise)
-        )
+        if self._isotropic:
+            top, rise = _like(self._top[0], w), _like(self._rise[0], w)
+        else:
+            top, rise = (np.where(w < 0, _like(x[1], w), _like(x[0], w)) for x in (self._top, self._rise))
         return (top - rise * lag) * normal
 
 

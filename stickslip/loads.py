@@ -76,6 +76,7 @@ class Loads:
         self._since = np.full(self.size, start)
         self._value[-1] = 1.0
         self._loaded = 0
+        self._last = (math.nan, self._value, self._slope)
         self._load(range(count), start)
 
     def _load(self, entries: Sequence[int] | range, t: float) -> None:
@@ -104,14 +105,20 @@ class Loads:
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""
-        i = int(np.searchsorted(self.breaks, t, side="right"))
+        i = int(self.breaks.searchsorted(t, side="right"))
         return float(self.breaks[i]) if i < self.breaks.size else stop
 
     def at(self, t: float) -> tuple[Array, Array]:
-        """Return the piecewise linear entries' values and slopes at `t`, right limits, zero where curved."""
-        self._turn_to(t)
-        value = self._value + self._slope * (t - self._since)
-        return value, self._slope.copy()
+        """Return the piecewise linear entries' values and slopes at `t`, right limits, zero where curved.
+
+        The arrays are shared: read them only.
+        """
+        known, value, slope = self._last
+        if t != known:
+            self._turn_to(t)
+            value, slope = self._value + self._slope * (t - self._since), self._slope.copy()
+            self._last = (t, value, slope)
+        return value, slope
 
     def curved_at(self, t: float | Array) -> Array:
         """Return the values of the curved entries at `t`, one column per time where that is an array."""
@@ -129,5 +136,6 @@ class Loads:
         """Return the whole input vector at `t`, right limits."""
         value = self.at(t)[0]
         if self.curved.size:
+            value = value.copy()
             value[self.curved] = self.curved_at(t)
         return value

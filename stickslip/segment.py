@@ -8,7 +8,6 @@ positive while the modes hold: relative velocity times mode of a slipping contac
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from math import exp
 
 import numpy as np
@@ -71,6 +70,7 @@ class Segment(Motion):
         if self.shifted:
             self.threshold = np.where(at_rest, 0.0, system.coefficients.threshold)[mode_set.slip]
         self._place_levels()
+        self.taylor = self._expand()
 
     # -- guards -------------------------------------------------------------------------------------------
 
@@ -90,6 +90,8 @@ class Segment(Motion):
             self._n0[mode_set.is_pre], self._n1[mode_set.is_pre] = 1.0, 0.0
         self._curved_normal = self.has_curved and bool(np.isin(both, self.system.loads.curved).any())
         self._l0, self._l1 = self._mu_s * self._n0, self._mu_s * self._n1
+        self._near = np.zeros(self.slips + both.size)
+        self._near[self.slips :] = 1e-5 * self._l0
 
     @property
     def dwell_times(self) -> Array:
@@ -143,12 +145,11 @@ class Segment(Motion):
             np.add(level[s:], z[k:], out=g[k + s :])
         return g
 
-    @cached_property
-    def taylor(self) -> tuple[Array, Array, Array]:
-        """Guards at the start, their first derivatives and half their second ones."""
+    def _expand(self) -> tuple[Array, Array, Array]:
+        """Return the guards at the start, their first derivatives and half their second ones."""
         if self._differenced:
             return self._taylor_by_differences(self.watched(0.0, self.y))
-        c0, c1, c2 = self._risen
+        c0, c1, c2 = self._risen = self._expand_risen()
         if not self._rising:
             return c0, c1, c2
         k, lag = self.slips, self._lag(0.0)
@@ -158,20 +159,15 @@ class Segment(Motion):
         g2[k:] += lag * self._rate * (self._n1 - 0.5 * self._rate * self._n0)
         return g0, g1, g2
 
-    @cached_property
-    def _risen(self) -> tuple[Array, Array, Array]:
-        """Taylor coefficients of the guards as if all static coefficients had risen to their final values."""
-        k, s = self.slips, self.helds
-        found = []
-        for z, level in zip(self.z, (self._l0, self._l1, None), strict=True):
-            c = np.empty(k + 2 * s)
-            c[:k], c[k : k + s], c[k + s :] = z[:k], -z[k:], z[k:]
-            if level is not None:
-                c[k:] += level
-            found.append(c)
+    def _expand_risen(self) -> tuple[Array, Array, Array]:
+        """Return the same as if all static coefficients had risen to their final values."""
+        k = self.slips
+        c0, c1, c2 = self.mode_set.spread(self.z)
+        c0[k:] += self._l0
+        c1[k:] += self._l1
         if self.shifted:
-            found[0][:k] -= self.threshold
-        return found[0], found[1], found[2]
+            c0[:k] -= self.threshold
+        return c0, c1, c2
 
     @property
     def _differenced(self) -> bool:
@@ -189,10 +185,10 @@ class Segment(Motion):
         g2 = (ahead[1] - 2 * ahead[0] + g0) / (2 * d * d)
         return g0, g1, g2
 
-    @cached_property
+    @property
     def guard_contacts(self) -> Indices:
         """The contact of each guard."""
-        return np.concatenate([self.mode_set.slip, self.held, self.held])
+        return self.mode_set.guard_contacts
 
     def guard_scales(self) -> tuple[Array, Array]:
         """Return for each guard the size of what it compares, and the roundoff it carries."""
@@ -235,10 +231,9 @@ class Segment(Motion):
         k, s = self.slips, self.helds
         resting = self.at_rest[self.mode_set.slip]
         order = np.zeros(k + 2 * s, dtype=np.intp)
-        violated = np.zeros(k + 2 * s, dtype=bool)
-        level = 0.5 * (g0[k : k + s] + g0[k + s :])
-        if not (resting.any() or np.any(g0 <= 0) or np.any(g0[k:] <= 1e-5 * np.tile(level, 2))):
-            return violated, order
+        # a guard far from 0 on the scale of its level, or simply positive if it is a velocity, needs no closer look
+        if not resting.any() and (g0 > self._near).all():
+            return np.zeros(k + 2 * s, dtype=bool), order
         size, noise = self.guard_scales()
         closeness = np.where(fired[self.guard_contacts], 1e-6, AT_LIMIT)
         zero = np.abs(g0) <= closeness * size + noise
@@ -271,12 +266,13 @@ class Segment(Motion):
         deflated guard ``g / tau^k`` is positive at the start and has all the later roots.
         """
         self._order = order
-        self._once, self._twice = np.flatnonzero(order == 1), np.flatnonzero(order == 2)
-        self._idle = np.flatnonzero(order == _NEVER)
-        self.armed = order.size - self._idle.size
-        self._plain = not (self._once.size or self._twice.size or self._idle.size)
+        self._plain = not order.any()
+        self.armed = order.size
         g0, g1, g2 = self.taylor
         if not self._plain:
+            self._once, self._twice = np.flatnonzero(order == 1), np.flatnonzero(order == 2)
+            self._idle = np.flatnonzero(order == _NEVER)
+            self.armed -= self._idle.size
             self._place_zeros()
         self.exact_guards = self.quadratic and not self.has_curved
         self.polynomial_guards = self.exact_guards and not self._rising
@@ -291,7 +287,7 @@ class Segment(Motion):
         """
         rising = self._rise > 0
         steep = self._n1[rising] * 2 > self._n0[rising] * self._rate[rising]
-        return not steep.any() and not self.z[2].any()
+        return not steep.any() and not self.z[2][self.slips :].any()
 
     def _deflated(self, g0: Array, g1: Array, g2: Array) -> tuple[Array, Array, Array]:
         """Return the coefficients of polynomial guards with their zeros at the start divided out."""
@@ -332,7 +328,7 @@ class Segment(Motion):
         """Return the function of local time and state whose root ends the segment: plain arithmetic for few guards."""
         few = self.exact_guards and self._plain or self.polynomial_guards
         if not few or self.armed > _FEW:
-            return lambda tau, y: float(self.guards(tau, y).min(initial=np.inf))
+            return lambda tau, y: float(self.guards(tau).min(initial=np.inf))
         source = self.coefficients if self.polynomial_guards else self._risen
         rows = [row for row in zip(*(c.tolist() for c in source), strict=True) if row[0] < np.inf]
         if self.polynomial_guards:

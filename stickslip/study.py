@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from stickslip.study_table import aligned
+
 __all__ = ["Setup", "WorkPrecision", "WorkRow", "work_precision"]
 
 _COUNTERS = {"steps": ("steps",), "nfev": ("nfev",), "njev": ("njev",), "nguards": ("nguards", "guard_calls")}
@@ -155,26 +157,12 @@ class WorkPrecision:
 
     def __str__(self) -> str:
         """Return an aligned table; columns without numbers are left out."""
-        columns: dict[str, Callable[[WorkRow], float]] = {
-            "median / s": lambda row: row.median,
-            "min / s": lambda row: row.fastest,
-            "error": lambda row: row.error,
-            **{name: lambda row, name=name: getattr(row, name) for name in _COUNTERS},  # type: ignore[misc]
-        }
-        cells = {title: [_cell(value(row)) for row in self.rows] for title, value in columns.items()}
-        cells = {title: column for title, column in cells.items() if any(column)}
-        front = self.pareto()
-        lead = [("* " if row in front else "  ") + row.name for row in self.rows]
-        tail = [f"  FAILED {_first_line(row.failure)}" if row.failure else "" for row in self.rows]
-        left = max(len(text) for text in ["  setup", *lead])
-        table = [["  setup".ljust(left)], *([text.ljust(left)] for text in lead)]
-        for title, column in cells.items():
-            wide = max(len(text) for text in [title, *column])
-            for line, text in zip(table, [title, *column], strict=True):
-                line.append(text.rjust(wide))
-        lines = ["  ".join(line) + end for line, end in zip(table, ["", *tail], strict=True)]
-        return "\n".join(
-            [*(line.rstrip() for line in lines), "* no other setup is both faster and more accurate"]
+        columns = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
+        return aligned(
+            ["* " + row.name if row in self.pareto() else "  " + row.name for row in self.rows],
+            {title: [getattr(row, name or title) for row in self.rows] for title, name in columns.items()},
+            [f"FAILED {row.failure}" if row.failure else "" for row in self.rows],
+            note="* no other setup is both faster and more accurate",
         )
 
 
@@ -319,13 +307,3 @@ def _flaw(result: Any, error: float) -> str | None:
 def _beats(a: WorkRow, b: WorkRow) -> bool:
     no_worse = a.error <= b.error and a.median <= b.median
     return no_worse and (a.error < b.error or a.median < b.median)
-
-
-def _cell(value: float) -> str:
-    if math.isnan(value):
-        return ""
-    return str(int(value)) if float(value).is_integer() and 0 < abs(value) < 1e9 else f"{value:.3g}"
-
-
-def _first_line(text: str) -> str:
-    return text.splitlines()[0] if text else ""

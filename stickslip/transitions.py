@@ -77,22 +77,20 @@ def settle(
     """
     q = system.loads.complete(t)
     closed = _closed(system, t, q)
-    w = system.W @ y + system.D @ q
-    resting = touching | (np.abs(w) <= _ROUNDOFF * _speed(system, y, q))
-    resting &= system.hard
+    w, speed = _relative(system, y, q)
+    resting = system.hard & (touching | (np.abs(w) <= _ROUNDOFF * speed))
     y = project(system, y, q, closed & resting)
     trial = np.where(resting, 0, np.sign(w))
-    if not system.hard.all():
+    if not system.all_hard:
         trial = np.where(system.hard, trial, _slip_states(system, w, modes, fired))
     trial = np.where(closed, trial, OPEN).astype(np.int8)
     was_stuck = trial == 0 if modes is None else modes == 0
     tried_since = np.where(was_stuck, since, t)
     search = _Search(system, t, y, tried_since, closed & resting, fired, stop)
     segment = search.run(trial)
-    result = segment.mode_set.modes.copy()
-    _label_open(segment, result, w, resting)
-    free = result == FREE
-    result[free] = system.sign_of(w)[free]
+    result = segment.mode_set.modes
+    if result.max(initial=0) >= OPEN:
+        result = _label(segment, w, resting)
     return Settled(result, np.where(result == 0, tried_since, t), segment)
 
 
@@ -116,8 +114,8 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     closed = _closed(system, t, q)
     mode_set = now.segment.mode_set
     modes = mode_set.modes
-    w = system.W @ y + system.D @ q
-    moving = np.abs(w) > 1e-9 * _speed(system, y, q)
+    w, speed = _relative(system, y, q)
+    moving = np.abs(w) > 1e-9 * speed
     changed = closed != (modes != OPEN)
     if np.any(system.hard & (modes != 0) & ~moving) or np.any(changed & ((modes == 0) | ~system.hard)):
         return None
@@ -166,9 +164,11 @@ def _closed(system: System, t: float, q: Array) -> Mask:
     return closed & system.alive
 
 
-def _speed(system: System, y: Array, q: Array) -> Array:
-    every = np.concatenate([y[: system.n], q[system.first_drive : system.first_drive + system.drives], [0.0]])
-    return np.maximum(np.abs(every[system.a]), np.abs(every[system.b]))
+def _relative(system: System, y: Array, q: Array) -> tuple[Array, Array]:
+    """Return each contact's relative velocity and the larger speed of its two bodies, floored by roundoff."""
+    every = np.concatenate([y[: system.n], q[system.first_drive : system.first_acceleration], [0.0]])
+    a, b = every[system.a], every[system.b]
+    return a - b, np.maximum(np.maximum(abs(a), abs(b)), _ROUNDOFF * abs(every).max())
 
 
 class _Search:
@@ -251,16 +251,21 @@ class _Search:
             yield trial
 
 
-def _label_open(segment: Segment, modes: Modes, w: Array, resting: Mask) -> None:
-    """Name the modes of open contacts: the sign of w, or of the relative acceleration to come."""
-    is_open = modes == OPEN
-    if not is_open.any():
-        return
+def _label(segment: Segment, w: Array, resting: Mask) -> Modes:
+    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
     system = segment.system
-    slopes = segment.q1.copy()
-    acceleration = system.W @ segment.f0 + system.D @ slopes
-    body = np.abs(segment.f0)
-    wide = np.concatenate([body[: system.n], np.zeros(system.drives + 1)])
+    modes = segment.mode_set.modes.copy()
+    acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
+    wide = np.concatenate([np.abs(segment.f0[: system.n]), np.zeros(system.drives + 1)])
     tiny = _ROUNDOFF * (wide[system.a] + wide[system.b])
     to_come = np.where(np.abs(acceleration) > tiny, np.sign(acceleration), 0.0)
-    modes[is_open] = np.where(resting, to_come, np.sign(w))[is_open]
+    modes = np.where(modes == OPEN, np.where(resting, to_come, np.sign(w)), modes)
+    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
+
+
+def _rates(system: System, segment: Segment) -> Array:
+    """Return the drives' accelerations in the places of their velocities."""
+    rates = np.zeros(system.inputs)
+    q = segment.inputs(0.0)
+    rates[system.first_drive : system.first_acceleration] = q[system.first_acceleration : -1]
+    return rates

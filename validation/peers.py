@@ -3,9 +3,9 @@
     python -m validation.peers [--repeats 21]
 
 Each script is what a competent user would write: one smooth segment after another between load breaks and
-events, with analytic rates and guards, plain floats in the callbacks and the exact Jacobian where it is asked for. It
-runs at the loosest tolerance at which velocities and event times are right to 2e-7. The scripts take turns with
-`simulate` (A B A B ...), so that a noisy machine hits both alike.
+events, with analytic rates and guards, plain floats in the callbacks and the exact Jacobian for the implicit
+methods. It runs at the loosest tolerance at which velocities and event times are right to 2e-7. The scripts
+take turns with `simulate` (A B A B ...), so that a noisy machine hits both alike.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OUTPUTS = np.linspace(*BENCHMARK_SPAN, 1000)
 ALLOWED = 2e-7
 TOLERANCES = tuple(10.0 ** (-k / 2) for k in range(4, 23))
 
-# -- the scene by hand: table 1 of Breedveld (2000) -----------------------------------------------------------
+# -- the scene by hand: table 1 of Breedveld (2000) -----------------------------------------------------
 
 INERTIA1, INERTIA2 = 1.0, 10.0
 MU_S, MU_C, DWELL = 0.2, 0.1, 0.1
@@ -127,8 +127,8 @@ class Phase:
         return self.modes[contact]
 
 
-# what a solver does with a phase: the time and state at its end, the guard that ended it (or None), the velocities
-# at the outputs in [t0, t), steps and rate calls
+# what a solver does with a phase: the time and state at its end, the guard that ended it (or None), the
+# velocities at the outputs in [t0, t), steps and rate calls
 Ended = tuple[float, list[float], int | None, Array, int, int]
 Segment = Callable[[Phase, Array], Ended]
 
@@ -156,7 +156,7 @@ def march(segment: Segment) -> Answer:
     return Answer(np.concatenate(found), events, steps, nfev)
 
 
-# -- scikit-sundae ---------------------------------------------------------------------------------------------
+# -- scikit-sundae --------------------------------------------------------------------------------------
 
 
 def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
@@ -206,7 +206,7 @@ def sundae(method: str, rtol: float, *, at_outputs: bool) -> Answer:
 
 
 def hermite(t: Array, y: Array, left: Array, right: Array, at: Array) -> Array:
-    """Return the cubics through the values and through the slopes at both ends of each step, at times inside."""
+    """Return the cubics through values and slopes at both ends of each step, at times inside."""
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     h = (t[k + 1] - t[k])[:, None]
     x = (at - t[k])[:, None] / h
@@ -215,7 +215,7 @@ def hermite(t: Array, y: Array, left: Array, right: Array, at: Array) -> Array:
     return y[k] + x * rise + x * (1 - x) * bend
 
 
-# -- scipy -------------------------------------------------------------------------------------------------------
+# -- scipy ----------------------------------------------------------------------------------------------
 
 
 def scipy(method: str, rtol: float) -> Answer:
@@ -260,7 +260,7 @@ def scipy(method: str, rtol: float) -> Answer:
     return march(segment)
 
 
-# -- PathSim -----------------------------------------------------------------------------------------------------
+# -- PathSim --------------------------------------------------------------------------------------------
 
 
 def pathsim(rtol: float, *, at_outputs: bool) -> Answer:
@@ -334,7 +334,7 @@ def pathsim(rtol: float, *, at_outputs: bool) -> Answer:
     return Answer(hermite(t, y, left, right, OUTPUTS), events, len(t) - 1, now["calls"])
 
 
-# -- the comparison ----------------------------------------------------------------------------------------------
+# -- the comparison -------------------------------------------------------------------------------------
 
 PEERS: dict[str, Callable[[float], Answer]] = {
     "sksundae Adams, steps + Hermite": lambda rtol: sundae("Adams", rtol, at_outputs=False),
@@ -372,13 +372,14 @@ class Exact:
     """The exact answer, to judge others by."""
 
     def __init__(self) -> None:
+        """Compute it, with 40 digits."""
         motion = two_flywheels()
         self.velocities = np.array([[float(v) for v in motion.velocity(t)] for t in OUTPUTS.tolist()])
         contacts = {"interface": INTERFACE, "brake": BRAKE}
         self.events = [(float(e.time), contacts[e.contact], e.after) for e in motion.events]
 
     def errors(self, answer: Answer) -> tuple[float, float]:
-        """Return the largest errors of the velocities and of the event times; infinite where the story differs."""
+        """Return the largest errors of velocities and event times, infinite where the story differs."""
         told = [event[1:] for event in answer.events]
         if answer.velocities.shape != self.velocities.shape or told != [event[1:] for event in self.events]:
             return float("inf"), float("inf")
@@ -433,16 +434,22 @@ def compare(names: Sequence[str], repeats: int) -> list[Row]:
 
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table."""
-    lines = [
-        "| script | rtol | error / (rad/s) | events off by / s | median / ms | time / stickslip's | steps | rhs calls |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    titles = (
+        "script",
+        "rtol",
+        "error / (rad/s)",
+        "events off by / s",
+        "median / ms",
+        "ratio",
+        "steps",
+        "rhs calls",
+    )
+    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
     for row in rows:
         steps = f"{row.answer.steps}" if row.answer.steps else ""
-        lines.append(
-            f"| {row.name} | {row.rtol:.1e} | {row.error:.1e} | {row.event_error:.1e} | {1e3 * row.median:.2f} "
-            f"| {row.ratio:.2f} | {steps} | {row.answer.nfev} |"
-        )
+        cells = [row.name, f"{row.rtol:.1e}", f"{row.error:.1e}", f"{row.event_error:.1e}"]
+        cells += [f"{1e3 * row.median:.2f}", f"{row.ratio:.2f}", steps, f"{row.answer.nfev}"]
+        lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
@@ -463,9 +470,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for target, (names_of, wanted) in TARGETS.items():
         ratios = [row.ratio for row in rows if row.name.startswith(names_of)]
         if ratios:
-            print(
-                f"{'met' if min(ratios) >= wanted else 'MISSED'}: {target} (needs {wanted:.2f}, is {min(ratios):.2f})"
-            )
+            verdict = "met" if min(ratios) >= wanted else "MISSED"
+            print(f"{verdict}: {target} (needs {wanted:.2f}, is {min(ratios):.2f})")
 
 
 if __name__ == "__main__":
