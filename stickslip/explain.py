@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import FREE, OPEN, System
+from stickslip.assembly import System
+from stickslip.mode_set import FREE, OPEN
 from stickslip.explain_events import event_sentences
 from stickslip.laws import DryFriction
 from stickslip.modes import Mode

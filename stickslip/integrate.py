@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import FREE, OPEN, System
+from stickslip.assembly import System
+from stickslip.mode_set import FREE, OPEN
 from stickslip.engine import Engine, Reached, SolverFailure
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine

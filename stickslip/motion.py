@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from stickslip.assembly import ModeSet, System
+from stickslip.assembly import System
+from stickslip.mode_set import ModeSet
 
 __all__ = ["Motion", "hermite", "line"]
 

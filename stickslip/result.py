@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from stickslip.assembly import FREE, OPEN, System
+from stickslip.assembly import System
+from stickslip.mode_set import FREE, OPEN
 from stickslip.modes import Mode
 from stickslip.scene import GROUND, Scene
 from stickslip.motion import hermite

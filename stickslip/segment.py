@@ -13,7 +13,8 @@ from math import exp
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import ModeSet, System
+from stickslip.assembly import System
+from stickslip.mode_set import ModeSet
 from stickslip.motion import Motion, line
 
 __all__ = ["AT_LIMIT", "Segment"]
@@ -279,6 +280,12 @@ class Segment(Motion):
         self.looked_over = self.polynomial_guards or (self.exact_guards and self._rises_concavely())
         if self.looked_over:
             self.coefficients = self._deflated(*self._risen)
+
+    @property
+    def idle_slips(self) -> Indices:
+        """Contacts at rest whose mode is slip but whose relative velocity stays 0, to second order."""
+        rows = np.empty(0, dtype=np.intp) if self._plain else self._idle
+        return self.mode_set.slip[rows[rows < self.slips]]
 
     def _rises_concavely(self) -> bool:
         """Tell whether no guard with a rising static coefficient can dip and come back.

@@ -119,6 +119,7 @@ class SweepLog:
     """Finished points in a file, one JSON line each, from which a later sweep of the same grid resumes."""
 
     def __init__(self, path: Path, parameters: dict[str, np.ndarray]) -> None:
+        """Name the file and the grid."""
         self.path = path
         self.axes = {name: axis.tolist() for name, axis in parameters.items()}
         try:
@@ -148,6 +149,7 @@ class SweepLog:
         return done
 
     def append(self, index: Index, outcome: Values | str) -> None:
+        """Add a finished point."""
         record: dict[str, Any] = {"index": index}
         record["point"] = {name: axis[i] for (name, axis), i in zip(self.axes.items(), index, strict=True)}
         if isinstance(outcome, str):

@@ -9,7 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import FREE, OPEN, System
+from stickslip.assembly import System
+from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import AT_LIMIT, Segment
 
 __all__ = ["Inconsistent", "Settled", "carry_on", "settle"]
@@ -189,12 +190,22 @@ class _Search:
             self._tried.add(trial.tobytes())
             segment, released, retried = self._check(trial)
             if not released.any() and not retried.size:
-                return segment
+                return self._without_idlers(segment)
             trial = trial.copy()
             if released.any():
                 trial[released != 0] = released[released != 0]
             else:
                 trial[retried] = 0
+
+    def _without_idlers(self, segment: Segment) -> Segment:
+        """Let contacts that were released, but stay at rest now that others slip, be stuck again if they can."""
+        idlers = segment.idle_slips
+        if not idlers.size:
+            return segment
+        trial = segment.mode_set.modes.copy()
+        trial[idlers] = 0
+        again, released, retried = self._check(trial)
+        return segment if released.any() or retried.size else again
 
     def _check(self, trial: Modes) -> tuple[Segment, Modes, NDArray[np.intp]]:
         """Return the segment, the contacts to release with their directions, and those to try stuck again."""

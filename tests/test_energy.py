@@ -1,0 +1,155 @@
+"""The energy ledger balances, and its parts are those of hand calculation."""
+
+import math
+
+import numpy as np
+import pytest
+from references import NAMES, load
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    PreSlip,
+    Scene,
+    Spring,
+    simulate,
+    sine,
+    triangle,
+)
+from stickslip.benchmark import flywheel_benchmark
+from stickslip.energy import energy
+
+DRY = DryFriction(0.2, 0.1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reference_scenes_balance(name):
+    reference = load(name)
+    result = simulate(reference.scene, (0.0, reference.stop), rtol=1e-11, atol=1e-13)
+    ledger = energy(result)
+    assert ledger.relative_error < 1e-9
+    assert ledger.error.shape == result.t.shape
+    assert all(np.diff(heat).min() >= -1e-12 for heat in ledger.contacts.values())
+
+
+@pytest.mark.parametrize("name", ["flywheels-2", "flywheels-4", "star"])
+def test_motion_without_springs_and_dampers_balances_to_roundoff(name):
+    reference = load(name)
+    assert energy(simulate(reference.scene, (0.0, reference.stop))).relative_error < 1e-14
+
+
+def test_a_sliding_block_turns_its_energy_to_heat():
+    scene = Scene(
+        Body("block", inertia=2.0, velocity=3.0), Contact("floor", "block", GROUND, DRY, normal=10.0)
+    )
+    result = simulate(scene, (0.0, 10.0))
+    ledger = energy(result)
+    assert ledger.kinetic[0] == 9.0
+    assert ledger.kinetic[-1] == 0.0
+    assert ledger.contacts["floor"][-1] == pytest.approx(9.0, rel=1e-14)
+    assert ledger.spring.max() == ledger.loads.max() == ledger.drives.max() == 0.0
+    assert ledger.dampers == {}
+    assert ledger.contacts["floor"][ledger.t >= 6.0 - 1e-12] == pytest.approx(9.0, rel=1e-14)
+
+
+def test_work_of_a_force_on_a_free_body():
+    scene = Scene(Body("block", inertia=2.0), Force("block", triangle(1.0, 2.0, 3.0, slope=4.0)))
+    ledger = energy(simulate(scene, (0.0, 5.0)))
+    # impulse 4 N s on 2 kg: 2 m/s
+    assert ledger.loads[-1] == pytest.approx(4.0, rel=1e-14)
+    assert ledger.kinetic[-1] == pytest.approx(4.0, rel=1e-14)
+
+
+def test_a_belt_pays_for_the_heat_and_the_speed():
+    scene = Scene(
+        Body("block", inertia=1.0),
+        Drive("belt", velocity=2.0),
+        Contact("c", "block", "belt", DRY, normal=10.0),
+    )
+    ledger = energy(simulate(scene, (0.0, 5.0)))
+    assert ledger.drives[-1] == pytest.approx(4.0, rel=1e-12)
+    assert ledger.contacts["c"][-1] == pytest.approx(2.0, rel=1e-12)
+    swapped = Scene(
+        Body("block", inertia=1.0),
+        Drive("belt", velocity=2.0),
+        Contact("c", "belt", "block", DRY, normal=10.0),
+    )
+    assert energy(simulate(swapped, (0.0, 5.0))).drives[-1] == pytest.approx(4.0, rel=1e-12)
+
+
+def test_a_drive_works_through_springs_and_dampers():
+    scene = Scene(
+        Body("block", inertia=1.5),
+        Drive("shaker", velocity=sine(1.0, 0.7, offset=0.2)),
+        Spring("shaker", "block", stiffness=3.0, damping=0.2, rest=0.1),
+        Damper("block", "shaker", damping=0.4),
+        Damper("block", "shaker", damping=0.1),
+        Damper("block", GROUND, damping=0.0),
+    )
+    ledger = energy(simulate(scene, (0.0, 6.0), rtol=1e-11, atol=1e-13))
+    assert ledger.relative_error < 1e-9
+    assert list(ledger.dampers) == [
+        "spring 'shaker'-'block'",
+        "damper 'block'-'shaker'",
+        "damper 'block'-'shaker' #2",
+    ]
+    first, second = ledger.dampers["damper 'block'-'shaker'"], ledger.dampers["damper 'block'-'shaker' #2"]
+    assert first[-1] == pytest.approx(4 * second[-1], rel=1e-12)
+    assert ledger.spring[0] == pytest.approx(0.5 * 3.0 * 0.1**2)
+    assert ledger.drives[-1] > 0
+
+
+def test_a_damper_takes_what_the_relative_speed_had():
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Body("b", inertia=1.0), Damper("a", "b", damping=2.0))
+    ledger = energy(simulate(scene, (0.0, 1.0), rtol=1e-11, atol=1e-13))
+    assert ledger.dampers["damper 'a'-'b'"][-1] == pytest.approx(0.25 * -math.expm1(-8.0), rel=1e-9)
+
+
+def test_requested_times_and_computed_points_give_the_same_ledger():
+    scene = load("two-blocks").scene
+    times = np.linspace(0.0, 20.0, 7)
+    few = energy(simulate(scene, (0.0, 20.0), t_eval=times))
+    all_points = simulate(scene, (0.0, 20.0))
+    whole = energy(all_points)
+    assert few.t is not whole.t and few.t.size == 7
+    assert few.drives[-1] == pytest.approx(whole.drives[-1], rel=1e-12)
+    assert few.heat[-1] == pytest.approx(whole.heat[-1], rel=1e-12)
+    assert few.relative_error < 1e-6
+
+
+def test_regularized_contacts_balance():
+    scene = flywheel_benchmark(PreSlip(DryFriction(0.2, 0.1), velocity=1e-2, shape="tanh"))
+    ledger = energy(simulate(scene, (0.0, 1.0), rtol=1e-10, atol=1e-12))
+    assert ledger.relative_error < 1e-7
+
+
+def test_fixed_steps_show_their_error():
+    reference = load("pulled-block")
+    errors = [
+        energy(simulate(reference.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
+        for step in (0.02, 0.01)
+    ]
+    assert 1e-5 < errors[1] < errors[0] < 0.1
+
+
+def test_without_dense_output_there_is_a_remedy():
+    result = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[0.0, 0.5, 1.0], dense_output=False)
+    with pytest.raises(ValueError, match="simulate with dense_output=True"):
+        energy(result)
+
+
+def test_the_account_prints():
+    text = str(energy(simulate(flywheel_benchmark(), (0.0, 4.0))))
+    assert text.startswith("energy in J at 4 s (at the start 5.6005 stored)")
+    assert "heat of contact 'brake'" in text
+    assert text.splitlines()[-1].split()[:2] == ["balance", "error"]
+
+
+def test_a_still_scene_has_no_error():
+    scene = Scene(Body("block", inertia=1.0), Contact("floor", "block", GROUND, DRY, normal=1.0))
+    assert energy(simulate(scene, (0.0, 1.0))).relative_error == 0.0

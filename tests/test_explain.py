@@ -1,0 +1,173 @@
+"""Explanations say what was assembled, and give each event its numbers."""
+
+import numpy as np
+import pytest
+from references import load
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    DryFriction,
+    Force,
+    Karnopp,
+    LuGre,
+    PreSlip,
+    Scene,
+    Spring,
+    simulate,
+    sine,
+    step,
+)
+from stickslip.benchmark import flywheel_benchmark, flywheel_chain
+from stickslip.explain import explain
+
+DRY = DryFriction(0.2, 0.1)
+
+
+def line_of(text, start):
+    return next(line for line in text.splitlines() if line.strip().startswith(start))
+
+
+def test_a_scene_without_springs_has_no_positions():
+    text = explain(flywheel_benchmark())
+    assert line_of(text, "States:") == "States: 2"
+    assert "2 velocities: wheel1, wheel2" in text
+    assert "no positions: no spring acts" in text
+    assert "stop times and not guards: 0.05, 0.1, 0.15, 0.4, 0.5, 0.6 s" in text
+    assert "Matrices: dense (bodies and contacts together: 4" in text
+
+
+def test_positions_are_where_springs_act():
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.0),
+        Spring("a", GROUND, stiffness=1.0),
+        Spring("b", GROUND, stiffness=0.0, damping=1.0),
+    )
+    text = explain(scene)
+    assert line_of(text, "States:") == "States: 3"
+    assert line_of(text, "1 position") == "  1 position, where springs act: a"
+    assert "Contacts: none" in text
+    assert "Parts: 2 parts" in text
+
+
+def test_contacts_that_vanish_are_named_with_the_reason():
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("ice", "a", GROUND, DryFriction(0.0, 0.0), normal=3.0),
+        Contact("air", "a", GROUND, DRY, normal=-1.0),
+        Contact("floor", "a", GROUND, DRY, normal=2.0),
+    )
+    text = explain(scene)
+    assert "Contacts: 1 of 3 assembled" in text
+    assert line_of(text, "floor:").endswith("normal force 2 N")
+    assert line_of(text, "left out, frictionless") == "  left out, frictionless: ice"
+    assert line_of(text, "left out, never loaded") == "  left out, never loaded: air"
+    watched = explain(simulate(scene, (0.0, 1.0)))
+    assert "1 s in 1 stretch: 1 guard; forward floor" in watched
+
+
+def test_laws_without_sticking_say_what_they_watch():
+    def of(law):
+        return explain(Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, law, normal=1.0)))
+
+    assert "guards: 1 slipping (w), 2 stuck (B - r and B + r)" in of(DRY)
+    assert "with the dwell's rise" in of(DryFriction(0.2, 0.1, dwell=0.5))
+    assert "kinetic curve" in of(DryFriction(0.2, 0.1, stribeck_velocity=0.1))
+    assert "no mode and no guard" in of(PreSlip(DRY, shape="tanh"))
+    assert "2 in pre-slip" in of(PreSlip(DRY))
+    lugre = of(LuGre(DRY, stiffness=1e3))
+    assert "1 bristle deflection: c" in lugre and "no mode and no guard" in lugre
+
+
+def test_curved_loads_are_told_from_straight_ones():
+    text = explain(Scene(Body("a", inertia=1.0), Force("a", sine(1.0, 4.0))))
+    assert "Loads: no breaks" in text
+    assert "1 load entry not piecewise linear, shortest period 0.25 s" in text
+
+
+def test_a_span_cuts_the_breaks():
+    assert "2 breaks, stop times and not guards: 0.05, 0.1 s" in explain(flywheel_benchmark(), (0.0, 0.12))
+    with pytest.raises(ValueError, match="swap the two times"):
+        explain(flywheel_benchmark(), (1.0, 0.0))
+
+
+def test_large_scenes_are_sparse_and_shortened():
+    text = explain(flywheel_chain(300))
+    assert "Matrices: sparse (bodies and contacts together: 600" in text
+    assert "... and 288 more" in text and "... (288 more)" in text
+    assert len(text.splitlines()) < 30
+
+
+def test_benchmark_events_have_their_numbers():
+    text = explain(simulate(flywheel_benchmark(), (0.0, 4.0)))
+    assert line_of(text, "0.473006762576 s") == (
+        "  0.473006762576 s  interface STUCK -> BACKWARD: broke away backward: "
+        "needed 19.9109 to stay stuck, could hold 19.9109; slips on with 10"
+    )
+    assert line_of(text, "0.52759333899 s").endswith(
+        "its relative velocity reached 0; needs 10 to stay stuck, can hold 21.722"
+    )
+    assert "Sets of modes met: 5" in text
+    assert "3 guards; stuck interface; forward brake" in text
+    assert text.count(" -> ") == 5
+
+
+def test_every_event_of_the_references_gets_a_sentence():
+    for name in ("star", "wave", "two-blocks"):
+        reference = load(name)
+        text = explain(simulate(reference.scene, (0.0, reference.stop)))
+        lines = text[text.index("Events:") :].splitlines()[1:]
+        assert len(lines) == len(reference.events)
+        assert all("hold" in line for line in lines)
+
+
+def test_a_jump_of_the_load_is_a_cause():
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("floor", "a", GROUND, DRY, normal=10.0),
+        Force("a", step(1.0, 0.5, 3.0)),
+    )
+    text = explain(simulate(scene, (0.0, 2.0)))
+    assert "broke away forward by a jump of the loads: needed 0.5 just before, could then hold 2" in text
+
+
+def test_relaxation_and_reversal_are_told():
+    glue = DryFriction(0.1, 0.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Damper("a", GROUND, damping=5.0),
+        Contact("c", "a", GROUND, glue, normal=1.0),
+    )
+    assert "relaxed to rest" in explain(simulate(scene, (0.0, 20.0)))
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Force("a", -3.0),
+        Contact("c", "a", GROUND, DRY, normal=10.0),
+    )
+    text = explain(simulate(scene, (0.0, 1.0)))
+    assert "c FORWARD -> BACKWARD: passed 0 without sticking: that would have needed more than the 2" in text
+
+
+def test_other_laws_tell_their_own_story():
+    def of(law):
+        scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("c", "a", GROUND, law, normal=10.0))
+        return explain(simulate(scene, (0.0, 3.0)))
+
+    assert "came into the dead band of 0.001" in of(Karnopp(DRY))
+    assert "back in pre-slip at |w| = 0.0001" in of(PreSlip(DRY))
+
+
+def test_without_dense_output_causes_have_no_numbers():
+    result = simulate(flywheel_benchmark(), (0.0, 4.0), t_eval=np.linspace(0, 4, 5), dense_output=False)
+    text = explain(result)
+    assert line_of(text, "0.473006762576 s").endswith("STUCK -> BACKWARD: breakaway")
+
+
+def test_only_scenes_and_results_are_explained():
+    with pytest.raises(TypeError, match="expected a Scene or a Result, got int"):
+        explain(3)
+    with pytest.raises(ValueError, match="leave t_span out"):
+        explain(simulate(flywheel_benchmark(), (0.0, 0.1)), (0.0, 1.0))
