@@ -140,7 +140,8 @@ class Engine:
         Number of states.
     method : str
         "BDF" or "Adams".
-    rtol, atol : float
+    rtol : float
+    atol : array (size,)
         Tolerances of the states.
     max_step : float
         Longest step in s, infinite for none.
@@ -149,7 +150,7 @@ class Engine:
     """
 
     def __init__(
-        self, size: int, method: str, rtol: float, atol: float, max_step: float, merged: bool = False
+        self, size: int, method: str, rtol: float, atol: Array, max_step: float, merged: bool = False
     ) -> None:
         self._size, self._method = size, method
         self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
@@ -236,7 +237,7 @@ class Engine:
         options: dict[str, Any] = {
             "method": self._method,
             "rtol": self._rtol,
-            "atol": self._atol,
+            "atol": _shortest(self._states.pick(self._atol)),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
         }
         if self._pattern is None:
@@ -282,6 +283,10 @@ class _AllStates:
         self.start, self.guards = segment.y, segment.guards
         self.rate, self.jacobian = segment.rate, segment.jacobian
 
+    def pick(self, values: Array) -> Array:
+        """Return what belongs to the states that are integrated."""
+        return values
+
     def expand_many(self, taus: Array, states: Array) -> Array:
         """Return all states (rows)."""
         return states
@@ -296,6 +301,10 @@ class _States:
         stays[mode_set.follow] = stays[mode_set.held] = False
         self._stays = np.flatnonzero(stays)
         self.start = segment.y[self._stays]
+
+    def pick(self, values: Array) -> Array:
+        """Return what belongs to the states that are integrated."""
+        return values[self._stays]
 
     def _expand(self, tau: float, y: Array) -> Array:
         return self.expand_many(np.array([tau]), y[None, :])[0]
@@ -318,6 +327,11 @@ class _States:
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return the Jacobian of the states that are left."""
         return self._segment.jacobian(tau, self._expand(tau, y))[self._stays][:, self._stays]
+
+
+def _shortest(values: Array) -> float | Array:
+    """Return one number where all are equal: a long vector of tolerances takes long to check."""
+    return float(values[0]) if np.all(values == values[0]) else values
 
 
 def _place(matrix: Any) -> NDArray[np.int64]:

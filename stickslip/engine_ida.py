@@ -60,9 +60,10 @@ class MultiplierEngine(Engine):
         max_step = self._max_step
         if segment.has_curved:
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
-        atol = np.full(equations.start.size, self._atol)
         # IDA tests the error of the forces too: judge them by what they are compared with
-        atol[segment.y.size :] = np.maximum(self._rtol * equations.force_scale, self._atol)
+        of_forces = np.maximum(self._rtol * equations.force_scale, np.finfo(float).tiny)
+        of_forces[equations.force_scale == 0] = self._atol.min()
+        atol = np.concatenate([self._atol, of_forces])
         options: dict[str, Any] = {
             "rtol": self._rtol,
             "atol": atol,

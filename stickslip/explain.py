@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
-from stickslip.mode_set import FREE, OPEN
 from stickslip.explain_events import event_sentences
 from stickslip.laws import DryFriction
+from stickslip.mode_set import FREE, OPEN
 from stickslip.modes import Mode
 from stickslip.result import Result
 from stickslip.scene import GROUND, Contact, Scene

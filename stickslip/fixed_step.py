@@ -34,7 +34,7 @@ class FixedStepEngine(Engine):
 
     def __init__(self, size: int, method: str, step: float) -> None:
         """Choose the method."""
-        super().__init__(size, method, 1e-8, 1e-8, math.inf)
+        super().__init__(size, method, 1e-8, np.full(size, 1e-8), math.inf)
         self._step = step
         self._take: Callable[[_Rates, int, Array, float], Array]
         self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)

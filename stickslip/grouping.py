@@ -152,11 +152,16 @@ class Groups:
                 return sums
 
             return add_up
-        place = np.empty(self.n, dtype=np.intp)
+        # one column per body, from the roots out: 1 for itself and -1 for the body it hangs on
+        place = np.empty(self.n + 1, dtype=np.int32)
         place[self._order] = np.arange(self.n)
-        entries = (place[self._parent[child]], place[child])
-        above = sparse.coo_array((np.ones(child.size), entries), shape=(self.n, self.n))
-        matrix = (sparse.eye_array(self.n) - above).tocsc()
+        above = self._parent[self._order]
+        hangs = above >= 0
+        ends = np.cumsum(1 + hangs, dtype=np.int32)
+        rows, values = np.empty(ends[-1], dtype=np.int32), np.ones(ends[-1])
+        rows[ends - 1] = np.arange(self.n)
+        rows[ends[hangs] - 2], values[ends[hangs] - 2] = place[above[hangs]], -1.0
+        matrix = sparse.csc_array((values, rows, np.append(np.int32(0), ends)), shape=(self.n, self.n))
         solver = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0)
 
         def solve(values: Array) -> Array:

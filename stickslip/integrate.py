@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip import arguments
 from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.engine import Engine, Reached, SolverFailure
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
 from stickslip.modes import Mode
-from stickslip.regularized import Karnopp
 from stickslip.result import Event, Piece, Result, SimulationError, interpolate
 from stickslip.scene import Scene
+from stickslip.scales import tolerances
 from stickslip.segment import Segment
-from stickslip.signals import _finite
 from stickslip.transitions import Inconsistent, Settled, carry_on, settle
 
 __all__ = ["simulate"]
@@ -27,8 +27,7 @@ __all__ = ["simulate"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_METHODS = ("BDF", "Adams", "RK4", "Euler")
-_FIXED = ("RK4", "Euler")
+_METHODS = ("BDF", "Adams", *arguments.FIXED)
 _FORMULATIONS = ("contact-force", "merged", "multiplier")
 _IDLE_RESTARTS = 100
 
@@ -93,31 +92,29 @@ def simulate(
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"simulate: scene must be a Scene, got {type(scene).__name__}")
-    start, stop = _span(t_span)
-    _choice("formulation", formulation, _FORMULATIONS)
-    _choice("method", method, _METHODS)
-    rtol = _between("rtol", rtol, 1e-14, 0.1)
-    atol = _between("atol", atol, 0.0, math.inf)
-    max_step = math.inf if max_step == math.inf else _between("max_step", max_step, 0.0, math.inf)
-    if velocity_margin is not None and _finite(velocity_margin, "simulate: velocity_margin") < 0:
-        raise ValueError(f"simulate: velocity_margin must not be negative, got {velocity_margin:g}")
-    outputs = None if t_eval is None else _outputs(t_eval, start, stop)
-    if not dense_output and outputs is None:
-        raise ValueError("simulate: dense_output=False keeps nothing but the outputs; give t_eval")
-    step = _check_step(method, step, formulation)
-    _check_dead_bands(scene)
+    start, stop = arguments.span(t_span)
+    arguments.choice("formulation", formulation, _FORMULATIONS)
+    arguments.choice("method", method, _METHODS)
+    rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
+    atol = arguments.between("atol", atol, 0.0, math.inf)
+    max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
+    margin = arguments.margin(velocity_margin)
+    outputs = arguments.outputs(t_eval, start, stop, dense_output)
+    step = arguments.step_length(method, step, formulation)
+    if formulation == "multiplier" and method != "BDF":
+        raise ValueError(f"simulate: IDA, which solves the multiplier formulation, is a BDF method, not {method!r}")
+    arguments.check_dead_bands(scene)
     system = System.of(scene).over(start, stop, stepped=step is not None)
+    wanted = tolerances(system, start, stop, rtol, atol, margin)
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system.size, method, step)
     elif formulation == "multiplier":
-        if method != "BDF":
-            raise ValueError(f"simulate: IDA, which solves the multiplier formulation, is a BDF method, not {method!r}")
-        engine = MultiplierEngine(system.size, method, rtol, atol, max_step)
+        engine = MultiplierEngine(system.size, method, wanted.rtol, wanted.atol, max_step)
     else:
-        engine = Engine(system.size, method, rtol, atol, max_step, merged=formulation == "merged")
-    run = _Run(system, engine, start, stop, outputs, dense_output, _margin(velocity_margin, system, rtol, atol))
-    return run.to_end(progress)
+        merged = formulation == "merged"
+        engine = Engine(system.size, method, wanted.rtol, wanted.atol, max_step, merged)
+    return _Run(system, engine, start, stop, outputs, dense_output, wanted.margin).to_end(progress)
 
 
 class _Run:
@@ -401,72 +398,7 @@ def _global(piece: Piece) -> Array:
     return t
 
 
-def _margin(given: float | None, system: System, rtol: float, atol: float) -> float:
-    if given is not None:
-        return float(given)
-    speeds = [abs(body.velocity) for body in system.scene.bodies]
-    return 100.0 * (rtol * max(speeds, default=0.0) + atol)
-
-
 def _bar(span: float) -> Any:
     from tqdm import tqdm
 
     return tqdm(total=span, unit="s", desc="simulated", bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}]")
-
-
-# -- arguments --------------------------------------------------------------------------------------------
-
-
-def _span(t_span: Sequence[float]) -> tuple[float, float]:
-    try:
-        start, stop = t_span
-    except (TypeError, ValueError):
-        raise ValueError(f"simulate: t_span must be two times (start, end), got {t_span!r}") from None
-    start, stop = _finite(start, "simulate: t_span"), _finite(stop, "simulate: t_span")
-    if not start < stop:
-        raise ValueError(f"simulate: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
-    return start, stop
-
-
-def _choice(name: str, value: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise ValueError(f"simulate: unknown {name} {value!r}; choose from {', '.join(map(repr, known))}")
-
-
-def _between(name: str, value: float, low: float, high: float) -> float:
-    number = _finite(value, f"simulate: {name}")
-    if not low < number < high:
-        raise ValueError(f"simulate: {name} must lie between {low:g} and {high:g}, got {number:g}")
-    return number
-
-
-def _check_step(method: str, step: float | None, formulation: str) -> float | None:
-    if method not in _FIXED:
-        if step is not None:
-            raise ValueError(f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}")
-        return None
-    if step is None:
-        raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
-    if formulation != "contact-force":
-        raise ValueError(f"simulate: fixed steps solve the contact-force formulation, not {formulation!r}")
-    return _between("step", step, 0.0, math.inf)
-
-
-def _check_dead_bands(scene: Scene) -> None:
-    free = {body.name for body in scene.bodies}
-    for contact in scene.contacts:
-        if isinstance(contact.law, Karnopp) and contact.a in free and contact.b in free:
-            raise ValueError(
-                f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
-                f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
-            )
-
-
-def _outputs(t_eval: Iterable[float], start: float, stop: float) -> Array:
-    try:
-        times = np.array(t_eval if isinstance(t_eval, np.ndarray) else list(t_eval), dtype=float)
-    except (TypeError, ValueError):
-        raise TypeError(f"simulate: t_eval must be a sequence of times, got {t_eval!r}") from None
-    if times.ndim != 1 or times.size and not (np.all(np.diff(times) > 0) and start <= times[0] and times[-1] <= stop):
-        raise ValueError(f"simulate: t_eval must be a list of times that increase within [{start:g}, {stop:g}] s; sort it and cut it there")
-    return times

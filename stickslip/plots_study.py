@@ -6,17 +6,22 @@ matplotlib is imported when something is drawn, not before.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stickslip.study import WorkPrecision, WorkRow
 from stickslip.sweeps import SweepResult
 
-__all__ = ["sweep_map", "work_precision"]
+if TYPE_CHECKING:
+    from stickslip.tradeoff import Tradeoff
+
+__all__ = ["sweep_map", "tradeoff", "work_precision"]
 
 _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
+_INSIDE = 8  # legend entries that find room within the axes
+_NOTES = 6
 
 
 def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
@@ -58,14 +63,31 @@ def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
     if front:
         where = [row.median for row in front], [row.error for row in front]
         ax.scatter(*where, s=150, facecolors="none", edgecolors="black", zorder=3, label="no other beats it")
-        ax.legend(fontsize="small")
+        _legend(ax)
     ax.set(xscale="log", yscale="log", xlabel="median wall time / s", ylabel=table.error_label)
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
     notes = [f"{row.name}: {_reason(row)}" for row in table.rows if not _drawable(row)]
     if notes:
-        note = "not drawn:\n" + "\n".join(notes)
+        more = [f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else []
+        note = "not drawn:\n" + "\n".join([*notes[:_NOTES], *more])
         below = {"xycoords": "axes fraction", "xytext": (0, -40), "textcoords": "offset points"}
         ax.annotate(note, (0, 0), va="top", fontsize="small", annotation_clip=False, **below)
+    return ax
+
+
+def tradeoff(study: Tradeoff, *, ax: Any = None) -> Any:
+    """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
+
+    Parameters
+    ----------
+    study : Tradeoff
+        What `tradeoff` measured.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+    """
+    ax = work_precision(study.work, ax=ax)
+    ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
+    _legend(ax)
     return ax
 
 
@@ -144,6 +166,13 @@ def _axes(ax: Any) -> Any:
     import matplotlib.pyplot as plt
 
     return plt.subplots(layout="constrained")[1]
+
+
+def _legend(ax: Any) -> None:
+    """Name the curves: within the axes where there is room, else to their right."""
+    crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)} if crowded else {}
+    ax.legend(fontsize="small", **place)
 
 
 def _drawable(row: WorkRow) -> bool:

@@ -1,0 +1,260 @@
+"""The command line: exit codes, files, and messages that say what to change."""
+
+import csv
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from references import load as reference
+
+from stickslip import Body, Force, Scene, simulate
+from stickslip.__main__ import main
+from stickslip.benchmark import (
+    EXACT_EVENTS,
+    EXACT_FINAL_VELOCITY,
+    flywheel_benchmark,
+    flywheel_chain,
+    four_flywheels,
+)
+from stickslip.output import load
+
+SCENE = """
+[simulation]
+span = [0, 4]
+
+[[bodies]]
+name = "block"
+inertia = 1.0
+
+[[drives]]
+name = "belt"
+velocity = 0.1
+
+[[springs]]
+a = "block"
+b = "belt"
+stiffness = 2.0
+
+[[contacts]]
+name = "floor"
+a = "block"
+b = "ground"
+normal = 1.0
+law = { mu_static = 0.15, mu_coulomb = 0.1 }
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path
+
+
+# -- the benchmark ----------------------------------------------------------------------------------------
+
+
+def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
+    assert main([]) == 0
+    text = capsys.readouterr().out
+    assert "interface STUCK -> BACKWARD      0.473006762576148 0.473006762576148" in text
+    errors = [float(line.split()[-1]) for line in text.splitlines() if re.search(r" -> |at the end", line)]
+    assert len(errors) == 7
+    assert max(map(abs, errors)) < 1e-12
+    assert "times faster than real time" in text
+    assert "work: states 2" in text
+    assert (here / "stickslip-benchmark.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_benchmark_options(here, capsys):
+    assert main(["--no-plot", "--rtol", "1e-6", "--atol", "1e-8"]) == 0
+    assert not list(here.glob("*.png"))
+    assert main(["--plot", "other.svg"]) == 0
+    assert (here / "other.svg").exists()
+    assert main(["--no-plot", "--rtol", "7"]) == 2
+    assert "rtol must lie between" in capsys.readouterr().err
+    assert main(["--plot", "nowhere/x.png"]) == 2
+    assert "there is no folder nowhere; make it first" in capsys.readouterr().err
+
+
+def test_benchmark_scenes_are_the_references():
+    for scene, known in ((flywheel_benchmark(), "flywheels-2"), (four_flywheels(), "flywheels-4")):
+        exact = reference(known).scene
+        assert scene.bodies == exact.bodies
+        assert scene.contacts[:-1] == exact.contacts[:-1]
+        brake, other = scene.contacts[-1].normal, exact.contacts[-1].normal
+        assert brake.times == other.times
+        assert brake.values == pytest.approx(other.values, rel=1e-14)
+    known = reference("flywheels-2").events
+    assert [e.t for e in EXACT_EVENTS] == pytest.approx([event[0] for event in known], rel=1e-15)
+    assert [(e.contact, e.before, e.after) for e in EXACT_EVENTS] == [event[1:] for event in known]
+    assert reference("flywheels-2").v[-1] == pytest.approx(EXACT_FINAL_VELOCITY, abs=1e-16)
+
+
+def test_four_flywheels_with_viscous_friction_match_the_reference():
+    known = reference("flywheels-4-viscous")
+    result = simulate(four_flywheels(viscous=5.0), (0.0, known.stop), rtol=1e-10, atol=1e-12)
+    assert [(e.contact, e.before, e.after) for e in result.events] == [event[1:] for event in known.events]
+    assert [e.t for e in result.events] == pytest.approx([event[0] for event in known.events], abs=1e-8)
+
+
+def test_chains():
+    chain = flywheel_chain(12, viscous=1.0)
+    assert [body.name for body in chain.bodies][::11] == ["w1", "w12"]
+    assert [contact.name for contact in chain.contacts][::11] == ["c1-2", "brake"]
+    assert len(chain.dampers) == 11
+    assert chain.contacts[0].normal.value > chain.contacts[10].normal.value > 0
+    assert len(flywheel_chain(1).contacts) == 1
+    with pytest.raises(ValueError, match="n must be at least 1, got 0"):
+        flywheel_chain(0)
+    with pytest.raises(ValueError, match="normals must have 2 entries, got 3"):
+        flywheel_chain(3, normals=[1.0, 2.0, 3.0])
+
+
+# -- scene files ------------------------------------------------------------------------------------------
+
+
+def test_run_writes_what_is_asked_for(here, capsys):
+    arguments = ["--csv", "o.csv", "--json", "o.json", "--plot", "o.png", "--save", "o.npz"]
+    assert main(["run", "scene.toml", *arguments]) == 0
+    text = capsys.readouterr().out
+    assert "0.75 s  floor: STUCK -> FORWARD (breakaway)" in text
+    assert "block: 0.0764764" in text
+    result = load(here / "o.npz")
+    with (here / "o.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == result.t.size
+    assert float(rows[-1]["velocity block"]) == result.velocity("block")[-1]
+    data = json.loads((here / "o.json").read_text())
+    assert data["events"][0]["t"] == pytest.approx(0.75)
+    assert (here / "o.png").stat().st_size > 1000
+
+
+def test_run_reads_json_and_the_command_line_wins(here, capsys):
+    data = flywheel_benchmark().to_dict() | {"simulation": {"span": [0, 4], "points": 3, "rtol": 1e-6}}
+    (here / "scene.json").write_text(json.dumps(data))
+    assert main(["run", "scene.json", "--span", "0", "1", "--points", "5", "--csv", "o.csv"]) == 0
+    with (here / "o.csv").open() as file:
+        assert [row["time"] for row in csv.DictReader(file)] == ["0.0", "0.25", "0.5", "0.75", "1.0"]
+    assert capsys.readouterr().out.count("->") == 5
+
+
+def test_run_passes_every_option_on(here, monkeypatch):
+    seen = {}
+
+    def fake(scene, span, **options):
+        seen.update(options, span=span)
+        return simulate(scene, span)
+
+    monkeypatch.setattr("stickslip.__main__.simulate", fake)
+    options = ["--span", "-1", "2", "--method", "RK4", "--step", "0.01", "--formulation", "merged"]
+    assert main(["run", "scene.toml", *options, "--rtol", "1e-5", "--atol", "1e-7", "--progress"]) == 0
+    assert seen == {
+        "span": [-1.0, 2.0],
+        "method": "RK4",
+        "step": 0.01,
+        "formulation": "merged",
+        "rtol": 1e-5,
+        "atol": 1e-7,
+        "progress": True,
+    }
+
+
+def test_progress_goes_to_stderr_when_asked(here, capsys):
+    assert main(["run", "scene.toml"]) == 0
+    assert "simulated" not in capsys.readouterr().err
+    assert main(["run", "scene.toml", "--progress"]) == 0
+    assert "simulated" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            SCENE.replace("stiffness", "stifness"),
+            r"springs\[0\]: unknown field 'stifness'; a Spring has a",
+        ),
+        (SCENE.replace("inertia = 1.0", "inertia = -1.0"), "inertia must be positive, got -1"),
+        (SCENE.replace('b = "ground"', 'b = "floor"'), "no body is called 'floor'"),
+        (SCENE.replace("mu_static = 0.15", "mu_static = 0.05"), "swap or equalise them"),
+        (SCENE.replace("[[springs]]", "[[strings]]"), "unknown table 'strings'; known are bodies"),
+        (
+            SCENE.replace("span = [0, 4]", "spam = 4"),
+            "simulation: unknown entry 'spam'; known are span",
+        ),
+        (SCENE.replace("span = [0, 4]", ""), "no time span; give --span T0 T1"),
+        (SCENE.replace("span = [0, 4]", "span = [4, 0]"), "t_span must run forward"),
+        (SCENE.replace("span = [0, 4]", "span = 4\npoints = 3"), "span must be two times"),
+        (SCENE.replace("span = [0, 4]", "span = [0, 4]\npoints = 1.5"), "points must be a whole number"),
+        (SCENE.replace("span = [0, 4]", 'span = [0, 4]\nmethod = "LSODA"'), "unknown method 'LSODA'"),
+        ("simulation = 3\n" + SCENE.replace("[simulation]\nspan = [0, 4]", ""), "simulation must be a table"),
+        ("[[bodies]", "not valid TOML"),
+        ("", "no time span"),
+    ],
+)
+def test_bad_scene_files_exit_with_2_and_say_what_to_change(here, capsys, text, message):
+    (here / "scene.toml").write_text(text)
+    assert main(["run", "scene.toml"]) == 2
+    captured = capsys.readouterr()
+    assert re.search(message, captured.err)
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "none.toml"], "none.toml: cannot be read: No such file"),
+        (["run", "scene.yaml"], "unknown kind of file '.yaml'; give a .toml or .json"),
+        (["run", "list.json"], "expected a table with bodies"),
+        (["run", "bad.json"], "not valid JSON"),
+        (["run", "scene.toml", "--csv", "none/o.csv"], "there is no folder none; make it first"),
+        (["run", "scene.toml", "--csv", "."], "cannot be written"),
+        (["run", "scene.toml", "--plot", "o.what"], "Format 'what' is not supported"),
+        (["run", "scene.toml", "--formulation", "guess"], "unknown formulation 'guess'"),
+        (["run", "scene.toml", "--points", "0"], "points must be a whole number from 2 on"),
+        (["run"], "the following arguments are required: scene"),
+        (["--bogus"], "unrecognized arguments"),
+    ],
+)
+def test_bad_arguments_exit_with_2(here, capsys, arguments, message):
+    (here / "list.json").write_text("[1]")
+    (here / "bad.json").write_text("{")
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_help_exits_with_0(capsys):
+    assert main(["--help"]) == 0
+    assert "stickslip-benchmark.png" in capsys.readouterr().out
+
+
+def test_a_failed_simulation_exits_with_1_and_keeps_what_there_is(here, capsys, monkeypatch):
+    def pull(t):
+        return 1.0 if t < 0.6 else float("nan")
+
+    from stickslip import signal
+
+    broken = Scene(Body("block", inertia=1.0, velocity=1.0), Force("block", signal(pull, [0.5], period=0.2)))
+    monkeypatch.setattr(Scene, "from_dict", classmethod(lambda cls, data: broken))
+    assert main(["run", "scene.toml", "--csv", "o.csv", "--json", "o.json", "--plot", "o.png"]) == 1
+    captured = capsys.readouterr()
+    assert "at t = " in captured.err
+    data = json.loads((here / "o.json").read_text())
+    assert data["success"] is False and data["status"] == -1
+    assert 0 < data["final"]["time"] <= 0.6
+    with (here / "o.csv").open() as file:
+        assert float(list(csv.DictReader(file))[-1]["time"]) == data["final"]["time"]
+    assert (here / "o.png").exists()
+
+
+def test_runs_as_a_module_into_a_closed_pipe(here):
+    command = [sys.executable, "-m", "stickslip", "run", "scene.toml", "--csv", "o.csv"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.stderr.close()
+    assert process.wait() == 0
+    assert errors == b""
+    assert (here / "o.csv").exists()

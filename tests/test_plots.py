@@ -1,0 +1,325 @@
+"""Drawings: what stands on the axes is what the result says; no window, no figure left behind."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from references import load
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Karnopp,
+    LuGre,
+    PreSlip,
+    Scene,
+    plots,
+    simulate,
+    sine,
+)
+from stickslip.benchmark import flywheel_benchmark, flywheel_chain
+from stickslip.energy import energy
+from stickslip.sampling import refined, sampled
+
+VELOCITY = "velocity [m/s | rad/s]"
+FORCE = "force [N | N m]"
+
+
+@pytest.fixture(scope="module")
+def wheels():
+    return simulate(flywheel_benchmark(), (0.0, 4.0))
+
+
+@pytest.fixture(scope="module")
+def blocks():
+    return simulate(load("two-blocks").scene, (0.0, 40.0))
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return simulate(flywheel_chain(30), (0.0, 1.0))
+
+
+@pytest.fixture(autouse=True)
+def leaves_no_figure_behind():
+    yield
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    assert pyplot is None or not pyplot.get_fignums()
+
+
+def labels(ax):
+    legend = ax.get_legend()
+    return [text.get_text() for text in legend.get_texts()] if legend else []
+
+
+def curve(ax, label):
+    (line,) = [line for line in ax.get_lines() if line.get_label() == label]
+    return line
+
+
+def drawn(ax):
+    ax.get_figure().draw_without_rendering()
+
+
+def raster(ax):
+    return np.asarray(ax.collections[0].get_array())
+
+
+def test_import_loads_no_matplotlib_and_drawing_no_pyplot(tmp_path):
+    code = (
+        "import sys, stickslip; assert 'matplotlib' not in sys.modules;"
+        "from stickslip import plots, simulate; from stickslip.benchmark import *;"
+        "plots.overview(simulate(flywheel_benchmark(), (0.0, 1.0))).savefig('drawn.png');"
+        "assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0
+    assert (tmp_path / "drawn.png").exists()
+
+
+def test_overview_of_the_benchmark(wheels):
+    figure = plots.overview(wheels)
+    assert isinstance(figure, Figure)
+    velocity, mode, interface, brake, normal = figure.axes
+    assert [ax.get_ylabel() for ax in figure.axes] == [VELOCITY, "mode", FORCE, FORCE, "normal force [N]"]
+    assert [ax.get_xlabel() for ax in figure.axes] == ["", "", "", "", "time [s]"]
+    assert all(ax.get_shared_x_axes().joined(ax, velocity) for ax in figure.axes)
+    assert [text.get_text() for text in mode.get_yticklabels()] == ["interface", "brake"]
+    assert curve(normal, "brake").get_ydata().max() == pytest.approx(300.0)
+    assert interface.get_legend().get_title().get_text() == "contact interface"
+    assert brake.get_ylim()[1] >= 30.0
+    low, high = velocity.get_xlim()
+    assert low <= 0.0 and high >= 4.0
+    figure.draw_without_rendering()
+
+
+def test_legends_stand_beside_the_data(wheels):
+    figure = plots.overview(wheels)
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        frame, legend = ax.get_window_extent(), ax.get_legend().get_window_extent()
+        assert legend.x0 >= frame.x1 - 1
+        assert legend.x1 <= figure.bbox.x1 + 1
+
+
+def test_overview_takes_a_choice_a_span_and_axes(wheels):
+    axes = Figure().subplots(3, 1)
+    figure = plots.overview(wheels, contacts=["interface"], bodies=["wheel2"], t_span=(0.4, 0.7), axes=axes)
+    assert figure is axes[0].get_figure()
+    assert "wheel1" not in labels(axes[0])
+    assert axes[2].get_xlim() == (0.4, 0.7)
+    with pytest.raises(ValueError, match="5 panels need as many axes, got 3"):
+        plots.overview(wheels, axes=axes)
+
+
+def test_overview_without_contacts_is_velocities_alone():
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    assert len(plots.overview(result).axes) == 1
+
+
+def test_result_plot_is_the_overview(wheels):
+    assert len(wheels.plot(contacts=["brake"]).axes) == 4
+
+
+def test_velocities_follow_the_motion_between_computed_points(wheels):
+    ax = plots.velocities(wheels)
+    assert ax.get_xlabel() == "time [s]"
+    assert labels(ax) == ["wheel1", "wheel2", "held by a contact", "computed points"]
+    one, two = curve(ax, "wheel1"), curve(ax, "wheel2")
+    assert one.get_linestyle() != two.get_linestyle()
+    t, v = one.get_data()
+    assert np.array_equal(v, refined(wheels).velocity("wheel1"))
+    assert np.abs(v - wheels(t)[0]).max() < 1e-12
+    dots = [line for line in ax.get_lines() if line.get_linestyle() == "None" and line.get_xdata().size]
+    assert [line.get_xdata().size for line in dots] == [wheels.t.size] * 2
+    assert dots[0].get_marker() != dots[1].get_marker()
+    drawn(ax)
+
+
+def test_broad_lines_run_where_a_contact_holds(wheels):
+    ax = plots.velocities(wheels, ["wheel1"])
+    broad = [line for line in ax.get_lines() if line.get_linewidth() > 5 and line.get_xdata().size]
+    assert len(broad) == 2  # the interface holds it, then the brake
+    for line, name in zip(broad, ("interface", "brake"), strict=True):
+        t, v = line.get_data()
+        assert np.array_equal(np.isfinite(v), refined(wheels).mode(name) == 0)
+        assert t.min() == 0.0
+
+
+def test_many_points_become_ticks_and_drives_have_none(blocks):
+    ax = plots.velocities(blocks)
+    assert labels(ax)[:3] == ["b0", "b1", "plate"]
+    ticks = curve(ax, "computed points")
+    assert ticks.get_marker() == "|"
+    assert ticks.get_xdata().size == blocks.t.size
+    drawn(ax)
+
+
+def test_unknown_names_are_refused(wheels):
+    with pytest.raises(ValueError, match="no body is called 'wheel3'"):
+        plots.velocities(wheels, ["wheel3"])
+    with pytest.raises(ValueError, match="no contact is called 'clutch'"):
+        plots.contact_forces(wheels, "clutch")
+
+
+def test_many_bodies_become_a_raster(chain):
+    ax = plots.velocities(chain)
+    values = raster(ax).reshape(30, -1)
+    assert values[:, 0] == pytest.approx([body.velocity for body in chain.scene.bodies])
+    assert values[:, -1] == pytest.approx(chain.y[:, -1])
+    assert ax.get_figure().axes[-1].get_ylabel() == VELOCITY
+    assert ax.get_yticklabels()[0].get_text() == "w1"
+    assert ax.yaxis_inverted()
+    drawn(ax)
+
+
+def test_overview_of_many_bodies(chain):
+    figure = plots.overview(chain)
+    main = [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
+    assert [ax.get_ylabel() for ax in main] == ["body", "mode", "contact", "normal force [N]"]
+    modes = raster(main[1])
+    assert set(np.unique(modes)) <= {-1, 0, 1}
+    load_of = raster(main[2])
+    assert np.nanmin(load_of) >= 0 and np.nanmax(load_of) == pytest.approx(1.0)
+    figure.draw_without_rendering()
+
+
+def test_mode_strips_are_the_modes(wheels):
+    ax = plots.modes(wheels)
+    assert labels(ax) == ["FORWARD", "STUCK", "BACKWARD", "thin: normal force 0"]
+    bars = {0: [], 1: []}
+    for bar in ax.collections:
+        box = bar.get_paths()[0].get_extents()
+        bars[round(0.5 * (box.y0 + box.y1))].append((box.x0, box.x1, box.height > 0.5, bar.get_hatch()))
+    times = [event.t for event in wheels.events if event.contact == "interface"]
+    assert [bar[0] for bar in bars[0]] == pytest.approx([0.0, *times])
+    assert [bar[3] for bar in bars[0]] == ["....", None, "....", None]
+    assert [bar[2] for bar in bars[1]] == [False, True, False, True, True, True, False]
+    assert bars[1][-1][:2] == pytest.approx((0.6, 4.0))
+    drawn(ax)
+
+
+def test_force_lies_within_its_level(wheels):
+    ax = plots.contact_forces(wheels, "interface")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", FORCE)
+    assert labels(ax) == ["± breakaway level", "force r"]
+    force, level = curve(ax, "force r").get_ydata(), curve(ax, "± breakaway level").get_ydata()
+    assert np.all(np.abs(force) <= level * (1 + 1e-9))
+    assert force.min() == pytest.approx(-19.91, abs=0.01)
+    drawn(ax)
+
+
+def test_normal_forces_of_many_contacts_become_a_raster():
+    normal, law = sine(1.0, 1.0, offset=2.0), DryFriction(0.2, 0.1)
+    pads = [Contact(f"p{i}", "a", GROUND, law, normal=normal) for i in range(14)]
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), *pads), (0.0, 0.1))
+    ax = plots.normal_forces(result)
+    assert raster(ax).reshape(14, -1)[:, 0] == pytest.approx(np.full(14, 2.0))
+    assert [line.get_label() for line in plots.normal_forces(result, ["p3"]).get_lines()] == ["p3"]
+
+
+def test_phase_portrait(blocks):
+    ax = plots.phase_portrait(blocks, "f0")
+    assert ax.get_xlabel() == "relative displacement [m | rad]"
+    assert ax.get_ylabel() == f"relative {VELOCITY}"
+    assert labels(ax) == ["trajectory", "stuck", "start", "end"]
+    x, w = curve(ax, "trajectory").get_data()
+    assert x[0] == 0.05 and x[-1] == blocks.position("b0")[-1]
+    assert w.max() == pytest.approx(blocks.velocity("b0").max(), rel=1e-3)
+    assert np.all(curve(ax, "stuck").get_ydata() == 0.0)
+    drawn(ax)
+
+
+def test_characteristic_lies_on_its_law(wheels):
+    ax = plots.characteristic(wheels, "interface")
+    assert ax.get_ylabel() == FORCE
+    w, force = curve(ax, "trajectory").get_data()
+    assert np.all(force[w < 0] == -10.0)
+    static = [line for line in ax.get_lines() if list(line.get_xdata()) == [0, 0]]
+    assert list(static[0].get_ydata()) == [-20.0, 20.0]
+    brake = plots.characteristic(wheels, "brake")
+    assert brake.get_ylabel() == "force / normal force [1 | m]"
+    w, ratio = curve(brake, "trajectory").get_data()
+    assert ratio[(w > 1e-9) & np.isfinite(ratio)] == pytest.approx(0.1)
+    drawn(brake)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        DryFriction(0.2, 0.1, stribeck_velocity=0.1),
+        PreSlip(DryFriction(0.2, 0.1), velocity=0.05),
+        PreSlip(DryFriction(0.2, 0.1), velocity=0.05, shape="tanh"),
+        PreSlip(DryFriction(0.2, 0.1), velocity=0.05, shape="arctan"),
+        Karnopp(DryFriction(0.2, 0.1)),
+        LuGre(DryFriction(0.2, 0.1), stiffness=1e3),
+    ],
+    ids=lambda law: f"{type(law).__name__} {getattr(law, 'shape', '')}",
+)
+def test_characteristic_of_every_law(law):
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("c", "a", GROUND, law, normal=10.0))
+    result = simulate(scene, (0.0, 0.5))
+    ax = plots.characteristic(result, "c")
+    assert type(law).__name__ in labels(ax)
+    forward = ax.get_lines()[1]
+    w, force = curve(ax, "trajectory").get_data()
+    if not isinstance(law, LuGre):  # its bristles deflect first
+        assert force == pytest.approx(np.interp(w, *forward.get_data()), rel=1e-3)
+    drawn(ax)
+
+
+def test_energy_draws_the_ledger(wheels, blocks):
+    ax = plots.energy(wheels)
+    assert ax.get_ylabel() == "energy [J]"
+    assert labels(ax) == ["kinetic", "heat of interface", "heat of brake"]
+    heat = curve(ax, "heat of brake").get_ydata()
+    assert heat[-1] == pytest.approx(energy(wheels).contacts["brake"][-1])
+    assert "balance error" in ax.get_title(loc="left")
+    assert "work of drives" in labels(plots.energy(blocks)) and "springs" in labels(plots.energy(blocks))
+
+
+def test_results_without_dense_output_are_drawn_at_their_points():
+    times = np.linspace(0.0, 1.0, 21)
+    result = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=times, dense_output=False)
+    assert np.array_equal(curve(plots.velocities(result), "wheel1").get_xdata(), times)
+    plots.overview(result).draw_without_rendering()
+    with pytest.raises(ValueError, match="dense_output=True"):
+        plots.phase_portrait(result, "interface")
+    many = simulate(flywheel_chain(20), (0.0, 1.0), t_eval=times, dense_output=False)
+    assert raster(plots.velocities(many)).size == 20 * 21
+
+
+def test_axes_given_are_the_axes_returned(wheels):
+    for draw in (plots.velocities, plots.modes, plots.normal_forces, plots.energy, plots.load_of_contacts):
+        ax = Figure().subplots()
+        assert draw(wheels, ax=ax) is ax
+    for draw in (plots.contact_forces, plots.phase_portrait, plots.characteristic):
+        ax = Figure().subplots()
+        assert draw(wheels, "brake", ax=ax) is ax
+
+
+def test_study_drawings_are_here_too():
+    from stickslip import plots_study
+
+    assert plots.work_precision is plots_study.work_precision
+    assert plots.sweep_map is plots_study.sweep_map
+
+
+def test_every_label_is_text_that_the_font_has(chain, blocks):
+    for figure in (plots.overview(chain), plots.overview(blocks)):
+        figure.draw_without_rendering()  # a missing glyph would warn, and warnings are errors here
+        assert all(isinstance(text, Text) for text in figure.findobj(Text))
+
+
+def test_sampling_keeps_the_limits_at_events(wheels):
+    fine = refined(wheels)
+    for event in wheels.events:
+        assert np.count_nonzero(fine.t == event.t) == 2
+    assert np.isin(wheels.t, fine.t).all()
+    third = sampled(wheels, [2], [np.array([0.0, 0.01])])
+    assert third.t == pytest.approx([0.05, 0.06])
+    assert np.array_equal(third.y, wheels(third.t))
