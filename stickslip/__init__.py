@@ -1,5 +1,6 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
+from stickslip.explain import explain
 from stickslip.integrate import simulate
 from stickslip.laws import DryFriction
 from stickslip.modes import Mode
@@ -7,6 +8,8 @@ from stickslip.regularized import Dahl, Karnopp, LuGre, PreSlip
 from stickslip.result import Event, Result, SimulationError
 from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
 from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.study import work_precision
+from stickslip.sweeps import sweep
 
 __all__ = [
     "GROUND",
@@ -27,11 +30,14 @@ __all__ = [
     "Signal",
     "SimulationError",
     "Spring",
+    "explain",
     "piecewise_linear",
     "signal",
     "simulate",
     "sine",
     "step",
+    "sweep",
     "triangle",
+    "work_precision",
 ]
 __version__ = "0.1.0"

@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from sksundae.cvode import CVODE
 
+from stickslip.assembly import System
+from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
 
-__all__ = ["Engine", "Reached", "SolverFailure", "Work"]
+__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "Work"]
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
 
 _ROOTS_PER_SOLVER = 20
-_DENSE_LIMIT = 100
 STEPS_PER_PERIOD = 8
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
@@ -136,8 +136,7 @@ class Engine:
 
     Parameters
     ----------
-    size : int
-        Number of states.
+    system : System
     method : str
         "BDF" or "Adams".
     rtol : float
@@ -150,15 +149,15 @@ class Engine:
     """
 
     def __init__(
-        self, size: int, method: str, rtol: float, atol: Array, max_step: float, merged: bool = False
+        self, system: System, method: str, rtol: float, atol: Array, max_step: float, merged: bool = False
     ) -> None:
-        self._size, self._method = size, method
+        self._method, self._order = method, band_order(system)
         self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
         self._max_step, self._merged = max_step, merged
         self.work = Work()
         self._clock = _Cvode(self._make_clock, self.work)
-        self._steppers: dict[Any, _Cvode] = {}
-        self._pattern: Any = None
+        self._steppers: dict[float, _Cvode] = {}
+        self._linear_solver = LinearSolver()
         self._segment: Segment
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
@@ -203,34 +202,27 @@ class Engine:
     # -- everything else ----------------------------------------------------------------------------------
 
     def _by_steps(self, segment: Segment, horizon: float) -> Reached:
-        self._states = _States(segment) if self._merged else _AllStates(segment)
-        self.work.fewest_states = min(self.work.fewest_states, self._states.start.size)
+        states = self._states = _States(segment, self._order, self._merged)
+        self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
-        guards = self._states.guards
-
-        def guard(tau: float, y: Array) -> float:
-            return float(guards(tau, y).min(initial=np.inf))
-
         while True:
-            reached = stepper.advance(guard, self._states.start, horizon)
-            states = self._states.expand_many(reached.taus, reached.states)
-            missed = first_dip(segment, reached.taus, states, reached.hit)
+            reached = stepper.advance(states.smallest_guard, states.start, horizon)
+            found = states.expand(reached.taus, reached.states)
+            missed = first_dip(segment, reached.taus, found, reached.hit)
             if missed is None:
-                return Reached(reached.taus, states, reached.hit)
+                return Reached(reached.taus, found, reached.hit)
             horizon = missed
 
     def _stepper(self, segment: Segment) -> _Cvode:
         max_step = self._max_step
         if segment.has_curved:
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
-        size = self._states.start.size
-        if self._size > _DENSE_LIMIT:
-            self._widen_pattern(segment)
-        stepper = self._steppers.get((max_step, size))
+        if self._linear_solver.hold(self._states.jacobian(0.0, self._states.start)):
+            self._steppers.clear()
+        stepper = self._steppers.get(max_step)
         if stepper is None:
-            stepper = self._steppers[max_step, size] = _Cvode(
-                lambda guard: self._make_stepper(guard, self._options(max_step)), self.work
-            )
+            options = self._options(max_step)
+            stepper = self._steppers[max_step] = _Cvode(lambda guard: self._make_stepper(guard, options), self.work)
         return stepper
 
     def _options(self, max_step: float) -> dict[str, Any]:
@@ -240,9 +232,7 @@ class Engine:
             "atol": _shortest(self._states.pick(self._atol)),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
         }
-        if self._pattern is None:
-            return options | {"jacfn": self._dense_jacobian}
-        return options | {"jacfn": self._sparse_jacobian, "linsolver": "sparse", "sparsity": self._pattern}
+        return options | {"jacfn": self._jacobian} | self._linear_solver.options()
 
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
@@ -253,87 +243,64 @@ class Engine:
             warnings.simplefilter("ignore", UserWarning)
             return CVODE(rate, eventsfn=guard, num_events=1, **options)
 
-    def _dense_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
-        matrix = self._states.jacobian(tau, y)
-        out[:] = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
-
-    def _sparse_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
-        matrix = sparse.coo_array(self._states.jacobian(tau, y))
-        out[:] = 0.0
-        out[np.searchsorted(self._places, _place(matrix))] = matrix.data
-
-    def _widen_pattern(self, segment: Segment) -> None:
-        """Let the sparsity pattern hold this segment's Jacobian; solvers of a narrower pattern are let go."""
-        matrix = sparse.coo_array(self._states.jacobian(0.0, self._states.start))
-        known = self._pattern if self._pattern is not None and self._pattern.shape == matrix.shape else None
-        if known is not None and np.isin(_place(matrix), self._places).all():
-            return
-        pattern = abs(matrix) + sparse.eye_array(matrix.shape[0])
-        pattern = sparse.csc_array(pattern if known is None else pattern + known)
-        pattern.sort_indices()
-        pattern.data[:] = 1.0
-        self._pattern, self._places = pattern, _place(pattern.tocoo())
-        self._steppers.clear()
-
-
-class _AllStates:
-    """The states of a segment as CVODE sees them: all of them (static structure)."""
-
-    def __init__(self, segment: Segment) -> None:
-        self.start, self.guards = segment.y, segment.guards
-        self.rate, self.jacobian = segment.rate, segment.jacobian
-
-    def pick(self, values: Array) -> Array:
-        """Return what belongs to the states that are integrated."""
-        return values
-
-    def expand_many(self, taus: Array, states: Array) -> Array:
-        """Return all states (rows)."""
-        return states
+    def _jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
+        self._linear_solver.fill(self._states.jacobian(tau, y), out)
 
 
 class _States:
-    """One velocity for each stuck group, none for what is held (dynamic structure, Breedveld 2000, figs. 4 and 5)."""
+    """The states of a segment as CVODE sees them: all (static structure), or reordered, or without what is redundant.
 
-    def __init__(self, segment: Segment) -> None:
+    Merged, there is one velocity for each stuck group and none for what is held (dynamic structure, Breedveld 2000,
+    figs. 4 and 5).
+    """
+
+    def __init__(self, segment: Segment, order: NDArray[np.intp] | None, merged: bool) -> None:
         self._segment, mode_set = segment, segment.mode_set
-        stays = np.ones(segment.y.size, dtype=bool)
-        stays[mode_set.follow] = stays[mode_set.held] = False
-        self._stays = np.flatnonzero(stays)
-        self.start = segment.y[self._stays]
+        size = segment.y.size
+        self._order = np.arange(size) if order is None else order
+        self._is_all = order is None and not merged
+        if merged:
+            stays = np.ones(size, dtype=bool)
+            stays[mode_set.follow] = stays[mode_set.held] = False
+            self._order = self._order[stays[self._order]]
+        self.start = self.pick(segment.y)
 
     def pick(self, values: Array) -> Array:
         """Return what belongs to the states that are integrated."""
-        return values[self._stays]
+        return values if self._is_all else values[self._order]
 
-    def _expand(self, tau: float, y: Array) -> Array:
-        return self.expand_many(np.array([tau]), y[None, :])[0]
-
-    def expand_many(self, taus: Array, states: Array) -> Array:
+    def expand(self, taus: Array, states: Array) -> Array:
         """Return all states (rows)."""
+        if self._is_all:
+            return states
         full = np.zeros((taus.size, self._segment.y.size))
-        full[:, self._stays] = states
+        full[:, self._order] = states
         self._segment.exact_velocities(taus, full)
         return full
 
-    def rate(self, tau: float, y: Array) -> Array:
-        """Return the rates of the states that are left."""
-        return self._segment.rate(tau, self._expand(tau, y))[self._stays]
+    def _expand_one(self, tau: float, y: Array) -> Array:
+        if self._is_all:
+            return y
+        if self._order.size < self._segment.y.size:
+            return self.expand(np.array([tau]), y[None, :])[0]
+        full = np.empty_like(y)
+        full[self._order] = y
+        return full
 
-    def guards(self, tau: float, y: Array) -> Array:
-        """Return the guards."""
-        return self._segment.guards(tau, self._expand(tau, y))
+    def rate(self, tau: float, y: Array) -> Array:
+        """Return the rates."""
+        return self.pick(self._segment.rate(tau, self._expand_one(tau, y)))
+
+    def smallest_guard(self, tau: float, y: Array) -> float:
+        """Return the smallest guard."""
+        return float(self._segment.guards(tau, self._expand_one(tau, y)).min(initial=np.inf))
 
     def jacobian(self, tau: float, y: Array) -> Any:
-        """Return the Jacobian of the states that are left."""
-        return self._segment.jacobian(tau, self._expand(tau, y))[self._stays][:, self._stays]
+        """Return the Jacobian."""
+        matrix = self._segment.jacobian(tau, self._expand_one(tau, y))
+        return matrix if self._is_all else matrix[self._order][:, self._order]
 
 
 def _shortest(values: Array) -> float | Array:
     """Return one number where all are equal: a long vector of tolerances takes long to check."""
     return float(values[0]) if np.all(values == values[0]) else values
-
-
-def _place(matrix: Any) -> NDArray[np.int64]:
-    """Return where the entries of a matrix stand in column-major order."""
-    return matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from sksundae.ida import IDA
 
-from stickslip.engine import LOCAL, STEPS_PER_PERIOD, Engine, Reached, SolverFailure
+from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, SolverFailure
+from stickslip.linear_solver import sparsity_pattern
 from stickslip.scan import first_dip
 from stickslip.segment import Segment
 
@@ -145,12 +146,9 @@ class _Equations:
         if total <= _DENSE_LIMIT:
             self._constant = self._blocks(self._segment.y, 0.0).toarray()
             return
-        pattern = sparse.csc_array(abs(self._blocks(self._segment.y, 0.0)) + sparse.eye_array(total))
-        pattern.sort_indices()
-        pattern.data[:] = 1.0
-        self.pattern = pattern
-        coo = pattern.tocoo()
-        self._places = coo.col.astype(np.int64) * total + coo.row
+        self.pattern, self._places = sparsity_pattern(
+            abs(self._blocks(self._segment.y, 0.0)) + sparse.eye_array(total)
+        )
 
     def _blocks(self, y: Array, tau: float) -> Any:
         """Return the part of the Jacobian that does not belong to the rates."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.assembly import System
 from stickslip.engine import Engine, Reached, SolverFailure
 from stickslip.segment import Segment
 
@@ -24,17 +25,16 @@ class FixedStepEngine(Engine):
 
     Parameters
     ----------
-    size : int
-        Number of states.
+    system : System
     method : str
         "RK4" or "Euler".
     step : float
         Step in s.
     """
 
-    def __init__(self, size: int, method: str, step: float) -> None:
+    def __init__(self, system: System, method: str, step: float) -> None:
         """Choose the method."""
-        super().__init__(size, method, 1e-8, np.full(size, 1e-8), math.inf)
+        super().__init__(system, method, 1e-8, np.full(system.size, 1e-8), math.inf)
         self._step = step
         self._take: Callable[[_Rates, int, Array, float], Array]
         self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)

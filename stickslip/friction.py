@@ -23,8 +23,8 @@ MEMORY = 0.1
 """A slipping pre-slip contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
 
 _UNDERFLOW = 745.0
-_PRESSED = 1e-200
-"""Least steady bristle force: a contact that opens relaxes its bristles at once, but at a finite rate."""
+_FASTEST = 1e12
+"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
 
 
 class Coefficients:
@@ -232,17 +232,22 @@ class _Bristles:
         return self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous
 
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
-        return w - _like(self._stiffness, w) * np.abs(w) * z / self._steady(w, normal)
+        return w - self._relaxation(w, normal) * z
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
-        speed, g, s0 = np.abs(w), self._steady(w, normal), self._stiffness
-        bend = self._c.mu_k_slope(self._contacts, (w < 0).astype(np.intp), speed) * normal
-        return 1.0 - s0 * z * np.sign(w) * (1.0 - speed * bend / g) / g, -s0 * speed / g
+        rate, speed, side = self._relaxation(w, normal), np.abs(w), (w < 0).astype(np.intp)
+        g = self._c.mu_k(self._contacts, side, speed) * normal
+        free = g * _FASTEST > self._stiffness * speed
+        g[~free] = 1.0
+        bend = self._c.mu_k_slope(self._contacts, side, speed) * normal
+        by_speed = np.where(free, self._stiffness * (1.0 - speed * bend / g) / g, 0.0)
+        return 1.0 - z * np.sign(w) * by_speed, -rate
 
-    def _steady(self, w: Array, normal: Array) -> Array:
-        """Return g, the bristles' force in steady sliding."""
-        mu = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w))
-        return np.maximum(mu * normal, _PRESSED)
+    def _relaxation(self, w: Array, normal: Array) -> Array:
+        """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
+        push = _like(self._stiffness, w) * np.abs(w)
+        g = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w)) * normal
+        return push / np.maximum(np.maximum(g, push / _FASTEST), np.finfo(float).tiny)
 
 
 def _like(values: NDArray[Any], w: Array) -> NDArray[Any]:

@@ -164,9 +164,11 @@ class Groups:
         matrix = sparse.csc_array((values, rows, np.append(np.int32(0), ends)), shape=(self.n, self.n))
         solver = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0)
 
+        order = self._order
+
         def solve(values: Array) -> Array:
             sums = np.empty_like(values)
-            sums[self._order] = solver.solve(values[self._order])
+            sums[order] = solver.solve(values[order])
             return sums
 
         return solve

@@ -108,12 +108,12 @@ def simulate(
     wanted = tolerances(system, start, stop, rtol, atol, margin)
     engine: Engine
     if step is not None:
-        engine = FixedStepEngine(system.size, method, step)
+        engine = FixedStepEngine(system, method, step)
     elif formulation == "multiplier":
-        engine = MultiplierEngine(system.size, method, wanted.rtol, wanted.atol, max_step)
+        engine = MultiplierEngine(system, method, wanted.rtol, wanted.atol, max_step)
     else:
         merged = formulation == "merged"
-        engine = Engine(system.size, method, wanted.rtol, wanted.atol, max_step, merged)
+        engine = Engine(system, method, wanted.rtol, wanted.atol, max_step, merged)
     return _Run(system, engine, start, stop, outputs, dense_output, wanted.margin).to_end(progress)
 
 

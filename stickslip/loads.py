@@ -82,11 +82,8 @@ class Loads:
     def _load(self, entries: Sequence[int] | range, t: float) -> None:
         for i in entries:
             if not self._is_curved[i]:
-                self._value[i], self._slope[i], self._since[i] = (
-                    self._signals[i](t),
-                    self._signals[i].slope(t),
-                    t,
-                )
+                signal = self._signals[i]
+                self._value[i], self._slope[i], self._since[i] = signal(t), signal.slope(t), t
         for place, i in enumerate(self._rates):
             if not self._is_curved[i]:
                 self._value[len(self._signals) + place] = self._slope[i]
@@ -111,12 +108,13 @@ class Loads:
     def at(self, t: float) -> tuple[Array, Array]:
         """Return the piecewise linear entries' values and slopes at `t`, right limits, zero where curved.
 
-        The arrays are shared: read them only.
+        The arrays are kept for the next call at the same time, and cannot be written to.
         """
         known, value, slope = self._last
         if t != known:
             self._turn_to(t)
             value, slope = self._value + self._slope * (t - self._since), self._slope.copy()
+            value.flags.writeable = slope.flags.writeable = False
             self._last = (t, value, slope)
         return value, slope
 

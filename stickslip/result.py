@@ -21,6 +21,8 @@ from stickslip.segment import Segment
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from stickslip.energy import EnergyLedger
+
 __all__ = ["Event", "Piece", "Result", "SimulationError"]
 
 Array = NDArray[np.float64]
@@ -249,7 +251,8 @@ class Result:
         """
         j = self._contact(contact)
         system = self._system
-        static, coulomb, dwell = system.mu_s[:, j], system.mu_c[:, j], system.dwell[j]
+        static, dwell = system.mu_s[:, j], system.dwell[j]
+        coulomb = np.maximum(system.mu_c, system.mu_0)[:, j]
 
         def level(piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
             normal = segment.normals(taus)[j]
@@ -353,6 +356,24 @@ class Result:
             chosen, piece = place == k, pieces[k]
             states[:, chosen] = interpolate(piece.segment(), piece.taus, piece.states, times[chosen] - piece.start).T
         return states
+
+    def energy(self) -> EnergyLedger:
+        """Return where the energy went, and by how much the balance is off: a free check of accuracy.
+
+        Raises
+        ------
+        ValueError
+            If only the requested outputs were kept.
+        """
+        from stickslip.energy import energy
+
+        return energy(self)
+
+    def explain(self) -> str:
+        """Return in words what was assembled, which guards were watched, and why each event happened."""
+        from stickslip.explain import explain
+
+        return explain(self)
 
     def plot(self, **options: Any) -> Figure:
         """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8)."""

@@ -184,6 +184,11 @@ class Segment(Motion):
             ahead.append(self.raw_guards(tau, self.watched(tau, y)))
         g1 = (-3 * g0 + 4 * ahead[0] - ahead[1]) / (2 * d)
         g2 = (ahead[1] - 2 * ahead[0] + g0) / (2 * d * d)
+        # velocities: their rates are known
+        k, slip = self.slips, self.mode_set.slip
+        g1[:k] = self.mode_set.sign * self._relative_accelerations(0.0, self.f0)[slip]
+        g2[:k] = self.mode_set.sign * self._relative_accelerations(d, self.f0 + d * f1)[slip]
+        g2[:k] = (g2[:k] - g1[:k]) / (2 * d)
         return g0, g1, g2
 
     @property
@@ -204,8 +209,12 @@ class Segment(Motion):
         total = np.bincount(groups._label, weights=body, minlength=system.n)[groups._label]
         force_noise = self._at_ends(total, self.held)
         force_noise[self.mode_set.stuck.size :] = z[self.mode_set.stuck.size :]
-        noise = np.concatenate([self._at_ends(body / system.inertia, self.mode_set.slip), force_noise, force_noise])
-        speed = self._at_ends(y[: system.n], self.mode_set.slip)
+        slip = self.mode_set.slip
+        acceleration = self._at_ends(body / system.inertia, slip)
+        if system.drives:
+            acceleration += (abs(system.D) @ abs(self._drive_accelerations(0.0)))[slip]
+        noise = np.concatenate([acceleration, force_noise, force_noise])
+        speed = self._at_ends(y[: system.n], slip)
         size = np.concatenate([speed, level[:s] + z, level[s:] + z])
         return size, _ROUNDOFF * noise
 
@@ -248,9 +257,9 @@ class Segment(Motion):
             bend, tolerance_of_bend = g2 * horizon, tolerance
             if self._differenced:
                 d = self._difference_step
-                rough = _DIFFERENCED * (size + np.where(slipping, 0.0, noise / _ROUNDOFF))
-                tolerance_of_bend = tolerance + rough * horizon / d**2
-                tolerance = tolerance + rough / d
+                rough = _DIFFERENCED * (noise / _ROUNDOFF + np.where(slipping, 0.0, size))
+                tolerance_of_bend = tolerance + rough * horizon / np.where(slipping, d, d * d)
+                tolerance = tolerance + np.where(slipping, 0.0, rough / d)
             down, up = g1 < -tolerance, g1 > tolerance
             flat = ~down & ~up
             down |= flat & (bend < -tolerance_of_bend)
@@ -389,7 +398,7 @@ class Segment(Motion):
         inertia = np.append(system.inertia, np.full(system.drives + 1, np.inf))
         sign = self.mode_set.sign[row]
         push = sign * float(self.watched(tau, y)[row])
-        if sign * self._relative_acceleration(tau, y, j) > 0:
+        if sign * self._relative_accelerations(tau, self.rate(tau, y))[j] > 0:
             return False
         total = 1.0 / inertia[i] + 1.0 / inertia[k]
         equal = y.copy()
@@ -397,10 +406,15 @@ class Segment(Motion):
             if end < system.n:
                 equal[end] += share
         scale = float(system.mu_s[:, j].max() * self.normals(tau)[j]) * total
-        return abs(self._relative_acceleration(tau, equal, j)) <= _CONSTANT * scale
+        return abs(float(self._relative_accelerations(tau, self.rate(tau, equal))[j])) <= _CONSTANT * scale
 
-    def _relative_acceleration(self, tau: float, y: Array, j: int) -> float:
-        slopes = self.inputs(tau)[self.system.first_acceleration : self.system.first_acceleration + self.system.drives]
+    def _relative_accelerations(self, tau: float, rates: Array) -> Array:
+        """Return ``w'`` of every contact."""
+        return self.system.W @ rates + self.system.D @ self._drive_accelerations(tau)
+
+    def _drive_accelerations(self, tau: float) -> Array:
+        """Return the accelerations of the drives, as inputs in the places of their velocities."""
+        first, last = self.system.first_drive, self.system.first_acceleration
         rates = np.zeros(self.system.inputs)
-        rates[self.system.first_drive : self.system.first_acceleration] = slopes
-        return float((self.system.W @ self.rate(tau, y) + self.system.D @ rates)[j])
+        rates[first:last] = self.inputs(tau)[last : 2 * last - first]
+        return rates

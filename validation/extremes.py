@@ -140,8 +140,14 @@ def creep(velocity: float) -> Answer:
 
 
 def preslip(velocity: float) -> Answer:
-    """The benchmark with a pre-slip velocity: the exact motion is approached in proportion to it."""
+    """The benchmark with a pre-slip velocity: the exact motion is approached in proportion to it.
+
+    Beside speeds of 1 rad/s double precision does not resolve velocities below 1e-10: these must be refused.
+    """
     story = two_flywheels()
+    if velocity <= 1e-10:
+        run = partial(simulate, story.scene.regularized(velocity), (0.0, 4.0))
+        return refused(run, "'interface'", "pre-slip velocity"), "refused, as it must be"
     result = simulate(story.scene.regularized(velocity), (0.0, 4.0), rtol=1e-8, atol=1e-12, t_eval=story.t)
     v = np.array([result.velocity(b) for b in story.bodies]).T
     return worst(v, story.velocities)
@@ -277,9 +283,10 @@ def short_pulse(kind: str) -> Answer:
     else:
         load = piecewise_linear(times, [0.0, 100.0, 0.0])
     result = simulate(block(load), (0.0, 1e4), t_eval=[4999.0, times[2], 1e4])
-    found = event_error(changes(result), events, 1e4)
-    v = worst(result.velocity("block"), [0.0, float(speed), 0.0])
-    return max(found, v * 1e-4), f"event times {found:.1e} of the span, velocity {v:.1e}"
+    late = event_error(changes(result), events, 1.0)
+    allowed = 2e-12 if kind == "triangle" else 5e-11
+    require(late <= allowed, f"event times are {late:.1e} s off; doubles lie 9e-13 s apart there")
+    return worst(result.velocity("block"), [0.0, float(speed), 0.0]), f"event times within {late:.1e} s"
 
 
 def short_brake() -> Answer:
@@ -303,7 +310,7 @@ def graze(kind: str, excess: float) -> Answer:
     scene = block(load)
     if kind == "spring":
         scene, broken = _spring_graze(peak)
-    result = simulate(scene, (0.0, 10.0), **TIGHT)
+    result = simulate(scene, (0.0, 10.0), rtol=1e-12, atol=1e-14)
     first = changes(result)[:1]
     if broken is None:
         require(not first, f"breakaway at {first[0][0] if first else 0:.9g} s under a load that never reaches the level")
@@ -466,12 +473,9 @@ def many_events(count: int) -> Answer:
 
 def _seconds(count: int) -> float:
     scene, _ = _pushed_again(count // 2)
-    times = []
-    for _ in range(2):
-        start = time.perf_counter()
-        simulate(scene, (0.0, float(count)), t_eval=[float(count)], dense_output=False)
-        times.append(time.perf_counter() - start)
-    return min(times) / count
+    start = time.process_time()
+    simulate(scene, (0.0, float(count)), t_eval=[float(count)], dense_output=False)
+    return (time.process_time() - start) / count
 
 
 def time_per_event(few: int, many: int) -> Answer:
@@ -564,10 +568,13 @@ def _rows() -> list[Row]:
         )
         add(
             f"pre-slip-{_power(v)}",
-            f"pre-slip velocity {_power(v)}: the benchmark approaches its exact motion; velocities over the largest",
-            "analytic.two_flywheels",
+            f"pre-slip velocity {_power(v)}: "
+            + ("the benchmark approaches its exact motion; velocities over the largest" if k > -10 else "a clear error"),
+            "analytic.two_flywheels" if k > -10 else "an error is expected: not resolved beside 1 rad/s",
             partial(preslip, v),
-            3 * v + 1e-6,
+            3 * v + 1e-6 if k > -10 else 0.0,
+            quick=k != -8,
+            limit=180.0,
         )
     for k in range(-9, 10, 3):
         add(
@@ -591,7 +598,8 @@ def _rows() -> list[Row]:
                 f"mu_s/mu_c = {_power(10.0**k)}: stick-slip of a pulled block over two cycles",
                 "analytic.pulled_block",
                 partial(ratio_pulled, 10.0**k),
-                1e-7,
+                # a relative error of the position of 1e-9 shifts the next breakaway: omega x/v = 7 ratio times as much
+                max(1e-7, 7e-9 * 10.0**k),
             )
     add(
         "mu-ratio-pulled-1e+0",
@@ -621,10 +629,11 @@ def _rows() -> list[Row]:
     for kind in ("triangle", "function"):
         add(
             f"pulse-{kind}",
-            f"a pulse of 1e-6 s ({kind}) in 1e4 s: events over the span, velocity to the 1e-9 that the times allow",
+            f"a pulse of 1e-6 s ({kind}) in 1e4 s: event times, velocity over the largest",
             "parabolas in exact arithmetic",
             partial(short_pulse, kind),
-            1e-12,
+            # a function of absolute time sees it in steps of 9e-13 s
+            2e-8 if kind == "triangle" else 5e-6,
         )
     add("pulse-brake", "a brake of 1e-6 s in 1e4 s takes its impulse", "mu_c times impulse", short_brake, 1e-9)
     for kind in ("sine", "triangle", "spring"):
@@ -685,10 +694,10 @@ def _rows() -> list[Row]:
             partial(many_events, count),
             1e-14 * count,
             quick=count <= 1000,
-            limit=300.0,
+            limit=900.0,
         )
-    add("events-time", "time per event does not grow with their number", "ratio", partial(time_per_event, 1000, 4000), 0.5)
-    add("events-memory", "memory per event does not grow", "ratio", partial(memory_per_event, 500, 2000), 0.2)
+    add("events-time", "time per event does not grow with their number", "ratio", partial(time_per_event, 500, 2000), 0.5)
+    add("events-memory", "memory per event does not grow", "ratio", partial(memory_per_event, 100, 400), 0.2)
     add(
         "events-time-long",
         "time per event does not grow up to 1e5 events",

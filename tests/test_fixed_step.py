@@ -1,0 +1,288 @@
+"""Fixed steps: convergence orders between and across events, mode changes at step ends, and what a step costs."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Dahl,
+    Damper,
+    DryFriction,
+    Force,
+    LuGre,
+    Scene,
+    SimulationError,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+    triangle,
+)
+from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
+from stickslip.result import Result
+
+STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
+
+
+def changes(result: Result) -> list[tuple[str, int, int]]:
+    return [(e.contact, e.before, e.after) for e in result.events]
+
+
+def order(steps: list[float], errors: list[float]) -> float:
+    """The slope of the error over the step, both as logarithms."""
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+# Between events
+
+
+def driven(law: DryFriction | Dahl | LuGre, amplitude: float = 0.3) -> Scene:
+    """A sprung, damped block that slides forward for as long as it is looked at."""
+    return Scene(
+        Body("a", inertia=1.0, velocity=5.0),
+        Contact("c", "a", GROUND, law, normal=2.0),
+        Spring("a", GROUND, stiffness=4.0, damping=0.5),
+        Force("a", sine(amplitude, 0.7)),
+    )
+
+
+def sliding(t: float, amplitude: float = 0.3) -> tuple[float, float]:
+    """``x'' + 0.5 x' + 4 x = A sin(omega t) - 0.4`` from x = 0, x' = 5, in closed form."""
+    omega, decay, own = 2 * math.pi * 0.7, 0.25, math.sqrt(4 - 0.25**2)
+    response = amplitude / (4 - omega**2 + 0.5j * omega)  # of exp(i omega t); its imaginary part is wanted
+
+    def forced(t: float) -> complex:
+        return response * complex(math.cos(omega * t), math.sin(omega * t))
+
+    a = 0.1 - forced(0).imag
+    b = (5.0 - (1j * omega * forced(0)).imag + decay * a) / own
+    fade, c, s = math.exp(-decay * t), math.cos(own * t), math.sin(own * t)
+    x = fade * (a * c + b * s) + forced(t).imag - 0.1
+    v = fade * ((b * own - decay * a) * c - (a * own + decay * b) * s) + (1j * omega * forced(t)).imag
+    return x, v
+
+
+@pytest.mark.parametrize(("method", "expected"), [("RK4", 4.0), ("Euler", 1.0)])
+def test_order_between_events(method: str, expected: float) -> None:
+    x, v = sliding(0.5)
+    steps, errors = [0.02, 0.01, 0.005, 0.0025], []
+    for step in steps:
+        result = simulate(driven(DryFriction(0.3, 0.2)), (0.0, 0.5), method=method, step=step)
+        assert not result.events and result.stats["states"] == 2
+        errors.append(math.hypot(result.velocity("a")[-1] - v, result.position("a")[-1] - x))
+    assert order(steps, errors) == pytest.approx(expected, abs=0.15)
+    assert errors[-1] < (1e-10 if method == "RK4" else 1e-2)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        DryFriction(0.3, 0.2, stribeck_velocity=2.0),
+        DryFriction(0.3, 0.2, kinetic=lambda speed: 0.2 / (1 + speed)),
+        Dahl(DryFriction(0.3, 0.2), stiffness=2.0),
+        LuGre(DryFriction(0.3, 0.2, stribeck_velocity=2.0), stiffness=2.0, damping=0.3, viscous=0.1),
+    ],
+    ids=["Stribeck", "kinetic", "Dahl", "LuGre"],
+)
+def test_order_of_laws_that_depend_on_velocity(law: DryFriction | Dahl | LuGre) -> None:
+    exact = simulate(driven(law), (0.0, 0.5), rtol=1e-12, atol=1e-14).y[:, -1]
+    steps = [0.05, 0.025, 0.0125]
+    errors = [
+        float(np.abs(simulate(driven(law), (0.0, 0.5), method="RK4", step=h).y[:, -1] - exact).max())
+        for h in steps
+    ]
+    assert order(steps, errors) == pytest.approx(4.0, abs=0.25)
+    assert errors[-1] < 2e-7
+
+
+def test_constant_forces_are_integrated_exactly() -> None:
+    scene = Scene(
+        Body("a", inertia=2.0, velocity=3.0), Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0)
+    )
+    for method in ("RK4", "Euler"):
+        result = simulate(scene, (0.0, 2.0), method=method, step=0.1)
+        np.testing.assert_allclose(result.velocity("a"), 3.0 - result.t, atol=1e-14)
+
+
+# Across events
+
+
+def pulled(dwell: float = 0.0) -> Scene:
+    """Stuck until the load passes 3 N at t = 3 s, then off at ``(t - 3)^2 / 2 + (t - 3)``."""
+    law = DryFriction(mu_static=0.3, mu_coulomb=0.2, dwell=dwell)
+    return Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, law, normal=10.0),
+        Force("a", piecewise_linear([0.0, 10.0], [0.0, 10.0])),
+    )
+
+
+@pytest.mark.parametrize("method", ["RK4", "Euler"])
+def test_events_make_every_method_first_order(method: str) -> None:
+    # steps that never fall on the breakaway, so that it is always found late
+    steps = [4.0 / (3 * 2**k + 1 / 3) for k in range(4, 10)]
+    errors, late = [], []
+    for step in steps:
+        result = simulate(pulled(), (0.0, 4.0), method=method, step=step)
+        assert changes(result) == [("c", 0, 1)]
+        late.append(result.events[0].t - 3.0)
+        errors.append(abs(result.velocity("a")[-1] - 1.5))
+    assert all(0 < delay <= step for delay, step in zip(late, steps, strict=True))
+    assert order(steps, errors) == pytest.approx(1.0, abs=0.35)
+
+
+def test_mode_changes_stand_at_step_ends() -> None:
+    result = simulate(flywheel_benchmark(), BENCHMARK_SPAN, method="RK4", step=1e-3)
+    assert changes(result) == STORY
+    for event, exact in zip(result.events, EXACT_EVENTS, strict=True):
+        assert event.t == pytest.approx(round(event.t / 1e-3) * 1e-3, abs=1e-12)
+        assert -1e-3 < event.t - exact.t < 3e-3
+
+
+@pytest.mark.parametrize("method", ["RK4", "Euler"])
+def test_the_benchmark_converges_with_first_order(method: str) -> None:
+    # the mean over steps of no common measure: one step's luck at the five events is not its order
+    levels = []
+    for step in (4e-3, 1e-3, 2.5e-4):
+        found = [
+            simulate(flywheel_benchmark(), BENCHMARK_SPAN, method=method, step=step * factor)
+            for factor in (0.83, 0.91, 1.0, 1.07, 1.19)
+        ]
+        assert all(changes(result) == STORY for result in found)
+        levels.append(float(np.mean([abs(r.velocity("wheel1")[-1] - EXACT_FINAL_VELOCITY) for r in found])))
+    rate = [math.log(a / b) / math.log(4) for a, b in pairwise(levels)]
+    assert np.mean(rate) == pytest.approx(1.0, abs=0.35)
+
+
+def test_velocities_are_projected_conserving_momentum() -> None:
+    """No brake: the wheels stick at the mean velocity whatever the step, and stay exactly together."""
+    law = DryFriction(0.2, 0.1)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=10.0, velocity=1.01),
+        Contact("c", "a", "b", law, normal=100.0),
+    )
+    for step in (1e-4, 3e-4, 7e-3, 0.1):
+        result = simulate(scene, (0.0, 1.0), method="RK4", step=step)
+        assert changes(result) == [("c", -1, 0)]
+        np.testing.assert_allclose(result.velocity("a") + 10 * result.velocity("b"), 11.1, rtol=1e-14)
+        stuck = result.mode("c") == 0
+        assert np.all(result.relative_velocity("c")[stuck] == 0)
+        assert result.velocity("a")[-1] == pytest.approx(11.1 / 11, rel=1e-14)
+
+
+@pytest.mark.parametrize("velocity", [1e-2, 1e-3])
+def test_pre_slip_tells_the_story_of_the_benchmark(velocity: float) -> None:
+    scene = flywheel_benchmark().regularized(velocity=velocity)
+    result = simulate(scene, (0.0, 1.0), method="RK4", step=0.1 * velocity)
+    assert changes(result) == STORY
+    exact = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=np.unique(result.t))
+    at = np.searchsorted(exact.t, result.t)
+    assert np.abs(result.y - exact.y[:, at]).max() < 1.2 * velocity
+
+
+def test_pre_slip_is_unstable_beyond_the_stiffness_of_its_slope() -> None:
+    """``lambda = mu_s N (1/m1 + 1/m2) / v_pre = 22000 / s``, so RK4 holds up to ``2.785 / lambda = 1.266e-4 s``."""
+    scene = flywheel_benchmark().regularized(velocity=1e-3)
+    assert changes(simulate(scene, (0.0, 1.0), method="RK4", step=1.2e-4)) == STORY
+    assert len(simulate(scene, (0.0, 0.3), method="RK4", step=2e-4).events) > 20
+
+
+# Loads
+
+
+def test_loads_are_read_where_the_steps_fall() -> None:
+    """RK4 is exact for cubics, and so for piecewise linear loads whose kinks stand at step ends."""
+    load = piecewise_linear([0.0, 0.5, 1.0, 2.0], [5.0, 9.0, 3.0, 4.0])
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=triangle(0.5, 1.0, 1.5, slope=10.0)),
+        Force("a", load),
+    )
+    result = simulate(scene, (0.0, 2.0), method="RK4", step=0.125)
+    assert result.stats["restarts"] <= 2
+    impulse = 0.5 * 14 * 0.5 + 0.5 * 12 * 0.5 + 0.5 * 7 * 1.0
+    assert result.velocity("a")[-1] == pytest.approx(1.0 + impulse - 0.2 * 0.5 * 5.0, rel=1e-13)
+
+
+def test_a_contact_that_opens_and_closes() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=sine(10.0, 1.0)),
+    )
+    result = simulate(scene, (0.0, 2.0), method="RK4", step=1e-3)
+    exact = simulate(scene, (0.0, 2.0))
+    assert changes(result) == changes(exact)
+    assert [e.t for e in result.events] == pytest.approx([e.t for e in exact.events], abs=2e-3)
+    assert result.velocity("a")[-1] == exact.velocity("a")[-1] == 0.0
+
+
+# What it costs, and what is refused
+
+
+@pytest.mark.parametrize(("method", "stages"), [("RK4", 4), ("Euler", 1)])
+def test_work_is_steps_and_stages(method: str, stages: int) -> None:
+    scene = driven(DryFriction(0.3, 0.2))
+    stats = simulate(scene, (0.0, 0.5), method=method, step=1e-3).stats
+    assert stats["steps"] == stats["guard_calls"] == 500
+    assert stats["rate_calls"] == stages * 500
+    assert stats["jacobian_calls"] == stats["solvers"] == stats["restarts"] == 0
+
+
+def test_steps_beyond_an_event_are_few_and_counted() -> None:
+    result = simulate(pulled(), (0.0, 4.0), method="RK4", step=1e-3)
+    assert result.stats["steps"] == 4000
+    assert 0 <= result.stats["rate_calls"] - 4 * 4000 <= 4 * 64
+
+
+def test_the_last_step_ends_the_span() -> None:
+    result = simulate(driven(DryFriction(0.3, 0.2)), (0.0, 0.5), method="RK4", step=0.3)
+    np.testing.assert_allclose(result.t, [0.0, 0.3, 0.5])
+    assert simulate(driven(DryFriction(0.3, 0.2)), (0.0, 0.5), method="RK4", step=7.0).stats["steps"] == 1
+
+
+def test_an_unstable_step_says_so() -> None:
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Damper("a", GROUND, damping=1e4))
+    with pytest.raises(SimulationError, match="RK4 step of 0.1 s is unstable") as caught:
+        simulate(scene, (0.0, 100.0), method="RK4", step=0.1)
+    assert caught.value.result.t[-1] < 100.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "RK4"}, "needs step="),
+        ({"method": "BDF", "step": 1e-3}, "belongs to the methods RK4 and Euler"),
+        ({"method": "RK4", "step": 0.0}, "step must"),
+        ({"method": "RK4", "step": 1e-3, "formulation": "merged"}, "contact-force formulation"),
+        ({"method": "RK4", "step": 1e-3, "formulation": "multiplier"}, "contact-force formulation"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        simulate(pulled(), (0.0, 1.0), **options)
+
+
+def test_sparse_scenes_step_like_dense_ones() -> None:
+    """A chain of 70 blocks with springs is assembled sparse; the first 3 of them, alone, dense."""
+
+    def chain(n: int) -> Scene:
+        law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
+        bodies = [Body(f"b{i}", inertia=1.0, velocity=1.0 if i % 3 else -0.5) for i in range(n)]
+        contacts = [Contact(f"c{i}", f"b{i}", GROUND, law, normal=5.0) for i in range(n)]
+        springs = [Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in range(n - 1) if i % 3 < 2]
+        return Scene(*bodies, *contacts, *springs)
+
+    many = simulate(chain(72), (0.0, 1.0), method="RK4", step=5e-3)
+    few = simulate(chain(3), (0.0, 1.0), method="RK4", step=5e-3)
+    assert changes(few) == [c for c in changes(many) if c[0] in {"c0", "c1", "c2"}]
+    for i in range(72):
+        np.testing.assert_allclose(many.y[i, -1], few.y[i % 3, -1], atol=1e-13)

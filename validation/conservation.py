@@ -1,0 +1,251 @@
+"""Rows on what no motion may violate: momentum, energy, heat, and the limit of friction.
+
+Everything is summed up here from velocities, positions and forces at given times; `stickslip.energy` is not asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Result,
+    Scene,
+    Signal,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+from validation.exact import INTEGRATED, REFERENCES, TIGHT, reference
+from validation.published import belt, coupled_clutches
+from validation.rows import FORMULATIONS, Answer, Array, Row, require
+
+conservation_row = partial(Row, "Conservation")
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+_PARTS = 400
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated motion between edges in time, with five Gauss points in each gap."""
+
+    scene: Scene
+    start: float
+    edges: Array
+    at_edges: Result
+    at_nodes: Result
+
+    def integral(self, rate: Array) -> Array:
+        """Return the integral, from the first edge to each, of what is given at the nodes."""
+        work = (rate.reshape(-1, _NODES.size) @ _WEIGHTS) * 0.5 * np.diff(self.edges)
+        return np.concatenate([[0.0], np.cumsum(work)])
+
+
+def move(scene: Scene, span: tuple[float, float], formulation: str = "contact-force", **options: Any) -> Motion:
+    """Simulate a scene, and again with outputs at Gauss points between its computed points."""
+    options = TIGHT | options | {"formulation": formulation}
+    whole = simulate(scene, span, **options)
+    edges = np.union1d(whole.t, np.linspace(*span, _PARTS + 1))
+    edges = np.concatenate([edges[:-1][np.diff(edges) > 1e-12 * (span[1] - span[0])], edges[-1:]])
+    middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+    nodes = (middle[:, None] + half[:, None] * _NODES).ravel()
+    at_edges, at_nodes = (simulate(scene, span, t_eval=t, **options) for t in (edges, nodes))
+    require(
+        [str(e) for e in at_edges.events] == [str(e) for e in whole.events] == [str(e) for e in at_nodes.events],
+        "outputs at other times change the events",
+    )
+    return Motion(scene, span[0], edges, at_edges, at_nodes)
+
+
+# Forces and powers, written out
+
+
+def _velocity(result: Result, name: str) -> Array:
+    return np.zeros_like(result.t) if name == GROUND else result.velocity(name)
+
+
+def _sampled(load: Signal | float, t: Array) -> Array:
+    return np.array([load(s) for s in t.tolist()]) if isinstance(load, Signal) else np.full(t.size, float(load))
+
+
+def _spring_pull(result: Result, spring: Spring) -> Array:
+    """Return the stretch of a spring."""
+    x = [np.zeros_like(result.t) if end == GROUND else result.position(end) for end in (spring.a, spring.b)]
+    return x[0] - x[1] - spring.rest
+
+
+def _forces(result: Result) -> list[tuple[str, Array]]:
+    """Return every force on anything, with what it acts on: contacts, springs, dampers, loads."""
+    found = []
+    for c in result.scene.contacts:
+        r = result.force(c.name)
+        found += [(c.a, -r), (c.b, r)]
+    for s in result.scene.springs:
+        w = _velocity(result, s.a) - _velocity(result, s.b)
+        pull = s.damping * w + (s.stiffness * _spring_pull(result, s) if s.stiffness else 0.0)
+        found += [(s.a, -pull), (s.b, pull)]
+    for d in result.scene.dampers:
+        w = _velocity(result, d.a) - _velocity(result, d.b)
+        found += [(d.a, -d.damping * w), (d.b, d.damping * w)]
+    found += [(f.body, _sampled(f.signal, result.t)) for f in result.scene.forces]
+    return found
+
+
+def momentum_error(m: Motion) -> float:
+    """Momentum gained less the impulse of what comes from outside, over the largest of both."""
+    free = {body.name: body.inertia for body in m.scene.bodies}
+    total = sum(inertia * m.at_edges.velocity(name) for name, inertia in free.items())
+    size = sum(inertia * np.abs(m.at_edges.velocity(name)) for name, inertia in free.items())
+    # forces between free bodies cancel one by one; what is left comes from drives, the ground and loads
+    outside = sum((f for name, f in _forces(m.at_nodes) if name in free), np.zeros_like(m.at_nodes.t))
+    impulse = m.integral(outside)
+    scale = max(float(np.max(size)), float(np.abs(impulse).max())) or 1.0
+    return float(np.abs(total - total[0] - impulse).max()) / scale
+
+
+def energy_error(m: Motion) -> float:
+    """Energy gained plus heat less work, over the largest of all of them."""
+    scene, edges, nodes = m.scene, m.at_edges, m.at_nodes
+    stored = sum(0.5 * body.inertia * edges.velocity(body.name) ** 2 for body in scene.bodies)
+    for s in scene.springs:
+        if s.stiffness:
+            stored = stored + 0.5 * s.stiffness * _spring_pull(edges, s) ** 2
+    heat = np.zeros_like(nodes.t)
+    for c in scene.contacts:
+        heat = heat + nodes.force(c.name) * (_velocity(nodes, c.a) - _velocity(nodes, c.b))
+    for link in (*scene.springs, *scene.dampers):
+        heat = heat + link.damping * (_velocity(nodes, link.a) - _velocity(nodes, link.b)) ** 2
+    drives = {drive.name for drive in scene.drives}
+    work = sum((_sampled(f.signal, nodes.t) * nodes.velocity(f.body) for f in scene.forces), np.zeros_like(nodes.t))
+    for name, force in _forces(nodes):
+        if name in drives:
+            work = work - force * nodes.velocity(name)
+    lost, done = m.integral(heat), m.integral(work)
+    scale = max(float(np.abs(x).max()) for x in (stored, lost, done)) or 1.0
+    return float(np.abs(stored - stored[0] + lost - done).max()) / scale
+
+
+def power_error(m: Motion) -> float:
+    """The most negative friction power, over the largest."""
+    power = [m.at_nodes.power(c.name) for c in m.scene.contacts]
+    largest = max((float(np.abs(p).max()) for p in power), default=0.0) or 1.0
+    return max((max(-float(p.min()), 0.0) for p in power), default=0.0) / largest
+
+
+def limit_error(m: Motion) -> float:
+    """How far friction exceeds its limit, over the largest limit: eq. (9) where it sticks, mu_s N where it slips."""
+    found = 0.0
+    for c in m.scene.contacts:
+        law = c.law
+        assert isinstance(law, DryFriction)
+        t, r, mode = m.at_nodes.t, m.at_nodes.force(c.name), m.at_nodes.mode(c.name)
+        normal = np.maximum(_sampled(c.normal, t), 0.0)
+        since = np.full(t.size, m.start - c.rested)
+        for e in m.at_nodes.events:
+            if e.contact == c.name and int(e.after) == 0:
+                since[t >= e.t] = e.t
+        for side in (1, -1):
+            static, coulomb = law.mu_s(side), law.mu_c(side)
+            level = np.full(t.size, static)
+            if law.dwell:
+                risen = static - (static - coulomb) * np.exp(-(t - since) / law.dwell)
+                level = np.where(mode == 0, risen, static)
+            excess = np.where(r * side > 0, np.abs(r) - level * normal, 0.0)
+            found = max(found, float(excess.max()) / (float((level * normal).max()) or 1.0))
+    return found
+
+
+def stuck_error(m: Motion) -> float:
+    """Relative velocity of stuck contacts: exactly 0."""
+    found = 0.0
+    for result in (m.at_edges, m.at_nodes):
+        for c in m.scene.contacts:
+            stuck = (result.mode(c.name) == 0) & (np.maximum(_sampled(c.normal, result.t), 0.0) > 0)
+            found = max(found, float(np.abs(result.relative_velocity(c.name)[stuck]).max(initial=0.0)))
+    return found
+
+
+# Cases
+
+
+def _mixed() -> Scene:
+    """Everything at once: loops, a sine belt, dwell, Stribeck, anisotropy, springs, dampers, a varying normal force."""
+    return Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=2.5, position=0.2),
+        Body("c", inertia=0.4, velocity=-0.5),
+        Drive("belt", velocity=sine(0.8, 0.7)),
+        Contact("ab", "a", "b", DryFriction(0.5, 0.3, dwell=0.1), normal=8.0),
+        Contact("bc", "b", "c", DryFriction(0.6, 0.3, stribeck_velocity=0.2), normal=sine(4.0, 0.9, offset=5.0)),
+        Contact("ca", "c", "a", DryFriction(0.4, 0.4), normal=3.0),
+        Contact(
+            "rub",
+            "b",
+            "belt",
+            DryFriction(0.5, 0.4, mu_static_backward=0.3, mu_coulomb_backward=0.2),
+            normal=piecewise_linear([0.0, 1.0, 2.0, 3.0], [6.0, 12.0, 0.0, 9.0]),
+        ),
+        Spring("a", GROUND, stiffness=7.0, damping=0.1),
+        Damper("b", "c", damping=0.2),
+        Force("c", sine(2.0, 1.3)),
+    )
+
+
+def _free_star() -> Scene:
+    """Bodies that touch only each other."""
+    law = DryFriction(0.3, 0.2, dwell=0.05)
+    return Scene(
+        *(Body(f"b{i}", inertia=1.0 + i, velocity=np.sin(3.0 * i + 1)) for i in range(5)),
+        *(Contact(f"c{i}", "b0", f"b{i}", law, normal=2.0 + i) for i in range(1, 5)),
+        Contact("loop", "b1", "b2", law, normal=2.0),
+        Spring("b3", "b4", stiffness=3.0),
+    )
+
+
+CASES: dict[str, tuple[Callable[[], Scene], float]] = {
+    **{name: (lambda name=name: reference(name).scene, reference(name).stop) for name in REFERENCES},
+    "coupled-clutches": (coupled_clutches, 1.5),
+    "leine-belt": (belt, 25.0),
+    "mixed": (_mixed, 4.0),
+    "free-star": (_free_star, 3.0),
+}
+
+
+@cache
+def _moved(name: str, formulation: str) -> Motion:
+    scene, stop = CASES[name]
+    return move(scene(), (0.0, stop), formulation)
+
+
+def over_all(measure: Callable[[Motion], float], formulation: str) -> Answer:
+    """Return the worst of all cases."""
+    errors = {name: measure(_moved(name, formulation)) for name in CASES}
+    name = max(errors, key=errors.__getitem__)
+    return errors[name], f"{len(errors)} cases, worst: {name}"
+
+
+_CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
+    "momentum": (momentum_error, "momentum gained less impulse from outside, over the larger", "sum of m v' = sum of F", INTEGRATED),
+    "energy": (energy_error, "kinetic and spring energy gained, plus heat, less work; over the largest", "first law", INTEGRATED),
+    "friction-power": (power_error, "friction never drives: most negative power over the largest", "r w >= 0", 1e-9),
+    "friction-limit": (limit_error, "friction beyond its limit, over the largest limit", "|r| <= B, eqs. (8)-(9)", INTEGRATED),
+    "stuck": (stuck_error, "relative velocity of stuck contacts", "0, exactly", 0.0),
+}
+
+ROWS = [
+    conservation_row(f"{name}/{f}", f"{what}; over all cases ({f})", source, partial(over_all, measure, f), bound, limit=60.0)
+    for f in FORMULATIONS
+    for name, (measure, what, source, bound) in _CHECKS.items()
+]

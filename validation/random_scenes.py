@@ -1,0 +1,273 @@
+"""Rows over random scenes: what must hold for any scene, whatever its motion is."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Result,
+    Scene,
+    Signal,
+    SimulationError,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+from validation.conservation import (
+    Motion,
+    energy_error,
+    limit_error,
+    momentum_error,
+    move,
+    power_error,
+    stuck_error,
+)
+from validation.rows import Answer, Array, Row, Wrong
+
+random_row = partial(Row, "Random scenes")
+SEED = 20000
+STOP = 2.0
+GRID = np.linspace(0.0, STOP, 41)
+OPTIONS: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
+
+
+class _Draw:
+    """A scene drawn from a seed: the same one every time, or its mirror image, renamed, or later in time."""
+
+    def __init__(self, number: int, mirror: bool = False, rename: bool = False, later: float = 0.0) -> None:
+        self._random = np.random.default_rng([SEED, number])
+        self._mirror, self._rename, self._later = -1.0 if mirror else 1.0, rename, later
+
+    def _one(self, *choices: Any) -> Any:
+        return choices[int(self._random.integers(len(choices)))]
+
+    def _number(self, low: float, high: float) -> float:
+        return round(float(self._random.uniform(low, high)), 6)
+
+    def _chance(self, probability: float) -> bool:
+        return bool(self._random.random() < probability)
+
+    def _load(self, size: float, sign: float, offset: float = 0.0) -> Signal | float:
+        """Return a signal of any kind; `sign` mirrors it."""
+        kind = self._one("constant", "sine", "linear", "linear", "jump")
+        base = self._number(-size, size) if offset == 0 else offset
+        if kind == "constant":
+            return sign * base
+        if kind == "sine":
+            frequency, phase = self._number(0.2, 2.0), self._number(0.0, 6.0)
+            turned = phase - 2 * math.pi * frequency * self._later
+            return sine(sign * self._number(0.2, 0.9) * size, frequency, phase=turned, offset=sign * offset)
+        times = np.cumsum(self._random.uniform(0.1, 0.8, 4))
+        values = base + self._random.uniform(-size, size, 4)
+        if kind == "jump":
+            times, values = np.repeat(times, 2)[1:-1], np.repeat(values, 2)[:-2]
+        return piecewise_linear((times + self._later).tolist(), (sign * values).tolist())
+
+    def _law(self, swapped: bool) -> DryFriction:
+        mu_c = self._number(0.05, 0.5)
+        sides = [(round(mu_c * self._number(1.0, 2.0), 6), mu_c)] * 2
+        if self._chance(0.2):
+            back = self._number(0.05, 0.5)
+            sides[1] = (round(back * self._number(1.0, 2.0), 6), back)
+        dwell = self._number(0.01, 0.5) if self._chance(0.3) else 0.0
+        stribeck = self._number(0.05, 1.0) if self._chance(0.2) else None
+        if swapped:
+            sides.reverse()
+        (s, c), (s_back, c_back) = sides
+        other = {} if sides[0] == sides[1] else {"mu_static_backward": s_back, "mu_coulomb_backward": c_back}
+        return DryFriction(s, c, dwell=dwell, stribeck_velocity=stribeck, **other)
+
+    def scene(self) -> Scene:
+        """Return the scene."""
+        m, n = self._mirror, int(self._random.integers(1, 9))
+        names = [f"b{i}" for i in range(n)]
+        bodies: list[Any] = [
+            Body(
+                name,
+                inertia=round(10 ** self._number(-1, 1), 6),
+                velocity=m * self._number(-2, 2) if self._chance(0.7) else 0.0,
+                position=m * self._number(-0.5, 0.5),
+            )
+            for name in names
+        ]
+        drives, links, contacts = [], [], []
+        fixed = [GROUND]
+        if self._chance(0.4):
+            velocity = m * self._number(-1, 1) if self._chance(0.5) else sine(m * self._number(0.2, 1.0), 0.5 * self._one(1, 2))
+            if isinstance(velocity, Signal):
+                velocity = sine(velocity.amplitude, velocity.frequency, phase=-2 * math.pi * velocity.frequency * self._later)
+            drives.append(Drive("drive", velocity=velocity))
+            fixed.append("drive")
+        for i, name in enumerate(names):
+            other = self._one(*names[:i], *fixed)
+            contacts.append(self._contact(len(contacts), name, other))
+        for _ in range(int(self._random.integers(0, 3))):
+            a, b = self._one(*names), self._one(*names, *fixed)
+            if a != b:
+                contacts.append(self._contact(len(contacts), a, b))
+        for _ in range(int(self._random.integers(0, 3))):
+            a, b = self._one(*names), self._one(*names, *fixed)
+            stiffness, damping, rest = self._number(1, 50), self._number(0, 1), m * self._number(-0.2, 0.2)
+            if a != b:
+                links.append(Spring(a, b, stiffness=stiffness, damping=damping, rest=rest))
+        if self._chance(0.3):
+            a, b, damping = self._one(*names), self._one(*names, *fixed), self._number(0.1, 2.0)
+            if a != b:
+                links.append(Damper(a, b, damping=damping))
+        loads = [Force(self._one(*names), self._load(10.0, m)) for _ in range(int(self._random.integers(0, 3)))]
+        if self._rename:
+            bodies.reverse()
+            contacts.reverse()
+            links.reverse()
+        return Scene(*bodies, *drives, *contacts, *links, *loads)
+
+    def _contact(self, number: int, a: str, b: str) -> Contact:
+        swap = self._rename and number % 2 == 0
+        law = self._law(swapped=(self._mirror < 0) != swap)
+        normal = self._load(8.0, 1.0, offset=self._number(3.0, 15.0))
+        rested = self._number(0.0, 0.3) if self._chance(0.2) else 0.0
+        a, b = (b, a) if swap else (a, b)
+        return Contact(f"c{number}", a, b, law, normal=normal, rested=rested)
+
+
+def draw(number: int, **how: Any) -> Scene:
+    """Return random scene `number`, or a transformed one that must move the same way."""
+    return _Draw(number, **how).scene()
+
+
+@cache
+def _moved(number: int) -> Motion:
+    return move(draw(number), (0.0, STOP), **OPTIONS)
+
+
+@cache
+def _plain(number: int) -> Result:
+    return simulate(draw(number), (0.0, STOP), t_eval=GRID, **OPTIONS)
+
+
+def _velocities(result: Result) -> Array:
+    return np.array([result.velocity(f"b{i}") for i in range(len(result.scene.bodies))])
+
+
+def _apart(number: int, other: Result, sign: float = 1.0) -> float:
+    """Return the difference of velocities over the largest."""
+    v = _velocities(_plain(number))
+    return float(np.abs(sign * _velocities(other) - v).max()) / (float(np.abs(v).max()) or 1.0)
+
+
+def _formulations(number: int) -> float:
+    scene = draw(number)
+    runs = (simulate(scene, (0.0, STOP), formulation=f, t_eval=GRID, **OPTIONS) for f in ("merged", "multiplier"))
+    return max(_apart(number, run) for run in runs)
+
+
+def _mirrored(number: int) -> float:
+    return _apart(number, simulate(draw(number, mirror=True), (0.0, STOP), t_eval=GRID, **OPTIONS), -1.0)
+
+
+def _renamed(number: int) -> float:
+    return _apart(number, simulate(draw(number, rename=True), (0.0, STOP), t_eval=GRID, **OPTIONS))
+
+
+def _later(number: int) -> float:
+    later = 64.0
+    return _apart(number, simulate(draw(number, later=later), (later, later + STOP), t_eval=GRID + later, **OPTIONS))
+
+
+def _rerun(number: int) -> float:
+    again = simulate(draw(number), (0.0, STOP), t_eval=GRID, **OPTIONS)
+    return _difference(_plain(number), again)
+
+
+def _round_trip(number: int) -> float:
+    scene = draw(number)
+    read = Scene.from_dict(json.loads(json.dumps(scene.to_dict())))
+    if read != scene or pickle.loads(pickle.dumps(scene)) != scene:
+        raise Wrong("the scene that was read is not the one that was written")
+    result = pickle.loads(pickle.dumps(_plain(number)))
+    return max(
+        _difference(_plain(number), simulate(read, (0.0, STOP), t_eval=GRID, **OPTIONS)),
+        _difference(_plain(number), result),
+    )
+
+
+def _difference(a: Result, b: Result) -> float:
+    if [str(e) for e in a.events] != [str(e) for e in b.events]:
+        raise Wrong("other events")
+    return float(np.abs(a.y - b.y).max())
+
+
+def over_scenes(measure: Callable[[int], float], count: int) -> Answer:
+    """Return the worst of scenes 0 to count - 1; one that cannot be simulated is wrong."""
+    errors = np.zeros(count)
+    failed = []
+    for number in range(count):
+        try:
+            errors[number] = measure(number)
+        except (Wrong, SimulationError) as fault:
+            errors[number] = math.inf
+            failed.append(f"scene {number}: {fault}")
+    worst = int(np.nanargmax(errors))
+    if failed:
+        raise Wrong(f"{len(failed)} of {count} scenes fail; {failed[0]}")
+    events = sum(len(_plain(number).events) for number in range(count))
+    return float(errors.max()), f"{events} events; worst is scene {worst}, median {np.median(errors):.1e}"
+
+
+def _of_motion(measure: Callable[[Motion], float], number: int) -> float:
+    return measure(_moved(number))
+
+
+_CHECKS: dict[str, tuple[Callable[[int], float], str, float]] = {
+    "momentum": (partial(_of_motion, momentum_error), "momentum gained less impulse from outside, over the larger", 1e-7),
+    "energy": (partial(_of_motion, energy_error), "energy gained plus heat less work, over the largest", 1e-7),
+    "friction-power": (partial(_of_motion, power_error), "most negative friction power, over the largest", 1e-9),
+    "friction-limit": (partial(_of_motion, limit_error), "friction beyond its limit, over the largest limit", 1e-7),
+    "stuck": (partial(_of_motion, stuck_error), "relative velocity of stuck contacts", 0.0),
+    "formulations": (_formulations, "three formulations, velocities over the largest", 1e-6),
+    "mirrored": (_mirrored, "the mirrored scene, velocities over the largest", 1e-6),
+    "renamed": (_renamed, "bodies and contacts in another order, ends swapped; velocities", 1e-6),
+    "later": (_later, "the same scene 64 s later; velocities over the largest", 1e-6),
+    "rerun": (_rerun, "a second run: the same events, velocities", 0.0),
+    "round-trip": (_round_trip, "written to JSON and to pickle and read again; velocities", 0.0),
+}
+_SOURCES = {
+    "momentum": "sum of m v' = sum of F",
+    "energy": "first law",
+    "friction-power": "r w >= 0",
+    "friction-limit": "|r| <= B, eqs. (8)-(9)",
+    "stuck": "0, exactly",
+}
+
+
+def rows(count: int) -> list[Row]:
+    """Return the rows over `count` scenes: 1 to 8 bodies in trees and loops, random laws, loads, springs and drives."""
+    return [
+        random_row(
+            f"random-{name}",
+            f"{count} random scenes: {what}",
+            _SOURCES.get(name, "the same motion"),
+            partial(over_scenes, measure, count),
+            bound,
+            limit=60.0 + 5.0 * count,
+        )
+        for name, (measure, what, bound) in _CHECKS.items()
+    ]
+
+
+ROWS = rows(40)
