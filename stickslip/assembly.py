@@ -42,6 +42,8 @@ class System:
     """
 
     loads: Loads
+    span: tuple[float, float]
+    stepped: bool
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -100,7 +102,18 @@ class System:
         system.velocities = self._others[len(self._others) - self.drives :]
         signals = [*system.normals, *self._others]
         system.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
+        system.span, system.stepped = (start, stop), stepped
         return system
+
+    def __copy__(self) -> System:
+        """Share everything: only what belongs to a time span is replaced."""
+        system = object.__new__(System)
+        system.__dict__.update(self.__dict__)
+        return system
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the scene and the span only: all the rest follows from them."""
+        return _again, (self.scene, *self.span, self.stepped)
 
     def _place_laws(self, scene: Scene) -> None:
         c = self.coefficients = Coefficients([contact.law for contact in scene.contacts])
@@ -177,6 +190,10 @@ class System:
         """Return the rigid groups that the contacts of a mask (as bytes) form."""
         mask = np.frombuffer(joined, dtype=bool)
         return Groups(self.inertia, self.a[mask], self.b[mask])
+
+
+def _again(scene: Scene, start: float, stop: float, stepped: bool) -> System:
+    return System.of(scene).over(start, stop, stepped)
 
 
 class _Triplets:

@@ -262,6 +262,8 @@ class _States:
         if merged:
             stays = np.ones(size, dtype=bool)
             stays[mode_set.follow] = stays[mode_set.held] = False
+            # CVODE takes no empty state
+            stays[0] |= not stays.any()
             self._order = self._order[stays[self._order]]
         self.start = self.pick(segment.y)
 

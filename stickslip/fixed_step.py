@@ -105,9 +105,9 @@ class _Rates:
     def __init__(self, segment: Segment, taus: Array) -> None:
         """Evaluate the inputs."""
         mode_set = self._mode_set = segment.mode_set
-        q, B = segment.inputs(taus), mode_set.B
-        inputs = B @ q if isinstance(B, np.ndarray) else np.column_stack([B @ column for column in q.T])
-        self._inputs = list(np.ascontiguousarray(inputs.T))
+        q = segment.inputs(taus)
+        responses = np.array([mode_set.respond(column) for column in np.ascontiguousarray(q.T)])
+        self._inputs = list(responses[:, : segment.y.size])
         self._has_law = segment.has_law
         if self._has_law:
             rest = np.zeros((segment.y.size, taus.size))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.interpolate import CubicSpline
 
 from stickslip.assembly import System
 from stickslip.mode_set import ModeSet
@@ -14,6 +16,8 @@ from stickslip.mode_set import ModeSet
 __all__ = ["Motion", "hermite", "line"]
 
 Array = NDArray[np.float64]
+
+_STIFF, _SPLINE_POINTS = 100.0, 4
 
 
 def line(c0: Array, c1: Array, tau: float | Array) -> Array:
@@ -206,6 +210,22 @@ class Motion:
         columns = states.T
         rates = self.rate(taus, columns)
         return rates.T, self.second_rate(taus, columns, rates).T
+
+    def between(self, taus: Array, states: Array) -> Callable[[Array], Array]:
+        """Return the interpolant of computed points (rows): quintic Hermite, order 5.
+
+        Where the steps are long beside the fastest decay, rates are state errors magnified: there a cubic spline
+        through the values alone takes its place, order 3.
+        """
+        if taus.size < _SPLINE_POINTS or not self._is_stiff(taus, states):
+            rates, seconds = self.knots(taus, states)
+            return lambda query: hermite(taus, states, rates, seconds, query)
+        return CubicSpline(taus, states)
+
+    def _is_stiff(self, taus: Array, states: Array) -> bool:
+        middle = taus.size // 2
+        jacobian = abs(self.jacobian(float(taus[middle]), states[middle]))
+        return float(np.max(jacobian.sum(axis=1))) * float(np.max(np.diff(taus))) > _STIFF
 
 
 def hermite(taus: Array, states: Array, rates: Array, seconds: Array, query: Array) -> Array:

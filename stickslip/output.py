@@ -158,7 +158,7 @@ def save(result: Result, path: Target) -> None:
         arrays[name] = np.array(rows).reshape(len(contacts), result.t.size)
     for name in _KEPT:
         arrays |= _packed(f"piece.{name}", [getattr(piece, name) for piece in pieces])
-    about = summary(result) | _assembly(result._system, pieces) | {"format": _FORMAT, "pieces": len(pieces)}
+    about = summary(result) | _assembly(result._system) | {"format": _FORMAT, "pieces": len(pieces)}
     arrays["about"] = np.array(json.dumps(about))
     with Path(path).open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -247,13 +247,9 @@ def _unpacked(name: str, data: Mapping[str, Any], count: int) -> list[Any]:
     return [next(found) if here else None for here in present[:count].tolist()]
 
 
-def _assembly(system: System, pieces: list[Piece]) -> dict[str, Any]:
+def _assembly(system: System) -> dict[str, Any]:
     """Return what assembles the system again."""
-    start = float(system.loads._start)
-    span = start, pieces[-1].stop if pieces else start + 1.0
-    # a fixed-step method takes all its loads as they come, without stops at their breaks
-    stepped = not np.array_equal(system.over(*span).loads.curved, system.loads.curved)
-    return {"span": span, "stepped": stepped, "scene": _scene_to_dict(system.scene)}
+    return {"span": system.span, "stepped": system.stepped, "scene": _scene_to_dict(system.scene)}
 
 
 def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:

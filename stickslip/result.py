@@ -15,7 +15,6 @@ from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.modes import Mode
 from stickslip.scene import GROUND, Scene
-from stickslip.motion import hermite
 from stickslip.segment import Segment
 
 if TYPE_CHECKING:
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["Event", "Piece", "Result", "SimulationError"]
 
 Array = NDArray[np.float64]
+
+_POINTS_PER_PERIOD = 16
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> A
     if segment.quadratic:
         found = np.ascontiguousarray(segment.state(taus).T)
     else:
-        found = hermite(knots, states, *segment.knots(knots, states), taus)
+        found = segment.between(knots, states)(taus)
     if taus.size:
         segment.exact_velocities(taus, found)
     return found
@@ -401,6 +402,10 @@ def _mode(piece: Piece, segment: Segment, j: int, taus: Array, y: Array) -> Arra
 def _displacement(piece: Piece, segment: Segment, i: int, system: System, taus: Array) -> Array:
     """Return the integral of body i's velocity from the piece's start, by three-point Gauss on each step."""
     knots = piece.taus
+    if segment.has_curved:
+        # a quadratic motion has few computed points, whatever a curved drive does between them
+        count = int(np.ceil(_POINTS_PER_PERIOD * knots[-1] / system.loads.period))
+        knots = np.union1d(knots, np.linspace(0.0, knots[-1], max(count, 1) + 1))
     nodes, weights = np.polynomial.legendre.leggauss(3)
 
     def integral(left: Array, right: Array) -> Array:
@@ -408,7 +413,7 @@ def _displacement(piece: Piece, segment: Segment, i: int, system: System, taus: 
         points = np.clip(middle[:, None] + half[:, None] * nodes, 0.0, knots[-1])
         flat = points.ravel()
         if i < system.n:
-            velocity = interpolate(segment, knots, piece.states, flat)[:, i]
+            velocity = interpolate(segment, piece.taus, piece.states, flat)[:, i]
         else:
             velocity = segment.inputs(flat)[system.first_drive + i - system.n]
         return half * (velocity.reshape(points.shape) @ weights)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from stickslip.motion import hermite
 from stickslip.segment import Segment
 
 __all__ = ["first_dip", "first_violation", "longest_look"]
@@ -62,7 +61,7 @@ def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float 
     taus, states : array (k,), (k, size)
         Computed points; the last one is at a root where `hit` is true.
     """
-    rates, seconds = segment.knots(taus, states)
+    between = segment.between(taus, states)
     fractions = np.array([0.25, 0.5, 0.75, 1.0])
     looks = (taus[:-1, None] + np.diff(taus)[:, None] * fractions).ravel()
     if segment.dwell_times.size:
@@ -72,7 +71,7 @@ def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float 
         looks = looks[:-1]
 
     def guards(tau: Array) -> Array:
-        return segment.guards(tau, hermite(taus, states, rates, seconds, tau).T)
+        return segment.guards(tau, between(tau).T)
 
     def guards_once(tau: float) -> Array:
         return guards(np.array([tau]))[:, 0]

@@ -79,7 +79,9 @@ def settle(
     q = system.loads.complete(t)
     closed = _closed(system, t, q)
     w, speed = _relative(system, y, q)
-    resting = system.hard & (touching | (np.abs(w) <= _ROUNDOFF * speed))
+    # within Karnopp's dead band a contact counts as at rest
+    limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
+    resting = system.hard & (touching | (np.abs(w) <= limit))
     y = project(system, y, q, closed & resting)
     trial = np.where(resting, 0, np.sign(w))
     if not system.all_hard:
