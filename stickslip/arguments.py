@@ -56,7 +56,9 @@ def step_length(method: str, step: float | None, formulation: str) -> float | No
     """Return the step of a fixed-step method, None for the others."""
     if method not in FIXED:
         if step is not None:
-            raise ValueError(f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}")
+            raise ValueError(
+                f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}"
+            )
         return None
     if step is None:
         raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
@@ -76,7 +78,9 @@ def check_dead_bands(scene: Scene) -> None:
             )
 
 
-def outputs(t_eval: Iterable[float] | None, start: float, stop: float, dense: bool) -> NDArray[np.float64] | None:
+def outputs(
+    t_eval: Iterable[float] | None, start: float, stop: float, dense: bool
+) -> NDArray[np.float64] | None:
     """Return the output times, None for every computed point."""
     if t_eval is None:
         if not dense:
@@ -88,5 +92,7 @@ def outputs(t_eval: Iterable[float] | None, start: float, stop: float, dense: bo
         raise TypeError(f"simulate: t_eval must be a sequence of times, got {t_eval!r}") from None
     good = times.ndim == 1 and (times.size == 0 or (times[0] >= start and times[-1] <= stop))
     if not good or not np.all(np.diff(times) > 0):
-        raise ValueError(f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s; sort and cut it")
+        raise ValueError(
+            f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s; sort and cut it"
+        )
     return times

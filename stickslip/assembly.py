@@ -44,6 +44,8 @@ class System:
     loads: Loads
     span: tuple[float, float]
     stepped: bool
+    normals: list[Signal]
+    velocities: list[Signal]
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -6,13 +6,16 @@ from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any
 
 from stickslip.checks import finite
-from stickslip.laws import Law
+from stickslip.laws import DryFriction, Law
 from stickslip.signals import Signal, as_signal
 
 __all__ = ["GROUND", "Body", "Contact", "Damper", "Drive", "Element", "Force", "Link", "Named", "Spring"]
 
 GROUND = "ground"
 """Name of the ground: a body that never moves."""
+
+_LEAST = 1e-300
+"""Smaller numbers have no inverse."""
 
 
 class Element:
@@ -109,7 +112,7 @@ class Body(Named):
     def __post_init__(self) -> None:
         """Check the fields."""
         self._identifier("name")
-        if (inertia := self._number("inertia")) <= 0:
+        if (inertia := self._number("inertia")) < _LEAST:
             raise ValueError(
                 f"{self.label}: inertia must be positive, got {inertia:g}; "
                 "use a Drive for a body of prescribed velocity and GROUND for one at rest"
@@ -186,7 +189,7 @@ class Contact(Named, Link):
         """Check the fields."""
         self._identifier("name")
         self._two_ends()
-        if not isinstance(self.law, Law) or type(self.law) is Law:
+        if not isinstance(self.law, Law) or not isinstance(getattr(self.law, "law", self.law), DryFriction):
             raise TypeError(
                 f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
             )

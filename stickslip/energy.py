@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.result import Piece, Result
+from stickslip.pieces import Piece
+from stickslip.result import Result
 from stickslip.sampling import is_dense, sampled
 from stickslip.scene import GROUND, Damper, Scene, Spring
 from stickslip.signals import as_signal

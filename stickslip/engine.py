@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +18,7 @@ from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
 
-__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "Work"]
+__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "Work", "failure_of"]
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
@@ -28,21 +30,21 @@ LOCAL = 0.1
 
 
 class SolverFailure(Exception):
-    """The solver gave up.
+    """The solver gave up, or what it called did.
 
     Parameters
     ----------
-    tau : float
-        Local time reached.
-    status : int
-        SUNDIALS' return code.
     sentence : str
-        SUNDIALS' message for it.
+        What went wrong, in SUNDIALS' words where it was SUNDIALS.
+    remedy : str
+        What to try.
+    reached : Reached, optional
+        The points computed before.
     """
 
-    def __init__(self, tau: float, status: int, sentence: str) -> None:
+    def __init__(self, sentence: str, remedy: str, reached: Reached | None = None) -> None:
         super().__init__(sentence)
-        self.tau, self.status, self.sentence = tau, status, sentence
+        self.sentence, self.remedy, self.reached = sentence, remedy, reached
 
 
 @dataclass
@@ -89,7 +91,9 @@ class _Cvode:
         """Integrate from local time 0 to `tau` or to the first root of the smallest guard."""
         solution = self._ready(guard).solve(np.array([0.0, tau]), y)
         self._work.steps += solution.t.size - 1
-        return Reached(solution.t.copy(), solution.y.copy(), self._counted(solution, float(solution.t[-1])))
+        reached = Reached(solution.t.copy(), solution.y.copy(), solution.status == 2)
+        self._count(solution, reached)
+        return reached
 
     def leap(self, guard: Guard, y: Array, tau: float) -> tuple[float, bool]:
         """Do the same, but return only the time reached and whether it is at a root."""
@@ -97,7 +101,8 @@ class _Cvode:
         solver.init_step(0.0, y)
         solution = solver.step(tau, "normal", tau)
         self._work.steps += 1
-        return solution.t, self._counted(solution, solution.t)
+        self._count(solution, None)
+        return solution.t, solution.status == 2
 
     def _ready(self, guard: Guard) -> CVODE:
         self._guard = guard
@@ -108,20 +113,18 @@ class _Cvode:
         self._work.starts += 1
         return self._solver
 
-    def _counted(self, solution: Any, tau: float) -> bool:
-        work = self._work
-        work.rate_calls += solution.nfev
-        work.jacobian_calls += solution.njev
-        if solution.status < 0:
-            raise SolverFailure(tau, solution.status, solution.message)
+    def _count(self, solution: Any, reached: Reached | None) -> None:
+        self._work.rate_calls += solution.nfev
+        self._work.jacobian_calls += solution.njev
         self._roots += solution.status == 2
-        return solution.status == 2
+        if solution.status < 0:
+            raise failure_of(solution, reached)
 
     def _guard_function(self) -> Callable[..., None]:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self._work.guard_calls += 1
             smallest = self._guard(tau, y)
-            if smallest != smallest:
+            if math.isnan(smallest):
                 raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
             out[0] = smallest if smallest < np.inf else 1.0
 
@@ -158,11 +161,11 @@ class Engine:
         self._clock = _Cvode(self._make_clock, self.work)
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
-        self._segment: Segment
+        self._states: _States
+        self._last_tau = 0.0
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
-        self._segment = segment
         return self._on_clock(segment, horizon) if segment.quadratic else self._by_steps(segment, horizon)
 
     # -- quadratic motion ---------------------------------------------------------------------------------
@@ -206,12 +209,32 @@ class Engine:
         self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
         while True:
-            reached = stepper.advance(states.smallest_guard, states.start, horizon)
+            reached = self._protected(stepper, states, horizon)
             found = states.expand(reached.taus, reached.states)
             missed = first_dip(segment, reached.taus, found, reached.hit)
             if missed is None:
                 return Reached(reached.taus, found, reached.hit)
             horizon = missed
+
+    def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
+        """Advance; where that fails, hand over what was computed before."""
+        try:
+            return stepper.advance(states.smallest_guard, states.start, horizon)
+        except SolverFailure as failure:
+            if failure.reached is not None:
+                taus, found = failure.reached.taus, failure.reached.states
+                failure.reached = Reached(taus, states.expand(taus, found), False)
+            raise
+        except (ArithmeticError, ValueError) as fault:
+            # a load or a law failed inside the solver, which forgets its points: go there once more, but stop short
+            reached = None
+            if self._last_tau > 0:
+                with contextlib.suppress(Exception):
+                    again = stepper.advance(states.smallest_guard, states.start, 0.9 * self._last_tau)
+                    reached = Reached(again.taus, states.expand(again.taus, again.states), False)
+            raise SolverFailure(
+                str(fault), "look at the loads and laws of the scene there", reached
+            ) from fault
 
     def _stepper(self, segment: Segment) -> _Cvode:
         max_step = self._max_step
@@ -222,7 +245,9 @@ class Engine:
         stepper = self._steppers.get(max_step)
         if stepper is None:
             options = self._options(max_step)
-            stepper = self._steppers[max_step] = _Cvode(lambda guard: self._make_stepper(guard, options), self.work)
+            stepper = self._steppers[max_step] = _Cvode(
+                lambda guard: self._make_stepper(guard, options), self.work
+            )
         return stepper
 
     def _options(self, max_step: float) -> dict[str, Any]:
@@ -236,6 +261,7 @@ class Engine:
 
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
+            self._last_tau = tau
             out[:] = self._states.rate(tau, y)
 
         with warnings.catch_warnings():
@@ -301,6 +327,14 @@ class _States:
         """Return the Jacobian."""
         matrix = self._segment.jacobian(tau, self._expand_one(tau, y))
         return matrix if self._is_all else matrix[self._order][:, self._order]
+
+
+def failure_of(solution: Any, reached: Reached | None) -> SolverFailure:
+    """Return SUNDIALS' failure with its own sentence."""
+    sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
+    return SolverFailure(
+        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", reached
+    )
 
 
 def _shortest(values: Array) -> float | Array:

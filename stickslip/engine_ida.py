@@ -1,8 +1,8 @@
 """The multiplier formulation: contact forces as unknowns of an index-1 DAE, solved by IDA.
 
 Breedveld (2000), figs. 2 and 3: in stick mode one inertia depends on the other. With ``G_S`` the rows of the stuck
-contacts, ``M v' = F - G_S^T lambda`` and ``G_S v' + D_S u' = 0``; inserting the first into the second makes it an algebraic
-equation for lambda, of index 1.
+contacts, ``M v' = F - G_S^T lambda`` and ``G_S v' + D_S u' = 0``; inserting the first into the second makes it an
+algebraic equation for lambda, of index 1.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from sksundae.ida import IDA
 
-from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, SolverFailure
+from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, failure_of
 from stickslip.linear_solver import sparsity_pattern
 from stickslip.scan import first_dip
 from stickslip.segment import Segment
@@ -51,11 +51,12 @@ class MultiplierEngine(Engine):
         work.jacobian_calls += solution.njev
         work.guard_calls += equations.guard_calls
         work.steps += solution.t.size - 1
-        if solution.status < 0:
-            raise SolverFailure(float(solution.t[-1]), solution.status, solution.message)
         size = segment.y.size
         forces = (solution.y[:, size:].copy(), solution.yp[:, size:].copy())
-        return Reached(solution.t.copy(), solution.y[:, :size].copy(), solution.status == 2, forces)
+        reached = Reached(solution.t.copy(), solution.y[:, :size].copy(), solution.status == 2, forces)
+        if solution.status < 0:
+            raise failure_of(solution, reached)
+        return reached
 
     def _ida_options(self, segment: Segment, equations: _Equations) -> dict[str, Any]:
         max_step = self._max_step
@@ -195,7 +196,7 @@ class _Equations:
             z = segment.watched(tau, u[:size])
             z[slips : slips + stuck] = u[size:]
             smallest = segment.armed_guards(tau, z).min(initial=np.inf)
-            if smallest != smallest:
+            if np.isnan(smallest):
                 raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
             out[0] = smallest if smallest < np.inf else 1.0
 

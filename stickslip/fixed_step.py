@@ -50,7 +50,7 @@ class FixedStepEngine(Engine):
             if done + some >= count:
                 ends[-1] = horizon
             ys = self._steps(segment, ends, states[-1][-1])
-            kept, hit, over = self._until_a_change(segment, ends[1:], ys)
+            kept, hit, over = self._until_a_change(segment, ends, ys)
             taus.append(ends[1 : kept + 1])
             states.append(ys[:kept])
             self.work.steps += kept
@@ -74,22 +74,21 @@ class FixedStepEngine(Engine):
 
     def _until_a_change(self, segment: Segment, ends: Array, ys: Array) -> tuple[int, bool, bool]:
         """Return how many steps hold, whether a guard ended them, and whether anything did."""
-        finite = np.isfinite(ys).all(axis=1)
-        if not finite.all():
-            ends, ys = ends[: finite.argmin()], ys[: finite.argmin()]
-        self.work.guard_calls += ends.size
-        violated = segment.guards(ends, ys.T).min(axis=0, initial=np.inf) < 0
+        sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
+        taus, ys = ends[1 : sound + 1], ys[:sound]
+        self.work.guard_calls += sound
+        violated = segment.guards(taus, ys.T).min(axis=0, initial=np.inf) < 0
         changed = violated
         if segment.has_curved:
-            pressed = (segment.normals(ends) > 0) & segment.system.alive[:, None]
+            pressed = (segment.normals(taus) > 0) & segment.system.alive[:, None]
             changed = violated | np.any(pressed != segment.closed(0.0)[:, None], axis=0)
         if changed.any():
             first = int(changed.argmax())
             return first + 1, bool(violated[first]), True
-        if not finite.all():
-            reached = float(ends[-1]) if ends.size else 0.0
-            raise SolverFailure(reached, -3, f"the {self._method} step of {self._step:g} s is unstable")
-        return ends.size, False, False
+        if sound < ends.size - 1:
+            sentence = f"the {self._method} step of {self._step:g} s is unstable"
+            raise SolverFailure(sentence, "shorten the step, or use BDF")
+        return sound, False, False
 
 
 class _Rates:

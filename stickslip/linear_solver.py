@@ -1,7 +1,7 @@
 """Which linear solver CVODE is given, and how the exact Jacobian is handed to it.
 
-Small systems are dense. Large ones are banded where an ordering of the states makes the band narrow, as for every chain;
-SUNDIALS' sparse solver is for what is left.
+Small systems are dense. Large ones are banded where an ordering of the states makes the band narrow, as for every
+chain; SUNDIALS' sparse solver is for what is left.
 """
 
 from __future__ import annotations
@@ -84,7 +84,9 @@ class LinearSolver:
         if not changed and np.isin(_place(matrix), self._places).all():
             return False
         pattern = abs(matrix) + sparse.eye_array(size)
-        self._pattern, self._places = sparsity_pattern(pattern if self._pattern is None else pattern + self._pattern)
+        self._pattern, self._places = sparsity_pattern(
+            pattern if self._pattern is None else pattern + self._pattern
+        )
         return True
 
     def options(self) -> dict[str, Any]:

@@ -51,9 +51,10 @@ class Loads:
         stepped: bool = False,
     ) -> None:
         """Collect the breaks, and load the values at the start."""
+        signals = [s.within(start, stop) for s in signals]
         count = len(signals)
         self.size = count + len(rates) + 1
-        self._signals, self._rates = list(signals), list(rates)
+        self._signals, self._rates = signals, list(rates)
         bends = [s.period is not None or (stepped and not isinstance(s, Constant)) for s in signals]
         curved = [i for i in range(count) if bends[i]]
         accelerations = [place for place, i in enumerate(rates) if bends[i]]

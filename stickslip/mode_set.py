@@ -39,6 +39,13 @@ class ModeSet:
         -1, 0, +1 or OPEN for each contact.
     """
 
+    A: Any
+    B: Any
+    K: Any
+    E: Any
+    H: Any
+    L: Any
+
     def __init__(self, system: System, modes: NDArray[np.int8]) -> None:
         self.system, self.modes = system, modes
         kind = system.coefficients.kind
@@ -52,7 +59,9 @@ class ModeSet:
         self.held_contacts = np.concatenate([self.stuck, self.pre])
         self._place_levels()
         self.law = ActingForces(system.coefficients, self.acting, modes)
-        self.bristle_places = np.array([system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp)
+        self.bristle_places = np.array(
+            [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
+        )
         stuck = np.zeros(system.m, dtype=bool)
         stuck[self.stuck] = True
         self.groups = system.groups(stuck.tobytes())
@@ -105,10 +114,28 @@ class ModeSet:
         """Let followers' velocities be read from their leaders, so that nothing feeds back within a group."""
         raise NotImplementedError
 
+    def _parting(self, held: Array, drives: Array) -> Array | None:
+        """Return by how much the ends of stuck contacts part, from the accelerations of held bodies and of drives."""
+        if not (self.groups.redundant and self.system.drives):
+            return None
+        ground = np.zeros((1, *held.shape[1:]))
+        ends = np.concatenate([held, drives, ground])
+        return ends[self.system.a[self.stuck]] - ends[self.system.b[self.stuck]]
+
     def law_jacobian(self, slopes: Array) -> Any:
         """Return what the acting contacts add to ``d y' / d y``: ``K diag(dr/dw) W``."""
         rows = self.acting_rows
-        return self.K @ (slopes[:, None] * rows if isinstance(rows, np.ndarray) else sparse.diags_array(slopes) @ rows)
+        return self.K @ (
+            slopes[:, None] * rows if isinstance(rows, np.ndarray) else sparse.diags_array(slopes) @ rows
+        )
+
+    @cached_property
+    def locked(self) -> NDArray[np.bool_]:
+        """Which slipping contacts cannot move, because others hold both their ends together."""
+        system, groups = self.system, self.groups
+        whole = np.where(groups.free, groups.leader, groups.holder)
+        whole = np.concatenate([whole, np.arange(system.n, system.n + system.drives + 1)])
+        return whole[system.a[self.slip]] == whole[system.b[self.slip]]
 
     @cached_property
     def acting_rows(self) -> Any:
@@ -128,9 +155,11 @@ class DenseModeSet(ModeSet):
         return folded
 
     def apply(self, y: Array) -> Array:
+        """Return ``A y`` and ``E y`` in one array."""
         return self._AE @ y
 
     def respond(self, q: Array) -> Array:
+        """Return ``B q`` and ``H q`` in one array."""
         return self._BH @ q
 
     def _assemble(self) -> None:
@@ -156,7 +185,7 @@ class DenseModeSet(ModeSet):
         watched = np.vstack(
             [
                 self.sign[:, None] * slip_rows[self.slip],
-                groups.contact_forces(forces, held_wide),
+                groups.contact_forces(forces, held_wide, self._parting(held_wide, self._drive_inputs(size))),
                 slip_rows[self.pre],
             ]
         )
@@ -171,6 +200,14 @@ class DenseModeSet(ModeSet):
         driven = self.held[self.holder < system.n + system.drives]
         held_inputs[driven, system.first_acceleration + self.groups.holder[driven] - system.n] = 1.0
         return held_inputs
+
+    def _drive_inputs(self, size: int) -> Array:
+        """Return rows that read the drives' accelerations off the inputs, among the columns of the forces."""
+        system = self.system
+        rows = np.zeros((system.drives, size + system.inputs + self.acting.size))
+        drives = np.arange(system.drives)
+        rows[drives, size + system.first_acceleration + drives] = 1.0
+        return rows
 
     def _position_row(self, row: Array, body: int) -> None:
         system = self.system
@@ -195,16 +232,19 @@ class SparseModeSet(ModeSet):
         return folded
 
     def apply(self, y: Array) -> Array:
+        """Return ``A y`` and ``E y`` in one array."""
         return np.concatenate([self.A @ y, self.E @ y])
 
     def respond(self, q: Array) -> Array:
+        """Return ``B q`` and ``H q`` in one array."""
         forces = self._input_forces(q)
         held = self._held_acceleration(q)
         rates = np.zeros(self.system.size)
         rates[: self.system.n] = self.groups.mean(forces) + held
         rates[self.system.n + self._driven_places] = q[self._driven_inputs]
         driven = self.system.D @ q
-        contact_forces = self.groups.contact_forces(forces, held)
+        accelerations = q[self.system.first_acceleration : -1]
+        contact_forces = self.groups.contact_forces(forces, held, self._parting(held, accelerations))
         return np.concatenate([rates, self.sign * driven[self.slip], contact_forces, driven[self.pre]])
 
     def _assemble(self) -> None:
@@ -215,7 +255,9 @@ class SparseModeSet(ModeSet):
         if system.C.nnz or system.size > system.n:
             spring_forces = self._folded(system.C)
             bristles = sparse.csr_array((system.size - system.first_bristle, system.size))
-            self.A = sparse.vstack([self._shared(spring_forces), self._position_rows(), bristles], format="csr")
+            self.A = sparse.vstack(
+                [self._shared(spring_forces), self._position_rows(), bristles], format="csr"
+            )
         self.E = _Watched(self, spring_forces)
         self.L = _Watched(self, None)
         if self.acting.size:
@@ -258,7 +300,9 @@ class SparseModeSet(ModeSet):
     def _position_rows(self) -> Any:
         system, moving = self.system, self._moving
         columns = self.groups.leader[system.placed[moving]]
-        return sparse.csr_array((np.ones(moving.size), (moving, columns)), shape=(system.placed.size, system.size))
+        return sparse.csr_array(
+            (np.ones(moving.size), (moving, columns)), shape=(system.placed.size, system.size)
+        )
 
 
 class _Watched:
@@ -269,7 +313,9 @@ class _Watched:
         self._groups, self._forces, self._n, self._moves = groups, forces, system.n, moves
         self._stuck = mode_set.stuck.size
         leader = np.append(groups.leader, np.full(system.drives + 1, system.n))
-        self._a, self._b = ([leader[end[rows]] for rows in (mode_set.slip, mode_set.pre)] for end in (system.a, system.b))
+        self._a, self._b = (
+            [leader[end[rows]] for rows in (mode_set.slip, mode_set.pre)] for end in (system.a, system.b)
+        )
         self._sign = mode_set.sign
 
     def __matmul__(self, y: Array) -> Array:

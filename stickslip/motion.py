@@ -43,7 +43,9 @@ class Motion:
         The next break in s.
     """
 
-    def __init__(self, system: System, mode_set: ModeSet, t: float, y: Array, since: Array, stop: float) -> None:
+    def __init__(
+        self, system: System, mode_set: ModeSet, t: float, y: Array, since: Array, stop: float
+    ) -> None:
         self.system, self.mode_set, self.t, self.y, self.since = system, mode_set, t, y, since
         self.horizon = stop - t
         self.q0, self.q1 = system.loads.at(t)
@@ -146,7 +148,9 @@ class Motion:
         pushed = sparse.csc_array(mode_set.K)[:, law.bristles]
         extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
         extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
-        return matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+        return (
+            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+        )
 
     def second_rate(self, tau: float | Array, y: Array, rate: Array) -> Array:
         """Return ``y''``: exact where the rates are linear, by central difference along the motion elsewhere."""
@@ -178,7 +182,10 @@ class Motion:
         self.f1 = rates[:size] + self.b1
         if mode_set.follow.size:
             # identical rows may round differently within a product
-            self.f0[mode_set.follow], self.f1[mode_set.follow] = self.f0[mode_set.lead], self.f1[mode_set.lead]
+            self.f0[mode_set.follow], self.f1[mode_set.follow] = (
+                self.f0[mode_set.lead],
+                self.f1[mode_set.lead],
+            )
         bends = mode_set.apply(self.f1)
         self.quadratic = not np.any(bends[:size])
         self.z = (at_start[size:] + self.h0, rates[size:] + self.h1, 0.5 * bends[size:])
@@ -188,6 +195,17 @@ class Motion:
         if isinstance(tau, np.ndarray):
             return self.y[:, None] + tau * (self.f0[:, None] + 0.5 * tau * self.f1[:, None])
         return self.y + tau * (self.f0 + (0.5 * tau) * self.f1)
+
+    def relative_acceleration(self, tau: float, rates: Array) -> Array:
+        """Return ``w'`` of every contact."""
+        return self.system.W @ rates + self.system.D @ self.drive_acceleration(tau)
+
+    def drive_acceleration(self, tau: float) -> Array:
+        """Return the accelerations of the drives, as inputs in the places of their velocities."""
+        first, last = self.system.first_drive, self.system.first_acceleration
+        rates = np.zeros(self.system.inputs)
+        rates[first:last] = self.inputs(tau)[last : 2 * last - first]
+        return rates
 
     # -- many times at once -------------------------------------------------------------------------------
 
@@ -236,12 +254,9 @@ def hermite(taus: Array, states: Array, rates: Array, seconds: Array, query: Arr
     h = (taus[i + 1] - taus[i])[:, None]
     x = (query[:, None] - taus[i][:, None]) / h
     u = 1.0 - x
-    return (
-        u**3 * ((1 + x * (3 + 6 * x)) * states[i] + x * h * ((1 + 3 * x) * rates[i] + 0.5 * x * h * seconds[i]))
-        + x**3
-        * (
-            (1 + u * (3 + 6 * u)) * states[i + 1]
-            - u * h * ((1 + 3 * u) * rates[i + 1] - 0.5 * u * h * seconds[i + 1])
-        )
+    return u**3 * (
+        (1 + x * (3 + 6 * x)) * states[i] + x * h * ((1 + 3 * x) * rates[i] + 0.5 * x * h * seconds[i])
+    ) + x**3 * (
+        (1 + u * (3 + 6 * u)) * states[i + 1]
+        - u * h * ((1 + 3 * u) * rates[i + 1] - 0.5 * u * h * seconds[i + 1])
     )
-

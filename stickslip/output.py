@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from stickslip.assembly import System
 from stickslip.modes import Mode
-from stickslip.result import Event, Piece, Result
+from stickslip.pieces import Piece
+from stickslip.result import Event, Result
 from stickslip.scene import Scene
 
 __all__ = ["columns", "load", "save", "summary", "to_csv", "to_frame", "to_json"]

@@ -64,7 +64,9 @@ class PreSlip(_Wrapped):
         self._check_law()
         self._check_number("velocity", positive=True)
         if self.shape not in _SHAPES:
-            raise ValueError(f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}")
+            raise ValueError(
+                f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}"
+            )
 
 
 @register

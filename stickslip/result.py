@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from stickslip.assembly import System
-from stickslip.mode_set import FREE, OPEN
 from stickslip.modes import Mode
-from stickslip.scene import GROUND, Scene
+from stickslip.pieces import Piece, interpolate
+from stickslip.scene import GROUND, Body, Drive, Scene
 from stickslip.segment import Segment
 
 if TYPE_CHECKING:
@@ -22,11 +21,9 @@ if TYPE_CHECKING:
 
     from stickslip.energy import EnergyLedger
 
-__all__ = ["Event", "Piece", "Result", "SimulationError"]
+__all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted"]
 
 Array = NDArray[np.float64]
-
-_POINTS_PER_PERIOD = 16
 
 
 @dataclass(frozen=True)
@@ -55,55 +52,6 @@ class Event:
         return f"{self.t:.12g} s  {self.contact}: {self.before.name} -> {self.after.name} ({self.cause})"
 
 
-@dataclass(frozen=True)
-class Piece:
-    """The computed points of one segment, from which the segment can be built again."""
-
-    system: System = field(repr=False)
-    start: float
-    stop: float
-    modes: NDArray[np.int8]
-    labels: NDArray[np.int8]
-    since: Array
-    at_rest: NDArray[np.bool_]
-    taus: Array
-    states: Array
-    complete: bool = True
-    multipliers: tuple[Array, Array] | None = None
-
-    @classmethod
-    def of(
-        cls,
-        segment: Segment,
-        stop: float,
-        labels: NDArray[np.int8],
-        taus: Array,
-        states: Array,
-        complete: bool = True,
-        multipliers: tuple[Array, Array] | None = None,
-    ) -> Piece:
-        """Return the computed points (rows) of a segment."""
-        modes = segment.mode_set.modes
-        since, at_rest = segment.since, segment.at_rest
-        return cls(segment.system, segment.t, stop, modes, labels, since, at_rest, taus, states, complete, multipliers)
-
-    def segment(self) -> Segment:
-        """Return the segment again."""
-        mode_set = self.system.mode_set(self.modes.tobytes())
-        return Segment(self.system, mode_set, self.start, self.states[0], self.since, self.at_rest, self.stop)
-
-
-def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:
-    """Return the states (rows) of a segment at local times `taus`, from its computed points."""
-    if segment.quadratic:
-        found = np.ascontiguousarray(segment.state(taus).T)
-    else:
-        found = segment.between(knots, states)(taus)
-    if taus.size:
-        segment.exact_velocities(taus, found)
-    return found
-
-
 class SimulationError(RuntimeError):
     """A simulation that could not go on.
 
@@ -120,6 +68,20 @@ class SimulationError(RuntimeError):
     def __init__(self, message: str, t: float, modes: Mapping[str, Mode], result: Result) -> None:
         super().__init__(message)
         self.t, self.modes, self.result = t, dict(modes), result
+
+
+class SimulationInterrupted(KeyboardInterrupt):
+    """A simulation that was interrupted from the keyboard.
+
+    Attributes
+    ----------
+    result : Result
+        All that was computed so far.
+    """
+
+    def __init__(self, message: str, result: Result) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 @dataclass(frozen=True)
@@ -224,8 +186,7 @@ class Result:
         return self._integrated(i)
 
     def _integrated(self, i: int) -> Array:
-        system = self._system
-        elements = (*self.scene.bodies, *self.scene.drives)
+        elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
         base = elements[i].position
         if not all(piece.complete for piece in self._pieces):
             raise ValueError(
@@ -235,10 +196,10 @@ class Result:
         starts = []
         for piece in self._pieces:
             starts.append(base)
-            base += float(_displacement(piece, piece.segment(), i, system, piece.taus[-1:])[0])
+            base += float(piece.displacement(piece.segment(), i, piece.taus[-1:])[0])
         out = np.empty_like(self.t)
         for k, segment, chosen, taus in self._chosen():
-            out[chosen] = starts[k] + _displacement(self._pieces[k], segment, i, system, taus)
+            out[chosen] = starts[k] + self._pieces[k].displacement(segment, i, taus)
         return out
 
     def force(self, contact: str) -> Array:
@@ -260,7 +221,7 @@ class Result:
             side = 1 if piece.labels[j] < 0 else 0
             if piece.labels[j] != 0:
                 return (coulomb if dwell > 0 else static)[side] * normal
-            side = (self._forces_at(piece, segment, taus, y)[j] < 0).astype(int) if np.ptp(static) else side
+            side = (piece.forces(segment, taus, y)[j] < 0).astype(int) if np.ptp(static) else side
             rise = 0.0 if dwell == 0 else np.exp(-(segment.t + taus - segment.since[j]) / dwell)
             return (static[side] - (static[side] - coulomb[side]) * rise) * normal
 
@@ -269,7 +230,9 @@ class Result:
     def mode(self, contact: str) -> NDArray[np.int8]:
         """Return the mode of a contact at the times `t`: -1, 0 or +1."""
         j = self._contact(contact)
-        return self._per_piece(lambda piece, segment, taus, y: _mode(piece, segment, j, taus, y)).astype(np.int8)
+        return self._per_piece(lambda piece, segment, taus, y: piece.mode(segment, j, taus, y)).astype(
+            np.int8
+        )
 
     def relative_velocity(self, contact: str) -> Array:
         """Return ``w = v_a - v_b`` of a contact at the times `t`, in m/s or rad/s."""
@@ -289,23 +252,8 @@ class Result:
     def _forces(self) -> Array:
         out = np.empty((self._system.m, self.t.size))
         for k, segment, chosen, taus in self._chosen():
-            out[:, chosen] = self._forces_at(self._pieces[k], segment, taus, self.y[:, chosen])
+            out[:, chosen] = self._pieces[k].forces(segment, taus, self.y[:, chosen])
         return out
-
-    def _forces_at(self, piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
-        system = self._system
-        mode_set = segment.mode_set
-        forces = np.zeros((system.m, taus.size))
-        normals = segment.normals(taus)
-        forces[mode_set.slip] = mode_set.kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
-        if mode_set.acting.size:
-            forces[mode_set.acting] = segment.acting_forces(taus, y)
-        if piece.multipliers is not None and mode_set.stuck.size:
-            forces[mode_set.stuck] = CubicHermiteSpline(piece.taus, *piece.multipliers)(taus).T
-        elif mode_set.stuck.size:
-            first = mode_set.slip.size
-            forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
-        return forces
 
     def _chosen(self) -> Any:
         """Yield for each piece that holds times: its number, its segment, which times, and the local times."""
@@ -350,12 +298,16 @@ class Result:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         start, stop = pieces[0].start, pieces[-1].stop
         if times.size and not (times.min() >= start and times.max() <= stop):
-            raise ValueError(f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}")
+            raise ValueError(
+                f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}"
+            )
         place = np.searchsorted([piece.start for piece in pieces], times, side="right") - 1
         states = np.empty((self._system.size, times.size))
         for k in np.unique(place).tolist():
             chosen, piece = place == k, pieces[k]
-            states[:, chosen] = interpolate(piece.segment(), piece.taus, piece.states, times[chosen] - piece.start).T
+            states[:, chosen] = interpolate(
+                piece.segment(), piece.taus, piece.states, times[chosen] - piece.start
+            ).T
         return states
 
     def energy(self) -> EnergyLedger:
@@ -386,38 +338,3 @@ class Result:
         lines = [self.message, *map(str, self.events)]
         lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))
         return "\n".join(lines)
-
-
-def _mode(piece: Piece, segment: Segment, j: int, taus: Array, y: Array) -> Array:
-    if piece.modes[j] < OPEN:
-        return np.full(taus.size, piece.labels[j])
-    w = segment.relative_velocity(taus, y)
-    if piece.modes[j] == FREE:
-        return segment.system.sign_of(w)[j]
-    sign = np.sign(w[j])
-    sign[taus == 0.0] = piece.labels[j]
-    return sign
-
-
-def _displacement(piece: Piece, segment: Segment, i: int, system: System, taus: Array) -> Array:
-    """Return the integral of body i's velocity from the piece's start, by three-point Gauss on each step."""
-    knots = piece.taus
-    if segment.has_curved:
-        # a quadratic motion has few computed points, whatever a curved drive does between them
-        count = int(np.ceil(_POINTS_PER_PERIOD * knots[-1] / system.loads.period))
-        knots = np.union1d(knots, np.linspace(0.0, knots[-1], max(count, 1) + 1))
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-
-    def integral(left: Array, right: Array) -> Array:
-        middle, half = 0.5 * (left + right), 0.5 * (right - left)
-        points = np.clip(middle[:, None] + half[:, None] * nodes, 0.0, knots[-1])
-        flat = points.ravel()
-        if i < system.n:
-            velocity = interpolate(segment, piece.taus, piece.states, flat)[:, i]
-        else:
-            velocity = segment.inputs(flat)[system.first_drive + i - system.n]
-        return half * (velocity.reshape(points.shape) @ weights)
-
-    whole = np.concatenate([[0.0], np.cumsum(integral(knots[:-1], knots[1:]))])
-    step = np.clip(np.searchsorted(knots, taus, side="right") - 1, 0, max(knots.size - 2, 0))
-    return whole[step] + integral(knots[step], taus)

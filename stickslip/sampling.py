@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.result import Result, interpolate
+from stickslip.pieces import interpolate
+from stickslip.result import Result
 
 __all__ = ["is_dense", "refined", "sampled"]
 

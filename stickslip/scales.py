@@ -80,10 +80,14 @@ def tolerances(
 def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:
     if rtol >= _FINEST:
         return
-    names = [c.name for c, v in zip(system.scene.contacts, system.coefficients.velocity, strict=True) if v == finest]
+    names = [
+        c.name
+        for c, v in zip(system.scene.contacts, system.coefficients.velocity, strict=True)
+        if v == finest
+    ]
     raise ValueError(
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
-        f"for double precision; make it at least {2 * _RESOLVED * _FINEST * speed:.1g}, or use DryFriction, which needs none"
+        f"for double precision; make it at least {2 * _RESOLVED * _FINEST * speed:.1g}, or use DryFriction"
     )
 
 
@@ -99,7 +103,8 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     scene = system.scene
     stiffness = np.zeros(system.n + system.drives + 1)
     stretched = 0.0
-    place = {e.name: e.position for e in (*scene.bodies, *scene.drives)} | {GROUND: 0.0}
+    place = {body.name: body.position for body in scene.bodies}
+    place |= {drive.name: drive.position for drive in scene.drives} | {GROUND: 0.0}
     for spring in scene.springs:
         stiffness[system.index[spring.a]] += spring.stiffness
         stiffness[system.index[spring.b]] += spring.stiffness

@@ -40,7 +40,7 @@ def first_violation(segment: Segment, horizon: float) -> float:
         looks.append(np.linspace(0.0, horizon, max(count, 17) + 1)[1:])
     taus = np.unique(np.concatenate(looks))
     taus = taus[taus <= horizon]
-    return _first_negative(taus, segment.guards(taus), lambda tau: segment.guards(tau), horizon)
+    return _first_negative(taus, segment.guards(taus), segment.guards, horizon)
 
 
 def _first_vertex(segment: Segment, horizon: float) -> float:

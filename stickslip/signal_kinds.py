@@ -52,6 +52,10 @@ class Signal:
         """Return ``max(0, signal)``, with its kinks within the time span among the breaks."""
         return Clipped.of(self, start, stop)
 
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the signal for one time span: functions are called within it only."""
+        return self
+
     def to_dict(self) -> Any:
         """Return the signal as plain data."""
         raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
@@ -251,6 +255,10 @@ class Sum(Signal):
         """The shortest period of the terms."""
         return min((p for term in self.terms if (p := term.period) is not None), default=None)
 
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the sum for one time span."""
+        return Sum(tuple(term.within(start, stop) for term in self.terms))
+
     def scaled(self, factor: float) -> Signal:
         """Return the sum of the scaled terms."""
         return Sum(tuple(term.scaled(factor) for term in self.terms))
@@ -271,6 +279,7 @@ class Clipped(Signal):
     @classmethod
     def of(cls, base: Signal, start: float, stop: float) -> Signal:
         """Find the zero crossings of a curved signal, each by root finding."""
+        base = base.within(start, stop)
         distance = time_scale(base, stop - start) / _SAMPLES_PER_PERIOD
         ends = (start, *base.breaks(start, stop), stop)
         kinks, positive = positive_pieces(base, base.slope, ends, distance)
@@ -333,7 +342,10 @@ def as_signal(value: Signal | float, what: str) -> Signal:
         raise TypeError(
             f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)"
         )
-    return Constant(finite(value, what))
+    try:
+        return Constant(finite(value, what))
+    except TypeError:
+        raise TypeError(f"{what} must be a number or a signal, got {value!r}") from None
 
 
 def _sum(*signals: Signal) -> Signal:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -55,15 +55,28 @@ class Function(Signal):
     break_times: tuple[float, ...] = ()
     shortest_period: float | None = None
     factor: float = 1.0
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
     def __call__(self, t: float) -> float:
         """Return the value at `t`; a ValueError says where it is not a finite number."""
-        value = self.function(t)
+        low, high = self.limits
+        if not low <= t <= high:
+            return self._beyond(t, low if t < low else high)
+        try:
+            value = self.function(t)
+        except (ArithmeticError, ValueError) as error:
+            raise ValueError(f"{self._label} raised {error!r} at t={t:g}; return a finite number") from error
         if type(value) is not float:
             value = self._number(value, t)
         if not math.isfinite(value):
             raise ValueError(f"{self._label} returned {value} at t={t:g}; return a finite number")
         return self.factor * value
+
+    def _beyond(self, t: float, limit: float) -> float:
+        """Go on as the parabola that the function is near its limit."""
+        half = 0.5 * (self.limits[1] - self.limits[0])
+        d = max(-half, min(t - limit, half))
+        return 3 * self(limit) - 3 * self(limit - d) + self(limit - 2 * d)
 
     def _number(self, value: Any, t: float) -> float:
         if not isinstance(value, str) and np.ndim(value) == 0:
@@ -74,12 +87,12 @@ class Function(Signal):
         raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
 
     def slope(self, t: float) -> float:
-        """Return a difference quotient of second order that looks across no break."""
+        """Return a difference quotient of second order that looks across no break and no limit."""
         h = 1e-5 * min(self.shortest_period or 1.0, 1.0)
         times = self.break_times
         i = bisect_right(times, t)
-        behind = t - times[i - 1] if i else math.inf
-        ahead = times[i] - t if i < len(times) else math.inf
+        behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
+        ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
         if min(behind, ahead) > h:
             left, right = t - h, t + h
             return (self(right) - self(left)) / (right - left)
@@ -98,7 +111,11 @@ class Function(Signal):
 
     def scaled(self, factor: float) -> Signal:
         """Return the function times a number."""
-        return Function(self.function, self.break_times, self.shortest_period, factor * self.factor)
+        return replace(self, factor=factor * self.factor)
+
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the signal for one time span: the function is called within it only."""
+        return replace(self, limits=(start, stop))
 
     def to_dict(self) -> Any:
         """Refuse: code is not data."""

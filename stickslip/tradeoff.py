@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -96,12 +97,12 @@ class Tradeoff:
             raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
         if error is not None and error < self.limit:
             raise ValueError(
-                f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g} at least"
+                f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"
             )
         try:
             row = self.work.best(error=error, time=time)
         except ValueError as none:
-            raise ValueError(str(none).replace("best:", "recommend:", 1)) from None
+            raise ValueError(str(none).replace("best:", "recommend:", 1).replace("setup", "call")) from None
         return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
 
     @property
@@ -174,8 +175,8 @@ def tradeoff(
         "velocity": the largest deviation of any body's velocity from the reference, over 1001 times spread
         evenly. A callable takes a result and the reference result and returns a number >= 0.
     budget : float
-        Wall time in s for the whole study. Calls that alone would take more than their share are left out,
-        and so are costlier ones of the same family.
+        Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
+        more than what is left to their family are left out, and so are costlier ones of the same family.
     progress : bool
         Show progress bars.
 
@@ -278,23 +279,26 @@ def _affordable(
     """Run every setup once; return those within their share, those left out, and the time of a round in s."""
     chosen: list[Setup] = []
     skipped: list[Skipped] = []
-    costly: dict[str | None, str] = {}
+    families = {family: list(kind) for family, kind in groupby(setups, key=lambda setup: setup.family)}
     left, once = budget / 2, 0.0
-    bar = tqdm(setups, disable=not progress, unit="call", desc="trying")
-    for rest, setup in zip(range(len(setups), 0, -1), bar, strict=True):
-        if setup.family in costly:
-            skipped.append(Skipped(setup.name, costly[setup.family]))
-            continue
-        share = max(left, 0.0) / rest
-        start = clock.perf_counter()
-        with suppress(Exception):  # it fails once more where failures are recorded
-            setup.run()
-        elapsed = clock.perf_counter() - start
-        left -= elapsed
-        if elapsed <= share:
-            chosen.append(setup)
-            once += elapsed
-        else:
-            skipped.append(Skipped(setup.name, f"took {elapsed:.2g} s, its share is {share:.2g} s"))
-            costly[setup.family] = f"not tried, costlier than one of its kind that took {elapsed:.2g} s"
+    with tqdm(total=len(setups), disable=not progress, unit="call", desc="trying") as bar:
+        for rest, kind in zip(range(len(families), 0, -1), families.values(), strict=True):
+            share, slow = max(left, 0.0) / rest, ""
+            for setup in kind:
+                bar.update()
+                if slow:
+                    skipped.append(Skipped(setup.name, f"not tried, costlier than one that took {slow}"))
+                    continue
+                start = clock.perf_counter()
+                with suppress(Exception):  # it fails once more where failures are recorded
+                    setup.run()
+                elapsed = clock.perf_counter() - start
+                left -= elapsed
+                if elapsed <= share:
+                    chosen.append(setup)
+                    once += elapsed
+                    share -= elapsed
+                else:
+                    slow = f"{elapsed:.2g} s"
+                    skipped.append(Skipped(setup.name, f"took {slow}, its share is {share:.2g} s"))
     return chosen, skipped, max(once, 1e-9)

@@ -47,7 +47,14 @@ class Settled:
 
 
 def settle(
-    system: System, t: float, y: Array, modes: Modes | None, since: Array, touching: Mask, fired: Mask, stop: float
+    system: System,
+    t: float,
+    y: Array,
+    modes: Modes | None,
+    since: Array,
+    touching: Mask,
+    fired: Mask,
+    stop: float,
 ) -> Settled:
     """Return the modes in which the motion goes on from the state `y` at `t`.
 
@@ -78,7 +85,7 @@ def settle(
     """
     q = system.loads.complete(t)
     closed = _closed(system, t, q)
-    w, speed = _relative(system, y, q)
+    w, speed = _relative(system, t, y, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (touching | (np.abs(w) <= limit))
@@ -94,6 +101,11 @@ def settle(
     result = segment.mode_set.modes
     if result.max(initial=0) >= OPEN:
         result = _label(segment, w, resting)
+    locked = segment.mode_set.slip[segment.mode_set.locked]
+    if locked.size:
+        # at their limit, but held at rest by others: not in motion
+        result = result.copy()
+        result[locked] = 0
     return Settled(result, np.where(result == 0, tried_since, t), segment)
 
 
@@ -117,7 +129,7 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     closed = _closed(system, t, q)
     mode_set = now.segment.mode_set
     modes = mode_set.modes
-    w, speed = _relative(system, y, q)
+    w, speed = _relative(system, t, y, q)
     moving = np.abs(w) > 1e-9 * speed
     changed = closed != (modes != OPEN)
     if np.any(system.hard & (modes != 0) & ~moving) or np.any(changed & ((modes == 0) | ~system.hard)):
@@ -167,11 +179,20 @@ def _closed(system: System, t: float, q: Array) -> Mask:
     return closed & system.alive
 
 
-def _relative(system: System, y: Array, q: Array) -> tuple[Array, Array]:
-    """Return each contact's relative velocity and the larger speed of its two bodies, floored by roundoff."""
-    every = np.concatenate([y[: system.n], q[system.first_drive : system.first_acceleration], [0.0]])
-    a, b = every[system.a], every[system.b]
-    return a - b, np.maximum(np.maximum(abs(a), abs(b)), _ROUNDOFF * abs(every).max())
+def _relative(system: System, t: float, y: Array, q: Array) -> tuple[Array, Array]:
+    """Return each contact's relative velocity and the larger speed of its two bodies, floored by roundoff.
+
+    Roundoff of the time is one of the velocity where a drive accelerates, whatever its speed is at the moment.
+    """
+    drives, accelerations = (
+        q[system.first_drive : system.first_acceleration],
+        q[system.first_acceleration : -1],
+    )
+    every = np.concatenate([y[: system.n], drives, [0.0]])
+    speed = np.abs(every)
+    speed[system.n : -1] += np.abs(accelerations * t)
+    a, b = system.a, system.b
+    return every[a] - every[b], np.maximum(np.maximum(speed[a], speed[b]), _ROUNDOFF * speed.max())
 
 
 class _Search:
@@ -213,7 +234,13 @@ class _Search:
         """Return the segment, the contacts to release with their directions, and those to try stuck again."""
         system = self._system
         segment = Segment(
-            system, system.mode_set(trial.tobytes()), self._t, self._y, self._since, self._candidates, self._stop
+            system,
+            system.mode_set(trial.tobytes()),
+            self._t,
+            self._y,
+            self._since,
+            self._candidates,
+            self._stop,
         )
         violated, order = segment.classify(self._fired)
         released = np.zeros(system.m, dtype=np.int8)

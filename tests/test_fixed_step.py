@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -149,17 +148,17 @@ def test_mode_changes_stand_at_step_ends() -> None:
 
 @pytest.mark.parametrize("method", ["RK4", "Euler"])
 def test_the_benchmark_converges_with_first_order(method: str) -> None:
-    # the mean over steps of no common measure: one step's luck at the five events is not its order
-    levels = []
-    for step in (4e-3, 1e-3, 2.5e-4):
+    # the worst of steps of no common measure: one step's luck at the five events is not its order
+    steps, errors = [8e-3, 2e-3, 5e-4], []
+    for step in steps:
         found = [
-            simulate(flywheel_benchmark(), BENCHMARK_SPAN, method=method, step=step * factor)
-            for factor in (0.83, 0.91, 1.0, 1.07, 1.19)
+            simulate(flywheel_benchmark(), (0.0, 0.8), method=method, step=step * factor)
+            for factor in np.linspace(0.8, 1.2, 9)
         ]
         assert all(changes(result) == STORY for result in found)
-        levels.append(float(np.mean([abs(r.velocity("wheel1")[-1] - EXACT_FINAL_VELOCITY) for r in found])))
-    rate = [math.log(a / b) / math.log(4) for a, b in pairwise(levels)]
-    assert np.mean(rate) == pytest.approx(1.0, abs=0.35)
+        errors.append(max(abs(r.velocity("wheel1")[-1] - EXACT_FINAL_VELOCITY) for r in found))
+    assert order(steps, errors) == pytest.approx(1.0, abs=0.25)
+    assert all(error < 1.3 * step for error, step in zip(errors, steps, strict=True))
 
 
 def test_velocities_are_projected_conserving_momentum() -> None:
@@ -190,7 +189,7 @@ def test_pre_slip_tells_the_story_of_the_benchmark(velocity: float) -> None:
 
 
 def test_pre_slip_is_unstable_beyond_the_stiffness_of_its_slope() -> None:
-    """``lambda = mu_s N (1/m1 + 1/m2) / v_pre = 22000 / s``: RK4 holds up to ``2.785 / lambda = 1.27e-4 s``."""
+    """``lambda = mu_s N (1/m1 + 1/m2) / v_pre`` is 22000 / s: RK4 holds up to ``2.785 / lambda``, 0.127 ms."""
     scene = flywheel_benchmark().regularized(velocity=1e-3)
     assert changes(simulate(scene, (0.0, 1.0), method="RK4", step=1.2e-4)) == STORY
     assert len(simulate(scene, (0.0, 0.3), method="RK4", step=2e-4).events) > 20
@@ -251,7 +250,7 @@ def test_the_last_step_ends_the_span() -> None:
 
 def test_an_unstable_step_says_so() -> None:
     scene = Scene(Body("a", inertia=1.0, velocity=1.0), Damper("a", GROUND, damping=1e4))
-    with pytest.raises(SimulationError, match="RK4 step of 0[.]1 s is unstable") as caught:
+    with pytest.raises(SimulationError, match=r"RK4 step of 0\.1 s is unstable") as caught:
         simulate(scene, (0.0, 100.0), method="RK4", step=0.1)
     assert 0 < caught.value.t < 100.0 and not caught.value.result.success
 

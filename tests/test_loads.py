@@ -103,6 +103,13 @@ def test_curved_entries_at_many_times_are_columns() -> None:
         np.testing.assert_allclose(column, q.curved_at(float(t)), rtol=1e-15, atol=1e-16)
 
 
+def test_functions_are_called_within_the_span_only() -> None:
+    q = Loads([signal(math.sqrt), signal(lambda t: math.sqrt(2.0 - t))], [1], 0.0, 2.0)
+    for t in (0.0, 1.0, 2.0):
+        assert np.isfinite(q.complete(t)).all()
+    assert np.isfinite(q.curved_at(np.array([-1e-5, 2.0 + 1e-5]))).all()
+
+
 def test_the_period_is_the_shortest() -> None:
     assert loads().period == 0.25
     assert Loads([BRAKE], [], 0.0, 1.0).period == math.inf

@@ -179,6 +179,33 @@ def test_a_function_may_return_integers_and_truth_values() -> None:
     assert signal(lambda t: 3)(0.0) == 3.0
 
 
+def inside(t: float) -> float:
+    assert 0.0 <= t <= 2.0, "called outside its time span"
+    return 3.0 * t * t + 2.0 * t
+
+
+def test_within_a_time_span_a_function_is_called_there_only() -> None:
+    f = signal(inside).within(0.0, 2.0)
+    exact = {t: 3.0 * t * t + 2.0 * t for t in (-0.01, 0.0, 1.0, 2.0, 2.01)}
+    assert {t: f(t) for t in exact} == pytest.approx(exact, rel=1e-13)
+    for t in (-1e-9, 0.0, 1e-7, 1.0, 2.0 - 1e-7, 2.0, 2.0 + 1e-9):
+        assert f.slope(t) == pytest.approx(6.0 * t + 2.0, rel=1e-8)
+    assert math.isfinite(f(1e9))
+    np.testing.assert_allclose(f.sampled(np.array([-0.01, 2.01])), [exact[-0.01], exact[2.01]])
+    assert (2 * f)(-0.01) == pytest.approx(2 * exact[-0.01])
+
+
+def test_sums_and_clipped_signals_keep_within_the_time_span_too() -> None:
+    total = (signal(inside) + sine(1.0, 1.0) - 1.0).within(0.0, 2.0)
+    assert math.isfinite(total(-1e-5) + total(2.0 + 1e-5) + total.slope(0.0) + total.slope(2.0))
+    cut = (signal(inside) - 1.0).clipped(0.0, 2.0)
+    assert cut.breaks(0.0, 2.0) == pytest.approx((1 / 3,), rel=1e-15)
+    assert math.isfinite(cut(2.0 + 1e-5) + cut.slope(2.0) + cut.slope(0.0))
+    above = (signal(inside) + 1.0).clipped(0.0, 2.0)
+    assert above.slope(0.0) == pytest.approx(2.0)
+    assert (BRAKE.within(0.0, 2.0), sine(1, 1).within(0.0, 2.0)) == (BRAKE, sine(1, 1))
+
+
 # arithmetic
 
 

@@ -11,6 +11,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip import (
     GROUND,
@@ -34,23 +35,26 @@ from validation.rows import FORMULATIONS, Answer, Array, Row, require
 
 conservation_row = partial(Row, "Conservation")
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-_PARTS = 400
+_PARTS = 200
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A simulated motion between edges in time, with five Gauss points in each gap."""
+    """A simulated motion at edges in time, `is_edge`, and at five Gauss points in each gap."""
 
     scene: Scene
     start: float
-    edges: Array
-    at_edges: Result
-    at_nodes: Result
+    at: Result
+    is_edge: NDArray[np.bool_]
+
+    def edges(self, values: Array) -> Array:
+        """Return values at the edges."""
+        return values[self.is_edge]
 
     def integral(self, rate: Array) -> Array:
-        """Return the integral, from the first edge to each, of what is given at the nodes."""
-        work = (rate.reshape(-1, _NODES.size) @ _WEIGHTS) * 0.5 * np.diff(self.edges)
-        return np.concatenate([[0.0], np.cumsum(work)])
+        """Return the integral of a rate from the first edge to each."""
+        nodes = rate[~self.is_edge].reshape(-1, _NODES.size)
+        return np.concatenate([[0.0], np.cumsum(nodes @ _WEIGHTS * 0.5 * np.diff(self.edges(self.at.t)))])
 
 
 def move(scene: Scene, span: tuple[float, float], formulation: str = "contact-force", **options: Any) -> Motion:
@@ -60,13 +64,12 @@ def move(scene: Scene, span: tuple[float, float], formulation: str = "contact-fo
     edges = np.union1d(whole.t, np.linspace(*span, _PARTS + 1))
     edges = np.concatenate([edges[:-1][np.diff(edges) > 1e-12 * (span[1] - span[0])], edges[-1:]])
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
-    nodes = (middle[:, None] + half[:, None] * _NODES).ravel()
-    at_edges, at_nodes = (simulate(scene, span, t_eval=t, **options) for t in (edges, nodes))
-    require(
-        [str(e) for e in at_edges.events] == [str(e) for e in whole.events] == [str(e) for e in at_nodes.events],
-        "outputs at other times change the events",
-    )
-    return Motion(scene, span[0], edges, at_edges, at_nodes)
+    nodes = middle[:, None] + half[:, None] * _NODES
+    t = np.append(np.column_stack([edges[:-1], nodes]).ravel(), edges[-1])
+    is_edge = np.arange(t.size) % (_NODES.size + 1) == 0
+    at = simulate(scene, span, t_eval=t, **options)
+    require([str(e) for e in at.events] == [str(e) for e in whole.events], "outputs change the events")
+    return Motion(scene, span[0], at, is_edge)
 
 
 # Forces and powers, written out
@@ -77,10 +80,10 @@ def _velocity(result: Result, name: str) -> Array:
 
 
 def _sampled(load: Signal | float, t: Array) -> Array:
-    return np.array([load(s) for s in t.tolist()]) if isinstance(load, Signal) else np.full(t.size, float(load))
+    return load.sampled(t) if isinstance(load, Signal) else np.full(t.size, float(load))
 
 
-def _spring_pull(result: Result, spring: Spring) -> Array:
+def _stretch(result: Result, spring: Spring) -> Array:
     """Return the stretch of a spring."""
     x = [np.zeros_like(result.t) if end == GROUND else result.position(end) for end in (spring.a, spring.b)]
     return x[0] - x[1] - spring.rest
@@ -94,7 +97,7 @@ def _forces(result: Result) -> list[tuple[str, Array]]:
         found += [(c.a, -r), (c.b, r)]
     for s in result.scene.springs:
         w = _velocity(result, s.a) - _velocity(result, s.b)
-        pull = s.damping * w + (s.stiffness * _spring_pull(result, s) if s.stiffness else 0.0)
+        pull = s.damping * w + (s.stiffness * _stretch(result, s) if s.stiffness else 0.0)
         found += [(s.a, -pull), (s.b, pull)]
     for d in result.scene.dampers:
         w = _velocity(result, d.a) - _velocity(result, d.b)
@@ -106,10 +109,10 @@ def _forces(result: Result) -> list[tuple[str, Array]]:
 def momentum_error(m: Motion) -> float:
     """Momentum gained less the impulse of what comes from outside, over the largest of both."""
     free = {body.name: body.inertia for body in m.scene.bodies}
-    total = sum(inertia * m.at_edges.velocity(name) for name, inertia in free.items())
-    size = sum(inertia * np.abs(m.at_edges.velocity(name)) for name, inertia in free.items())
+    total = m.edges(sum(inertia * m.at.velocity(name) for name, inertia in free.items()))
+    size = sum(inertia * np.abs(m.at.velocity(name)) for name, inertia in free.items())
     # forces between free bodies cancel one by one; what is left comes from drives, the ground and loads
-    outside = sum((f for name, f in _forces(m.at_nodes) if name in free), np.zeros_like(m.at_nodes.t))
+    outside = sum((f for name, f in _forces(m.at) if name in free), np.zeros_like(m.at.t))
     impulse = m.integral(outside)
     scale = max(float(np.max(size)), float(np.abs(impulse).max())) or 1.0
     return float(np.abs(total - total[0] - impulse).max()) / scale
@@ -117,21 +120,22 @@ def momentum_error(m: Motion) -> float:
 
 def energy_error(m: Motion) -> float:
     """Energy gained plus heat less work, over the largest of all of them."""
-    scene, edges, nodes = m.scene, m.at_edges, m.at_nodes
-    stored = sum(0.5 * body.inertia * edges.velocity(body.name) ** 2 for body in scene.bodies)
+    scene, at = m.scene, m.at
+    stored = sum(0.5 * body.inertia * at.velocity(body.name) ** 2 for body in scene.bodies)
     for s in scene.springs:
         if s.stiffness:
-            stored = stored + 0.5 * s.stiffness * _spring_pull(edges, s) ** 2
-    heat = np.zeros_like(nodes.t)
+            stored = stored + 0.5 * s.stiffness * _stretch(at, s) ** 2
+    stored = m.edges(stored)
+    heat = np.zeros_like(at.t)
     for c in scene.contacts:
-        heat = heat + nodes.force(c.name) * (_velocity(nodes, c.a) - _velocity(nodes, c.b))
+        heat = heat + at.force(c.name) * (_velocity(at, c.a) - _velocity(at, c.b))
     for link in (*scene.springs, *scene.dampers):
-        heat = heat + link.damping * (_velocity(nodes, link.a) - _velocity(nodes, link.b)) ** 2
+        heat = heat + link.damping * (_velocity(at, link.a) - _velocity(at, link.b)) ** 2
     drives = {drive.name for drive in scene.drives}
-    work = sum((_sampled(f.signal, nodes.t) * nodes.velocity(f.body) for f in scene.forces), np.zeros_like(nodes.t))
-    for name, force in _forces(nodes):
+    work = sum((_sampled(f.signal, at.t) * at.velocity(f.body) for f in scene.forces), np.zeros_like(at.t))
+    for name, force in _forces(at):
         if name in drives:
-            work = work - force * nodes.velocity(name)
+            work = work - force * at.velocity(name)
     lost, done = m.integral(heat), m.integral(work)
     scale = max(float(np.abs(x).max()) for x in (stored, lost, done)) or 1.0
     return float(np.abs(stored - stored[0] + lost - done).max()) / scale
@@ -139,7 +143,7 @@ def energy_error(m: Motion) -> float:
 
 def power_error(m: Motion) -> float:
     """The most negative friction power, over the largest."""
-    power = [m.at_nodes.power(c.name) for c in m.scene.contacts]
+    power = [m.at.power(c.name) for c in m.scene.contacts]
     largest = max((float(np.abs(p).max()) for p in power), default=0.0) or 1.0
     return max((max(-float(p.min()), 0.0) for p in power), default=0.0) / largest
 
@@ -150,17 +154,17 @@ def limit_error(m: Motion) -> float:
     for c in m.scene.contacts:
         law = c.law
         assert isinstance(law, DryFriction)
-        t, r, mode = m.at_nodes.t, m.at_nodes.force(c.name), m.at_nodes.mode(c.name)
+        t, r, mode = m.at.t, m.at.force(c.name), m.at.mode(c.name)
         normal = np.maximum(_sampled(c.normal, t), 0.0)
         since = np.full(t.size, m.start - c.rested)
-        for e in m.at_nodes.events:
+        for e in m.at.events:
             if e.contact == c.name and int(e.after) == 0:
                 since[t >= e.t] = e.t
         for side in (1, -1):
-            static, coulomb = law.mu_s(side), law.mu_c(side)
+            static, kinetic = law.mu_s(side), law.mu_k(0.0, side)
             level = np.full(t.size, static)
-            if law.dwell:
-                risen = static - (static - coulomb) * np.exp(-(t - since) / law.dwell)
+            if law.dwell:  # it rises from what the contact feels as it comes to rest
+                risen = static - (static - kinetic) * np.exp(-(t - since) / law.dwell)
                 level = np.where(mode == 0, risen, static)
             excess = np.where(r * side > 0, np.abs(r) - level * normal, 0.0)
             found = max(found, float(excess.max()) / (float((level * normal).max()) or 1.0))
@@ -170,10 +174,9 @@ def limit_error(m: Motion) -> float:
 def stuck_error(m: Motion) -> float:
     """Relative velocity of stuck contacts: exactly 0."""
     found = 0.0
-    for result in (m.at_edges, m.at_nodes):
-        for c in m.scene.contacts:
-            stuck = (result.mode(c.name) == 0) & (np.maximum(_sampled(c.normal, result.t), 0.0) > 0)
-            found = max(found, float(np.abs(result.relative_velocity(c.name)[stuck]).max(initial=0.0)))
+    for c in m.scene.contacts:
+        stuck = (m.at.mode(c.name) == 0) & (np.maximum(_sampled(c.normal, m.at.t), 0.0) > 0)
+        found = max(found, float(np.abs(m.at.relative_velocity(c.name)[stuck]).max(initial=0.0)))
     return found
 
 

@@ -46,16 +46,16 @@ def wheels(n: int) -> Scene:
 
 def blocks(n: int) -> Scene:
     """Return blocks in a row on a belt, each tied to its neighbours and to a plate at rest."""
-    law = DryFriction(mu_static=0.35, mu_coulomb=0.2)
+    law, index = DryFriction(mu_static=0.35, mu_coulomb=0.2), range(n)
     return Scene(
         Drive("belt", velocity=BELT),
         *(
             Body(f"b{i}", inertia=1.0, velocity=BELT, position=0.5 + 0.5 * math.sin(7.3 * i))
             for i in range(n)
         ),
-        *(Contact(f"f{i}", f"b{i}", "belt", law, normal=5.0) for i in range(n)),
-        *(Spring(f"b{i}", GROUND, stiffness=1.0, damping=0.05) for i in range(n)),
-        *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in range(n - 1)),
+        *(Contact(f"f{i}", f"b{i}", "belt", law, normal=5.0) for i in index),
+        *(Spring(f"b{i}", GROUND, stiffness=1.0, damping=0.05) for i in index),
+        *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in index[:-1]),
     )
 
 
@@ -118,9 +118,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wrong = 0
     for kind, sizes in (("wheels", WHEELS), ("blocks", BLOCKS), ("pre-slip", PRE_SLIP)):
         item = "step" if kind == "pre-slip" else "event"
-        print(
-            f"\n| {kind} | events | steps | time / s | time per {item} / ms | peak memory / MB | final error |"
-        )
+        titles = (kind, "events", "steps", "time / s", f"time per {item} / ms", "peak memory / MB", "error")
+        print("\n| " + " | ".join(titles) + " |")
         print("|---|---|---|---|---|---|---|", flush=True)
         rows = []
         for n in sizes[:-1] if quick else sizes:

@@ -1,0 +1,353 @@
+"""Pre-slip, dead bands and bristles beside exact sticking: convergence, stiffness, memory, Jacobians, refusals."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Dahl,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Karnopp,
+    LuGre,
+    PreSlip,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark, four_flywheels
+from stickslip.laws import Law
+from stickslip.result import Result
+
+STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
+TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}
+TIMES = np.linspace(0.0, 1.0, 501)
+
+
+def changes(result: Result) -> list[tuple[str, int, int]]:
+    return [(e.contact, e.before, e.after) for e in result.events]
+
+
+def block(law: Law, *more: Any, velocity: float = 0.0, normal: Any = 10.0) -> Scene:
+    return Scene(
+        Body("a", inertia=1.0, velocity=velocity), Contact("c", "a", GROUND, law, normal=normal), *more
+    )
+
+
+# Piecewise linear pre-slip
+
+
+@pytest.fixture(scope="module")
+def exact() -> Result:
+    return simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=TIMES)
+
+
+def test_the_papers_benchmark(exact: Result) -> None:
+    """At 0.001 rad/s: five mode changes, and "virtually identical results"."""
+    result = simulate(flywheel_benchmark().regularized(velocity=1e-3), BENCHMARK_SPAN, **TIGHT)
+    assert changes(result) == STORY
+    for event, true in zip(result.events, EXACT_EVENTS, strict=True):
+        assert event.t == pytest.approx(true.t, abs=2e-4)
+    assert np.abs(result(TIMES) - exact.y).max() < 1e-3
+    stats = result.stats
+    assert stats["states"] == 2 and stats["guards"] == 4
+    assert stats["restarts"] == 5 + 6
+    assert stats["steps"] < 3000 and stats["jacobian_calls"] < 150
+
+
+def test_first_order_in_the_pre_slip_velocity(exact: Result) -> None:
+    """The error is about 0.97 v_pre at its worst, in the velocity of a wheel that should stand still."""
+    velocities, errors = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6], []
+    for velocity in velocities:
+        result = simulate(
+            flywheel_benchmark().regularized(velocity=velocity), (0.0, 1.0), t_eval=TIMES, **TIGHT
+        )
+        assert changes(result) == STORY
+        errors.append(float(np.abs(result.y - exact.y).max()))
+    np.testing.assert_allclose(np.array(errors) / velocities, 0.95, atol=0.06)
+    order = np.polyfit(np.log(velocities), np.log(errors), 1)[0]
+    assert order == pytest.approx(1.0, abs=0.01)
+
+
+def test_no_tolerance_lowers_the_floor_that_the_pre_slip_velocity_sets(exact: Result) -> None:
+    errors = []
+    for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
+        scene = flywheel_benchmark().regularized(velocity=1e-3)
+        result = simulate(scene, (0.0, 1.0), t_eval=TIMES, rtol=rtol, atol=1e-3 * rtol)
+        errors.append(float(np.abs(result.y - exact.y).max()))
+    np.testing.assert_allclose(errors, errors[-1], rtol=0.05)
+    assert 0.9e-3 < errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize("velocity", [1e-7, 1e-8])
+def test_the_smallest_velocities_are_limited_by_the_tolerance(exact: Result, velocity: float) -> None:
+    result = simulate(flywheel_benchmark().regularized(velocity=velocity), (0.0, 1.0), t_eval=TIMES)
+    assert [c[0] for c in changes(result)][:1] == ["interface"]
+    assert np.abs(result.y - exact.y).max() < 1e-6
+
+
+def test_stiffness_is_inverse_to_the_pre_slip_velocity() -> None:
+    """In pre-slip the fastest eigenvalue is ``-mu_s N (1/m1 + 1/m2) / v_pre``; exact sticking has none."""
+    for velocity in (1e-2, 1e-4, 1e-6):
+        result = simulate(flywheel_benchmark().regularized(velocity=velocity), (0.0, 0.04))
+        segment = result._pieces[-1].segment()
+        # dwell: mu_st = 0.2 - 0.1 exp(-t / 0.1) at local time 40
+        fastest = np.linalg.eigvals(segment.jacobian(40.0, segment.y)).real.min()
+        assert fastest == pytest.approx(-0.2 * 100 * 1.1 / velocity, rel=1e-9)
+    hard = simulate(flywheel_benchmark(), (0.0, 0.04))._pieces[-1].segment()
+    assert np.all(np.asarray(hard.jacobian(0.0, hard.y)) == 0)
+
+
+def test_building_up_in_closed_form() -> None:
+    """A constant load F in pre-slip: ``v = F v_pre / B (1 - exp(-B t / (m v_pre)))``, below v_pre for ever."""
+    result = simulate(block(PreSlip(DryFriction(0.5, 0.3), 0.2), Force("a", 4.0)), (0.0, 1.0), **TIGHT)
+    assert not result.events and np.all(result.mode("c") == 0)
+    np.testing.assert_allclose(result.velocity("a"), 4 * 0.2 / 5 * -np.expm1(-5 * result.t / 0.2), atol=1e-10)
+    np.testing.assert_allclose(result.force("c"), 5.0 * result.velocity("a") / 0.2, rtol=1e-12)
+
+
+def test_frictional_memory() -> None:
+    """The peak on breaking away only; back in pre-slip below 0.1 v_pre, in between on the Coulomb level."""
+    load = piecewise_linear([0.0, 6.0, 6.0, 20.0], [0.0, 6.0, 0.0, 0.0])
+    result = simulate(block(PreSlip(DryFriction(0.5, 0.2), 0.1), Force("a", load)), (0.0, 20.0), **TIGHT)
+    assert changes(result) == [("c", 0, 1), ("c", 1, 0)]
+    (off, back), v, r = result.events, result.velocity("a"), result.force("c")
+    at_off, at_back = (np.flatnonzero(result.t == e.t)[[0, -1]] for e in (off, back))
+    assert v[at_off[0]] == pytest.approx(0.1, abs=1e-9) and v[at_back[0]] == pytest.approx(0.01, abs=1e-9)
+    np.testing.assert_allclose(r[at_off], [5.0, 2.0], atol=1e-6)
+    np.testing.assert_allclose(r[at_back], [2.0, 0.5], atol=1e-6)
+    between = (result.mode("c") == 1) & (v < 0.1)
+    assert between.any() and np.allclose(r[between], 2.0)
+    # m v' = -2 from v = v1 at 6 s down to 0.01
+    assert back.t == pytest.approx(6.0 + (result(6.0)[0] - 0.01) / 2.0, abs=1e-7)
+
+
+def test_dwell_works_in_pre_slip() -> None:
+    """The peak at breakaway is ``N (mu_s - (mu_s - mu_c) exp(-t/tau))``, as it is for exact sticking."""
+    law, load = DryFriction(0.5, 0.2, dwell=0.2), piecewise_linear([0.0, 1.0], [0.0, 20.0])
+    soft = simulate(block(PreSlip(law, 1e-5), Force("a", load)), (0.0, 0.5), **TIGHT)
+    hard = simulate(block(law, Force("a", load)), (0.0, 0.5))
+    assert changes(soft) == changes(hard) == [("c", 0, 1)]
+    assert soft.events[0].t == pytest.approx(hard.events[0].t, abs=1e-4)
+    peak = soft.force("c")[soft.t <= soft.events[0].t].max()
+    assert peak == pytest.approx(10 * (0.5 - 0.3 * math.exp(-soft.events[0].t / 0.2)), rel=1e-4)
+    again = PreSlip(DryFriction(0.5, 0.2), 1e-5)
+    assert simulate(block(again, Force("a", load)), (0.0, 0.5)).events[0].t > soft.events[0].t + 0.01
+
+
+def test_anisotropic_pre_slip() -> None:
+    law = PreSlip(DryFriction(0.4, 0.3, mu_static_backward=0.6, mu_coulomb_backward=0.1), 1e-4)
+    for sign, static, coulomb in ((1, 4.0, 3.0), (-1, 6.0, 1.0)):
+        load = piecewise_linear([0.0, 8.0], [0.0, 8.0 * sign])
+        result = simulate(block(law, Force("a", load)), (0.0, 8.0))
+        assert changes(result) == [("c", 0, sign)]
+        assert result.events[0].t == pytest.approx(static, abs=1e-3)
+        assert result.force("c")[-1] == pytest.approx(sign * coulomb)
+
+
+# Smooth shapes
+
+
+@pytest.mark.parametrize("shape", ["tanh", "arctan"])
+def test_smooth_shapes_converge_to_friction_without_a_peak(shape: Any) -> None:
+    flat = DryFriction(0.1, 0.1)
+    hard = simulate(flywheel_benchmark(flat), (0.0, 1.0), t_eval=TIMES)
+    velocities, errors = [1e-3, 1e-4, 1e-5], []
+    for velocity in velocities:
+        scene = flywheel_benchmark(DryFriction(0.2, 0.1)).regularized(velocity=velocity, shape=shape)
+        result = simulate(scene, (0.0, 1.0), t_eval=TIMES)
+        assert result.stats["guards"] == 0 and not result.events
+        errors.append(float(np.abs(result.y - hard.y).max()))
+    assert np.polyfit(np.log(velocities), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.2)
+    assert errors[-1] < 1e-3
+
+
+def test_tanh_sliding_to_rest_in_closed_form() -> None:
+    """``m v' = -F tanh(v / v_pre)``: ``sinh(v / v_pre) = sinh(v0 / v_pre) exp(-F t / (m v_pre))``."""
+    law = PreSlip(DryFriction(0.5, 0.2), 0.1, "tanh")
+    result = simulate(block(law, velocity=1.0), (0.0, 1.0), **TIGHT)
+    expected = 0.1 * np.arcsinh(math.sinh(10.0) * np.exp(-2.0 * result.t / 0.1))
+    np.testing.assert_allclose(result.velocity("a"), expected, atol=1e-9)
+
+
+def test_arctan_reaches_its_level_slowly() -> None:
+    """At 1000 v_pre tanh is at its level; arctan lacks ``4 / (pi^2 1000)`` of it."""
+    for shape, lack in (("tanh", 0.0), ("arctan", 4 / (math.pi**2 * 1e3))):
+        result = simulate(block(PreSlip(DryFriction(0.5, 0.2), 1e-3, shape), velocity=1.0), (0.0, 1e-6))
+        assert result.force("c")[0] == pytest.approx(2.0 * (1 - lack), rel=1e-6)
+
+
+# Mixed scenes and Jacobians
+
+
+def mixed(n: int) -> Scene:
+    """Every law in one chain, with springs, dampers, a drive and a load."""
+    curve = DryFriction(0.5, 0.3, 0.2, 0.1, mu_static_backward=0.6, mu_coulomb_backward=0.2)
+    laws = [
+        PreSlip(curve, 0.05),
+        PreSlip(curve, 0.05, "tanh"),
+        PreSlip(curve, 0.05, "arctan"),
+        LuGre(curve, 100.0, 3.0, 0.4),
+        Dahl(curve, 50.0),
+        curve,
+        DryFriction(0.5, 0.4, kinetic=lambda speed: 0.5 / (1 + speed)),
+        DryFriction(0.4, 0.3),
+    ]
+    bodies = [Body(f"b{i}", inertia=1 + 0.1 * (i % 5), velocity=math.sin(3.0 * i)) for i in range(n)]
+    contacts = [Contact(f"c{i}", f"b{i}", f"b{i + 1}", laws[i % 8], normal=5.0 + i % 3) for i in range(n - 1)]
+    others = [
+        Spring("b0", "b3", stiffness=3.0, damping=0.2),
+        Damper("b1", GROUND, damping=0.3),
+        Drive("d", velocity=sine(0.5, 0.5)),
+        Contact("driven", "b2", "d", laws[3], normal=3.0),
+        Contact("ground", "b0", GROUND, laws[0], normal=sine(2.0, 1.0, offset=3.0)),
+        Force("b4", sine(4.0, 0.7)),
+    ]
+    return Scene(*bodies, *contacts, *others)
+
+
+@pytest.mark.parametrize(("n", "is_sparse"), [(9, False), (70, True)])
+def test_jacobians_are_exact(n: int, is_sparse: bool) -> None:
+    result = simulate(mixed(n), (0.0, 0.2 if n < 20 else 0.03), rtol=1e-5, atol=1e-8)
+    pieces = result._pieces
+    for piece in pieces[:: max(1, len(pieces) // 5)]:
+        segment, tau = piece.segment(), float(piece.taus[-1]) / 2
+        y = piece.states[-1] + 1e-3 * np.sin(np.arange(piece.states.shape[1]))
+        exact: Any = segment.jacobian(tau, y)
+        assert isinstance(exact, np.ndarray) is not is_sparse
+        exact = exact.toarray() if is_sparse else exact
+        numeric = np.empty_like(exact)
+        for i in range(y.size):
+            h = 1e-7 * max(abs(y[i]), 1e-4)
+            ahead, back = y.copy(), y.copy()
+            ahead[i], back[i] = y[i] + h, y[i] - h
+            numeric[:, i] = (segment.rate(tau, ahead) - segment.rate(tau, back)) / (ahead[i] - back[i])
+        # followers repeat their leaders' rates; their own columns are zero
+        free = np.setdiff1d(np.arange(y.size), segment.mode_set.follow)
+        np.testing.assert_allclose(exact[free], numeric[free], rtol=1e-5, atol=1e-6 * np.abs(numeric).max())
+
+
+def test_hard_and_soft_contacts_in_one_scene() -> None:
+    """The benchmark with one contact exact and the other in pre-slip keeps its story, to first order."""
+    exact = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=TIMES)
+    for soft in ("interface", "brake"):
+        scene = flywheel_benchmark()
+        law = next(c.law for c in scene.contacts if c.name == soft)
+        assert isinstance(law, DryFriction)
+        result = simulate(scene.replace(soft, law=PreSlip(law, 1e-4)), (0.0, 1.0), t_eval=TIMES, **TIGHT)
+        assert changes(result) == STORY
+        assert np.abs(result.y - exact.y).max() < 1.2e-4
+        hard = "brake" if soft == "interface" else "interface"
+        stuck = result.mode(hard) == 0
+        assert stuck.any() and np.all(result.relative_velocity(hard)[stuck & (result.normal(hard) > 0)] == 0)
+
+
+def test_all_laws_together_agree_with_fixed_steps() -> None:
+    bdf = simulate(mixed(9), (0.0, 0.5), **TIGHT)
+    rk4 = simulate(mixed(9), (0.0, 0.5), method="RK4", step=2e-5)
+    assert sorted(changes(bdf)) == sorted(changes(rk4)) and len(bdf.events) > 3
+    assert np.abs(bdf.y[:, -1] - rk4.y[:, -1]).max() < 1e-3
+
+
+def test_four_flywheels_in_pre_slip() -> None:
+    for viscous in (0.0, 5.0):
+        hard = simulate(four_flywheels(viscous=viscous), (0.0, 2.0), t_eval=TIMES * 2)
+        soft = simulate(
+            four_flywheels(viscous=viscous).regularized(velocity=1e-5), (0.0, 2.0), t_eval=TIMES * 2
+        )
+        assert sorted(changes(soft)) == sorted(changes(hard))
+        assert np.abs(soft.y - hard.y).max() < 1e-4
+
+
+# Karnopp's dead band
+
+
+def test_karnopp_sticks_at_its_band_and_breaks_away_at_its_level() -> None:
+    """``v = 1 - t`` enters the band of 0.01 at 0.99 s; the load passes 2 N at 3 s."""
+    law = Karnopp(DryFriction(0.2, 0.1), 0.01)
+    load = piecewise_linear([2.0, 4.0], [0.0, 4.0])
+    result = simulate(block(law, Force("a", load), velocity=1.0), (0.0, 4.0))
+    assert changes(result) == [("c", 1, 0), ("c", 0, 1)]
+    assert [e.t for e in result.events] == pytest.approx([0.99, 3.0], abs=1e-12)
+    stuck = result.mode("c") == 0
+    assert np.all(result.velocity("a")[stuck] == 0)
+    stepped = simulate(block(law, Force("a", load), velocity=1.0), (0.0, 4.0), method="RK4", step=1e-3)
+    assert changes(stepped) == changes(result)
+    assert [e.t for e in stepped.events] == pytest.approx([0.99, 3.0], abs=2.1e-3)
+
+
+def test_karnopp_on_a_drive() -> None:
+    """On a belt at 0.5 m/s: ``w = 1 - 0.5 - t`` enters the band at 0.49 s, and the block goes with the belt."""
+    law = Karnopp(DryFriction(0.2, 0.1), 0.01)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Drive("belt", velocity=0.5),
+        Contact("c", "a", "belt", law, normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert changes(result) == [("c", 1, 0)]
+    assert result.events[0].t == pytest.approx(0.49, abs=1e-12)
+    assert result.velocity("a")[-1] == 0.5
+
+
+def test_karnopp_errs_by_its_band() -> None:
+    """The dead band stops the block early, by exactly its velocity over the deceleration."""
+    for band in (1e-1, 1e-2, 1e-3):
+        result = simulate(block(Karnopp(DryFriction(0.2, 0.1), band), velocity=1.0), (0.0, 2.0))
+        assert 1.0 - result.events[0].t == pytest.approx(band, rel=1e-9)
+        assert result.position("a")[-1] == pytest.approx(0.5 - 0.5 * band**2, rel=1e-9)
+
+
+def test_karnopp_refuses_two_moving_bodies() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0),
+        Contact("c", "a", "b", Karnopp(DryFriction(0.2, 0.1)), normal=10.0),
+    )
+    with pytest.raises(
+        ValueError, match=r"'c'.*both 'a' and 'b' can move, and momentum would not be conserved"
+    ):
+        simulate(scene, (0.0, 1.0))
+
+
+# Parameters
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: PreSlip(DryFriction(0.2, 0.1), 0.0), ValueError, "PreSlip: velocity must be positive"),
+        (lambda: PreSlip(DryFriction(0.2, 0.1), math.nan), ValueError, "velocity"),
+        (lambda: PreSlip(DryFriction(0.2, 0.1), shape="step"), ValueError, "unknown shape 'step'"),  # type: ignore
+        (lambda: PreSlip(0.2), TypeError, "law must be DryFriction"),  # type: ignore
+        (lambda: Karnopp(DryFriction(0.2, 0.1), -1.0), ValueError, "Karnopp: velocity must be positive"),
+        (lambda: LuGre(DryFriction(0.2, 0.1), 0.0), ValueError, "LuGre: stiffness must be positive"),
+        (lambda: LuGre(DryFriction(0.2, 0.1), 1.0, damping=-1.0), ValueError, "damping must be at least 0"),
+        (lambda: Dahl(DryFriction(0.2, 0.1), -5.0), ValueError, "Dahl: stiffness must be positive"),
+    ],
+)
+def test_parameters_are_checked(make: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        make()
+
+
+def test_scenes_with_these_laws_survive_as_data() -> None:
+    dry = DryFriction(0.2, 0.1, dwell=0.1)
+    for law in (PreSlip(dry, 1e-4, "arctan"), Karnopp(dry, 1e-2), LuGre(dry, 1e4, 1.0, 0.1), Dahl(dry, 1e3)):
+        scene = block(law, velocity=1.0)
+        again = Scene.from_dict(scene.to_dict())
+        assert again.contacts[0].law == law
+    regular = flywheel_benchmark().regularized(velocity=1e-4, shape="tanh")
+    assert all(c.law == PreSlip(dry, 1e-4, "tanh") for c in regular.contacts)
+    assert all(c.law == PreSlip(dry, 1e-5) for c in regular.regularized(velocity=1e-5).contacts)

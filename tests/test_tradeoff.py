@@ -1,0 +1,293 @@
+import ast
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
+from stickslip import tradeoff as module
+from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
+from stickslip.regularized import PreSlip
+from stickslip.study import WorkPrecision, WorkRow
+from stickslip.tradeoff import Advice, Skipped, Tradeoff, tradeoff
+from stickslip.tradeoff_setups import Call, calls, reference_calls
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_REPEATS", 1)
+        return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=12.0)
+
+
+@pytest.fixture
+def axes():
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    yield plt.subplots()[1]
+    plt.close("all")
+
+
+def row(name, median, error, failure=None):
+    nan = math.nan
+    return WorkRow(name, "kind", name, median, median, error, nan, nan, nan, nan, failure)
+
+
+def made(*rows, limit=1e-12, skipped=()):
+    return Tradeoff(WorkPrecision(tuple(rows)), limit, "simulate(scene, a)", "simulate(scene, b)", skipped)
+
+
+def sliding_block(law=None, **spring):
+    springs = [Spring("block", GROUND, **spring)] if spring else []
+    law = DryFriction(0.2, 0.1) if law is None else law
+    return Scene(
+        Body("block", inertia=1.0, velocity=1.0),
+        Contact("floor", "block", GROUND, law, normal=10.0),
+        *springs,
+    )
+
+
+# what is composed
+
+
+def test_every_formulation_method_and_shape_is_tried_on_a_scene_of_hard_contacts():
+    found = calls(flywheel_benchmark(), (0.0, 4.0), 1.0)
+    assert {call.family for call in found} == {
+        "contact-force, BDF",
+        "contact-force, Adams",
+        "merged, BDF",
+        "merged, Adams",
+        "multiplier, BDF",
+        "contact-force, RK4",
+        "contact-force, Euler",
+        *(
+            f"pre-slip {shape}, {method}"
+            for shape in ("linear", "tanh", "arctan")
+            for method in ("BDF", "Adams")
+        ),
+    }
+    tolerances = [call.options["rtol"] for call in found if call.family == "multiplier, BDF"]
+    assert tolerances == pytest.approx([10.0**-k for k in range(4, 12)], rel=1e-12)
+    velocities = {call.pre_slip[0] for call in found if call.pre_slip}
+    assert sorted(velocities) == [1e-6, 1e-5, 1e-4, 1e-3, 1e-2]
+
+
+def test_pre_slip_velocities_and_absolute_tolerances_follow_the_velocity_scale():
+    found = calls(flywheel_benchmark(), (0.0, 4.0), 300.0)
+    assert sorted({call.pre_slip[0] for call in found if call.pre_slip}) == [3e-4, 3e-3, 3e-2, 0.3, 3.0]
+    first = next(call for call in found if "step" not in call.options)
+    assert first.options == {"rtol": 1e-4, "atol": 3e-4}
+
+
+def test_a_tolerance_is_never_looser_than_a_tenth_of_the_pre_slip_velocity():
+    for call in calls(flywheel_benchmark(), (0.0, 4.0), 1.0):
+        if call.pre_slip:
+            assert call.options["rtol"] <= 0.1 * call.pre_slip[0] * (1 + 1e-12)
+
+
+def test_scenes_of_smooth_contacts_have_no_hard_formulations_and_are_not_regularised_again():
+    found = calls(sliding_block(PreSlip(DryFriction(0.2, 0.1))), (0.0, 1.0), 1.0)
+    kinds = {call.family.split(",")[0] for call in found}
+    assert kinds == {"contact-force"}
+
+
+def test_families_run_from_cheap_to_costly():
+    found = calls(flywheel_benchmark(), (0.0, 4.0), 1.0)
+    for family in {call.family for call in found}:
+        kind = [call for call in found if call.family == family]
+        if "step" in kind[0].options:
+            assert [call.options["step"] for call in kind] == pytest.approx([0.04, 0.004, 0.0004])
+        elif not kind[0].pre_slip:
+            assert all(np.diff([call.options["rtol"] for call in kind]) < 0)
+        else:
+            assert all(np.diff([call.pre_slip[0] for call in kind]) <= 0)
+
+
+def test_the_text_of_a_call_does_what_the_call_does():
+    scene = flywheel_benchmark()
+    for call in (
+        Call("a", {"method": "Adams", "rtol": 1e-6, "atol": 1e-8}),
+        Call("b", {"formulation": "merged"}),
+        Call("c", {"method": "RK4", "step": 0.04}),
+        Call("d", {"rtol": 1e-5}, (0.001, "tanh")),
+        Call("e", {"rtol": 1e-5}, (0.001, "linear")),
+    ):
+        text = call.text((0.0, 1.0))
+        pasted = eval(text, {"simulate": simulate, "scene": scene})
+        assert np.array_equal(pasted.y, call.run(scene, (0.0, 1.0)).y), text
+    assert Call("a", {"method": "Adams", "rtol": 1e-6}).text((0.0, 4.0)) == (
+        "simulate(scene, (0.0, 4.0), method='Adams', rtol=1e-06)"
+    )
+
+
+# measured
+
+
+def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(benchmark):
+    assert benchmark.limit < 1e-12
+    hard = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
+    assert hard and all(r.failure is None and r.error < 1e-9 for r in hard)
+    assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
+
+
+def test_pre_slip_errors_are_told(benchmark):
+    coarse = [r for r in benchmark.work.rows if "regularized(0.01)" in r.name]
+    assert coarse and all(1e-3 < r.error < 0.1 for r in coarse)
+
+
+def test_what_is_recommended_can_be_pasted_and_is_as_exact_as_said(benchmark):
+    advice = benchmark.recommend(error=1e-4)
+    line = str(advice)
+    assert line.startswith("simulate(scene") and " ms" in line.split("#")[1]
+    ast.parse(line)
+    result = eval(line, {"simulate": simulate, "scene": flywheel_benchmark()})
+    assert abs(result.velocity("wheel1")[-1] - EXACT_FINAL_VELOCITY) <= 1e-4
+    assert advice.error <= 1e-4 and advice.time > 0
+
+
+def test_the_most_accurate_call_within_a_time_is_on_the_front(benchmark):
+    slowest = max(r.median for r in benchmark.work.rows if r.failure is None)
+    advice = benchmark.recommend(time=slowest)
+    assert advice.error == min(r.error for r in benchmark.work.rows if r.failure is None)
+
+
+def test_text_frame_and_plot(benchmark, axes):
+    text = str(benchmark)
+    assert benchmark.table in text and "reference: simulate(scene" in text
+    assert "below what the reference can tell" in text
+    assert len(benchmark.to_frame()) == len(benchmark.work.rows)
+    drawn = benchmark.plot(ax=axes)
+    labels = drawn.get_legend_handles_labels()[1]
+    assert drawn is axes and "below what the reference can tell" in labels and "contact-force, BDF" in labels
+
+
+def test_a_crowded_legend_leaves_the_curves_free(benchmark, axes):
+    benchmark.plot(ax=axes)
+    axes.figure.canvas.draw()
+    assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
+
+
+def test_errors_of_ones_own_get_the_reference():
+    seen = []
+
+    def error(result, reference):
+        seen.append(reference)
+        return abs(result.events[-1].t - reference.events[-1].t)
+
+    found = tradeoff(sliding_block(stiffness=2.0), (0.0, 1.5), error=error, budget=4.0)
+    assert len({id(reference) for reference in seen}) == 1
+    assert found.recommend(error=1e-6).error <= 1e-6
+
+
+def test_a_small_budget_leaves_out_the_costly_and_says_so():
+    found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=1.0)
+    assert found.skipped and "left out" in str(found)
+    measured = {r.name for r in found.work.rows}
+    assert not measured & {skipped.call for skipped in found.skipped}
+    reasons = [skipped.reason for skipped in found.skipped]
+    assert any(reason.startswith("took") for reason in reasons)
+
+
+def test_warnings_of_calls_are_not_passed_on(monkeypatch):
+    def warn(self, scene, span):
+        warnings.warn("not safe", stacklevel=1)
+        return simulate(scene, span)
+
+    monkeypatch.setattr(Call, "run", warn)
+    assert tradeoff(sliding_block(), (0.0, 1.5), budget=1.0).work.rows
+
+
+# advice
+
+
+def test_cheapest_within_an_error_and_most_accurate_within_a_time():
+    study = made(row("a", 1.0, 1e-2), row("b", 2.0, 1e-5), row("c", 3.0, 1e-8))
+    assert study.recommend(error=1e-4) == Advice("b", 1e-5, 2.0)
+    assert study.recommend(time=2.5) == Advice("b", 1e-5, 2.0)
+    assert str(study.recommend(time=1.0)) == "a  # error 0.01, 1e+03 ms"
+
+
+def test_an_error_at_the_limit_is_said_to_be_at_most_that():
+    advice = made(row("a", 0.002, 1e-12)).recommend(error=1e-9)
+    assert advice.at_limit and str(advice) == "a  # error at most 1e-12, 2 ms"
+
+
+def test_no_advice_below_what_the_reference_can_tell():
+    with pytest.raises(ValueError, match=r"error=1e-13 is below what the reference can tell; allow 1e-12"):
+        made(row("a", 1.0, 1e-12)).recommend(error=1e-13)
+
+
+def test_no_advice_where_no_call_does_it():
+    study = made(row("a", 1.0, 1e-2), row("b", 2.0, math.nan, failure="SimulationError: stop"))
+    with pytest.raises(ValueError, match=r"recommend: no call has error <= 1e-06; the nearest is 'a'"):
+        study.recommend(error=1e-6)
+    with pytest.raises(TypeError, match="either error= or time="):
+        study.recommend()
+    with pytest.raises(TypeError, match="either error= or time="):
+        study.recommend(error=1.0, time=1.0)
+
+
+def test_failures_and_what_was_left_out_are_listed():
+    left = (
+        Skipped("x", "took 3 s, its share is 1 s"),
+        Skipped("y", "not tried, costlier than one that took 3 s"),
+    )
+    text = str(
+        made(row("a", 1.0, 1e-2), row("b", 2.0, math.nan, failure="SimulationError: stop"), skipped=left)
+    )
+    assert "FAILED SimulationError: stop" in text
+    assert "left out: x: took 3 s, its share is 1 s" in text
+    assert "left out untried: 1 costlier calls" in text
+
+
+# arguments and references
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "message"),
+    [
+        ({"error": "position"}, TypeError, "error must be 'velocity' or a callable"),
+        ({"budget": 0.0}, ValueError, "budget must be a positive number"),
+        ({"budget": math.inf}, ValueError, "budget must be a positive number"),
+        ({"budget": 1e-9}, ValueError, "no call fits into a budget"),
+    ],
+)
+def test_unusable_arguments(options, kind, message):
+    with pytest.raises(kind, match=message):
+        tradeoff(sliding_block(), (0.0, 1.0), **options)
+
+
+def test_only_scenes():
+    with pytest.raises(TypeError, match="scene must be a Scene"):
+        tradeoff("scene", (0.0, 1.0))
+
+
+def test_a_reference_that_fails_is_tried_again_less_tightly(monkeypatch):
+    pairs = list(reference_calls(1.0))
+    run = Call.run
+
+    def fails_when_tight(self, scene, span):
+        if self.options.get("rtol", 1.0) < 5e-12:
+            raise SimulationError("too tight", 0.0, {}, None)
+        return run(self, scene, span)
+
+    monkeypatch.setattr(Call, "run", fails_when_tight)
+    scene = sliding_block()
+    tight, loose, *_ = module._reference(scene, (0.0, 1.0), lambda result, reference: 0.0)
+    assert (tight, loose) == pairs[2]
+    monkeypatch.setattr(Call, "run", lambda self, scene, span: simulate(scene, span, rtol=1.0))
+    with pytest.raises(ValueError):
+        module._reference(scene, (0.0, 1.0), lambda result, reference: 0.0)
+
+
+def test_a_scene_that_cannot_be_simulated_says_so(monkeypatch):
+    def fails(self, scene, span):
+        raise SimulationError("at t = 1: stop", 1.0, {}, None)
+
+    monkeypatch.setattr(Call, "run", fails)
+    with pytest.raises(SimulationError, match="at t = 1: stop"):
+        tradeoff(sliding_block(), (0.0, 1.0))
