@@ -54,6 +54,10 @@ class FixedStepEngine(Engine):
             taus.append(ends[1 : kept + 1])
             states.append(ys[:kept])
             self.work.steps += kept
+            if not over and kept < ends.size - 1:
+                sentence = f"the {self._method} step of {self._step:g} s is unstable"
+                reached = Reached(np.concatenate(taus), np.concatenate(states), False)
+                raise SolverFailure(sentence, "shorten the step, or use BDF", reached)
             done, some = done + kept, min(2 * some, _MOST)
         return Reached(np.concatenate(taus), np.concatenate(states), hit)
 
@@ -85,9 +89,6 @@ class FixedStepEngine(Engine):
         if changed.any():
             first = int(changed.argmax())
             return first + 1, bool(violated[first]), True
-        if sound < ends.size - 1:
-            sentence = f"the {self._method} step of {self._step:g} s is unstable"
-            raise SolverFailure(sentence, "shorten the step, or use BDF")
         return sound, False, False
 
 

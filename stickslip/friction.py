@@ -22,7 +22,7 @@ HARD, LINEAR, SMOOTH, BRISTLE = 0, 1, 2, 3
 MEMORY = 0.1
 """A slipping pre-slip contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
 
-_UNDERFLOW = 745.0
+_UNDERFLOW, _TINY = 745.0, 1e-300
 _FASTEST = 1e12
 """Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
 
@@ -51,43 +51,60 @@ class Coefficients:
         arctan = [isinstance(law, PreSlip) and law.shape == "arctan" for law in laws]
         self.arctan = np.array(arctan, dtype=bool)
         stribeck = [c.stribeck_velocity for c in cores]
-        self._fall = np.where([v is not None for v in stribeck], self.mu_s - self.mu_c, 0.0)
-        self._v_s = np.array([1.0 if v is None else v for v in stribeck])
-        self._delta = np.array([c.stribeck_exponent for c in cores])
-        # beyond this ratio of speed to Stribeck velocity the exponential is 0, and its argument may overflow
-        self._gone = _UNDERFLOW ** (1.0 / self._delta)
-        self._kinetic = {j: c for j, c in enumerate(cores) if c.kinetic is not None}
+        self.fall = np.where([v is not None for v in stribeck], self.mu_s - self.mu_c, 0.0)
+        self.stribeck = np.array([1.0 if v is None else v for v in stribeck])
+        self.exponent = np.array([c.stribeck_exponent for c in cores])
+        self.kinetic = {j: c for j, c in enumerate(cores) if c.kinetic is not None}
         self.sigma = np.array([_bristle(law) for law in laws]).reshape(-1, 3)
         self.threshold = np.where(self.kind == LINEAR, MEMORY * self.velocity, self.velocity)
         self.threshold[(self.kind != LINEAR) & (self.kind != HARD)] = 0.0
 
-    def mu_k(self, contacts: Indices, side: Indices, speed: Array) -> Array:
-        """Return kinetic coefficients at speeds (k,) or (k, times); `side` is 0 or 1, shaped like `speed`."""
-        j = _like(contacts, speed)
-        mu = self.mu_c[side, j]
-        if self._fall.any():
-            ratio = np.minimum(speed / self._v_s[j], self._gone[j])
-            mu = mu + self._fall[side, j] * np.exp(-(ratio ** self._delta[j]))
-        for row, contact in enumerate(contacts.tolist() if self._kinetic else ()):
-            if contact in self._kinetic:
-                law = self._kinetic[contact]
-                mu[row] = np.reshape(
-                    [law.mu_k(v, 1) for v in np.ravel(speed[row]).tolist()], np.shape(speed[row])
-                )
+
+class _Kinetic:
+    """Kinetic coefficients of some contacts as functions of their relative velocities."""
+
+    def __init__(self, c: Coefficients, contacts: Indices, side: Indices | None = None) -> None:
+        """Take the coefficients of the side to which `w` points, or of the given ones."""
+        sides = [np.full(contacts.size, k) if side is None else side for k in (0, 1)]
+        self._level = np.array([c.mu_c[k, contacts] for k in sides])
+        self._fall = np.array([c.fall[k, contacts] for k in sides])
+        self._velocity, self._exponent = c.stribeck[contacts], c.exponent[contacts]
+        # beyond this ratio of speed to Stribeck velocity the exponential is 0, and its argument may overflow
+        self._gone = _UNDERFLOW ** (1.0 / self._exponent)
+        self._isotropic = all(np.array_equal(x[0], x[1]) for x in (self._level, self._fall))
+        self._bent = bool(self._fall.any())
+        self._own = [(row, c.kinetic[j]) for row, j in enumerate(contacts.tolist()) if j in c.kinetic]
+
+    def __call__(self, w: Array) -> Array:
+        """Return the coefficients at `w` (k,) or (k, times)."""
+        mu = self._of_side(self._level, w)
+        if self._bent:
+            ratio = np.minimum(np.abs(w) / _like(self._velocity, w), _like(self._gone, w))
+            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio ** _like(self._exponent, w)))
+        if self._own:
+            mu = np.array(np.broadcast_to(mu, w.shape))
+        for row, law in self._own:
+            values = [law.mu_k(v, 1) for v in np.ravel(np.abs(w[row])).tolist()]
+            mu[row] = np.reshape(values, w[row].shape)
         return mu
 
-    def mu_k_slope(self, contacts: Indices, side: Indices, speed: Array) -> Array:
-        """Return the derivatives of the kinetic coefficients with respect to speed (k,)."""
-        ratio = np.minimum(speed / self._v_s[contacts], self._gone[contacts])
-        moving = ratio > 0
-        ratio[~moving] = 1.0
-        power = ratio ** self._delta[contacts]
-        slope = -self._fall[side, contacts] * np.exp(-power) * self._delta[contacts] * power / ratio
-        slope *= moving / self._v_s[contacts]
-        for row, contact in enumerate(contacts.tolist()):
-            if contact in self._kinetic:
-                slope[row] = self._kinetic[contact].mu_k_slope(float(speed[row]), 1)
+    def slope(self, w: Array) -> Array:
+        """Return the derivatives with respect to speed at `w` (k,)."""
+        slope = np.zeros_like(w)
+        if self._bent:
+            ratio = np.minimum(np.abs(w) / self._velocity, self._gone)
+            moving = ratio > 0
+            ratio[~moving] = 1.0
+            power = ratio**self._exponent
+            slope = -self._of_side(self._fall, w) * np.exp(-power) * self._exponent * power / ratio
+            slope *= moving / self._velocity
+        for row, law in self._own:
+            slope[row] = law.mu_k_slope(float(abs(w[row])), 1)
         return slope
+
+    def _of_side(self, values: Array, w: Array) -> Array:
+        forward = _like(values[0], w)
+        return forward if self._isotropic else np.where(w < 0, _like(values[1], w), forward)
 
 
 class ActingForces:
@@ -160,16 +177,14 @@ class _Slipping:
     """Slipping in a known direction, with a kinetic coefficient that depends on speed."""
 
     def __init__(self, coefficients: Coefficients, contacts: Indices, sign: Array) -> None:
-        self._c, self._contacts, self._sign = coefficients, contacts, sign
-        self._side = (sign < 0).astype(np.intp)
+        self._sign, self._mu = sign, _Kinetic(coefficients, contacts, (sign < 0).astype(np.intp))
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         sign = _like(self._sign, w)
-        side = np.broadcast_to(_like(self._side, w), w.shape)
-        return sign * self._c.mu_k(self._contacts, side, np.maximum(sign * w, 0.0)) * normal
+        return sign * self._mu(np.maximum(sign * w, 0.0)) * normal
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        return self._c.mu_k_slope(self._contacts, self._side, np.maximum(self._sign * w, 0.0)) * normal
+        return self._mu.slope(np.maximum(self._sign * w, 0.0)) * normal
 
 
 class _Building:
@@ -188,9 +203,8 @@ class _Building:
         return self.slopes(w, normal, lag, z) * w
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        if self._isotropic:
-            top, rise = _like(self._top[0], w), _like(self._rise[0], w)
-        else:
+        top, rise = _like(self._top[0], w), _like(self._rise[0], w)
+        if not self._isotropic:
             top, rise = (np.where(w < 0, _like(x[1], w), _like(x[0], w)) for x in (self._top, self._rise))
         return (top - rise * lag) * normal
 
@@ -199,19 +213,17 @@ class _Smooth:
     """The smooth steps tanh and arctan, times the kinetic coefficient."""
 
     def __init__(self, coefficients: Coefficients, contacts: Indices) -> None:
-        self._c, self._contacts = coefficients, contacts
+        self._mu = _Kinetic(coefficients, contacts)
         self._velocity, self._arctan = coefficients.velocity[contacts], coefficients.arctan[contacts]
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        mu = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w))
-        return mu * normal * self._step(w / _like(self._velocity, w))
+        return self._mu(w) * normal * self._step(w / _like(self._velocity, w))
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        side, speed, x = (w < 0).astype(np.intp), np.abs(w), w / self._velocity
+        x = w / self._velocity
         step = self._step(x)
         rise = np.where(self._arctan, 1.0 / (1.0 + (0.5 * np.pi * x) ** 2), 1.0 - step**2) / self._velocity
-        mu, bend = (f(self._contacts, side, speed) for f in (self._c.mu_k, self._c.mu_k_slope))
-        return normal * (mu * rise + bend * np.abs(step))
+        return normal * (self._mu(w) * rise + self._mu.slope(w) * np.abs(step))
 
     def _step(self, x: Array) -> Array:
         return np.where(_like(self._arctan, x), 2 / np.pi * np.arctan(0.5 * np.pi * x), np.tanh(x))
@@ -221,7 +233,7 @@ class _Bristles:
     """Bristles that bend until they slip: LuGre, and Dahl without its damping and viscous terms."""
 
     def __init__(self, coefficients: Coefficients, contacts: Indices) -> None:
-        self._c, self._contacts = coefficients, contacts
+        self._mu = _Kinetic(coefficients, contacts)
         self._stiffness, self._damping, self._viscous = coefficients.sigma[contacts].T
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
@@ -235,19 +247,16 @@ class _Bristles:
         return w - self._relaxation(w, normal) * z
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
-        rate, speed, side = self._relaxation(w, normal), np.abs(w), (w < 0).astype(np.intp)
-        g = self._c.mu_k(self._contacts, side, speed) * normal
+        speed, g = np.abs(w), self._mu(w) * normal
         free = g * _FASTEST > self._stiffness * speed
-        g[~free] = 1.0
-        bend = self._c.mu_k_slope(self._contacts, side, speed) * normal
-        by_speed = np.where(free, self._stiffness * (1.0 - speed * bend / g) / g, 0.0)
-        return 1.0 - z * np.sign(w) * by_speed, -rate
+        g = np.where(free, g, 1.0)
+        by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
+        return 1.0 - z * np.sign(w) * by_speed, -self._relaxation(w, normal)
 
     def _relaxation(self, w: Array, normal: Array) -> Array:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
         push = _like(self._stiffness, w) * np.abs(w)
-        g = self._c.mu_k(self._contacts, (w < 0).astype(np.intp), np.abs(w)) * normal
-        return push / np.maximum(np.maximum(g, push / _FASTEST), np.finfo(float).tiny)
+        return push / np.maximum(self._mu(w) * normal, push / _FASTEST + _TINY)
 
 
 def _like(values: NDArray[Any], w: Array) -> NDArray[Any]:

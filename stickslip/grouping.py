@@ -57,7 +57,6 @@ class Groups:
         self._inertia, self._a, self._b = inertia, a, b
         self._is_small = self.n + self.count <= _SMALL
         (self._group_few if self._is_small else self._group_many)()
-        self._label = self.leader
         self.free = self.holder < 0
         self.mass = np.bincount(self.leader, weights=inertia, minlength=self.n)[self.leader]
         self._child = np.flatnonzero(self._edge >= 0)

@@ -107,7 +107,7 @@ def simulate(
         )
     arguments.check_dead_bands(scene)
     system = System.of(scene).over(start, stop, stepped=step is not None)
-    wanted = tolerances(system, start, stop, rtol, atol, margin)
+    wanted = tolerances(system, start, stop, rtol, atol, margin, method)
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system, method, step)

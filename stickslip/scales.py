@@ -46,12 +46,19 @@ class Tolerances:
 
 
 def tolerances(
-    system: System, start: float, stop: float, rtol: float, atol: float, margin: float | None
+    system: System,
+    start: float,
+    stop: float,
+    rtol: float,
+    atol: float,
+    margin: float | None,
+    method: str,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, and both so that a pre-slip velocity is a thousand times what they leave uncertain.
+    them, and both so that a pre-slip velocity is a thousand times what they leave uncertain; ten thousand times for
+    Adams, which is not made for stiffness.
 
     Raises
     ------
@@ -62,9 +69,10 @@ def tolerances(
     finest = _finest_velocity(system)
     if speed > 0:
         atol = min(atol, rtol * speed)
-        if _RESOLVED * (rtol * speed + atol) > finest:
-            rtol = min(rtol, finest / (2 * _RESOLVED * speed))
-            atol = min(atol, finest / (2 * _RESOLVED))
+        resolved = _RESOLVED * (10 if method == "Adams" else 1)
+        if resolved * (rtol * speed + atol) > finest:
+            rtol = min(rtol, finest / (2 * resolved * speed))
+            atol = min(atol, finest / (2 * resolved))
             _refuse_unresolved(system, rtol, finest, speed)
     each = np.full(system.size, atol)
     if frequency > 0 and speed > 0:

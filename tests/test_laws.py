@@ -7,7 +7,7 @@ from dataclasses import FrozenInstanceError, dataclass
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Dahl, DryFriction, Karnopp, LuGre, PreSlip
@@ -58,6 +58,7 @@ def test_equal_coefficients_with_a_stribeck_velocity_are_plain() -> None:
     assert law.mu_k_slope(0.05, 1) == 0.0
 
 
+@settings(deadline=None)
 @given(st.floats(1e-3, 1.0), st.sampled_from([-1, 1]), st.floats(0.5, 3.0))
 def test_slopes_are_derivatives(speed: float, direction: int, exponent: float) -> None:
     law = DryFriction(0.4, 0.1, stribeck_velocity=0.2, stribeck_exponent=exponent, mu_static_backward=0.6)
@@ -146,6 +147,7 @@ def test_another_law_keeps_its_parameters() -> None:
     assert Mine(PLAIN, 2.0).to_dict() == {"type": "Mine", "law": PLAIN.to_dict(), "extra": 2.0}
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.0, 2.0), min_size=3, max_size=3))
 def test_coefficients_of_many_contacts_are_those_of_each(speeds: list[float]) -> None:
     laws = [STRIBECK, SKEW, DryFriction(0.2, 0.1, kinetic=lubricated)]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
@@ -60,6 +60,7 @@ def test_the_vector_does_not_depend_on_where_it_was_read_before(order: list[floa
         assert q.complete(t).tolist() == pytest.approx(values(t), abs=1e-12), t
 
 
+@settings(deadline=None)
 @given(st.lists(st.floats(0.0, 1.0, exclude_max=True), max_size=20))
 def test_the_vector_at_any_times_in_any_order(times: list[float]) -> None:
     q = loads()

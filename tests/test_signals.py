@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
@@ -276,6 +276,7 @@ def lines(draw: st.DrawFn) -> PiecewiseLinear:
     return s
 
 
+@settings(deadline=None)
 @given(lines(), lines(), st.floats(-25, 25))
 def test_the_sum_of_lines_is_their_sum_at_every_time(
     a: PiecewiseLinear, b: PiecewiseLinear, t: float
@@ -289,12 +290,14 @@ def test_the_sum_of_lines_is_their_sum_at_every_time(
     assert set(total.breaks(-99, 99)) <= {*a.times, *b.times}
 
 
+@settings(deadline=None)
 @given(lines(), st.floats(-25, 25))
 def test_lines_agree_with_interpolation_between_jumps(s: PiecewiseLinear, t: float) -> None:
     if len(set(s.times)) == len(s.times):
         assert s(t) == pytest.approx(np.interp(t, s.times, s.values), abs=1e-11)
 
 
+@settings(deadline=None)
 @given(lines())
 def test_lines_keep_within_their_breaks(s: PiecewiseLinear) -> None:
     edges = [-30.0, *s.breaks(-30, 30), 30.0]
@@ -304,6 +307,7 @@ def test_lines_keep_within_their_breaks(s: PiecewiseLinear) -> None:
         assert s.slope(left) == pytest.approx(s.slope(middle), abs=1e-9)
 
 
+@settings(deadline=None)
 @given(lines(), st.floats(-25, 25))
 def test_clipped_lines_are_never_negative(s: PiecewiseLinear, t: float) -> None:
     cut = s.clipped(-25, 25)
@@ -312,6 +316,7 @@ def test_clipped_lines_are_never_negative(s: PiecewiseLinear, t: float) -> None:
     assert cut.period is None
 
 
+@settings(deadline=None)
 @given(lines(), st.floats(-3, 3), st.floats(-25, 25))
 def test_scaled_lines(s: PiecewiseLinear, factor: float, t: float) -> None:
     assert (s * factor)(t) == pytest.approx(factor * s(t), abs=1e-9)
@@ -415,6 +420,7 @@ def test_a_clipped_function() -> None:
 waves = st.builds(sine, st.floats(0.1, 10), st.floats(0.1, 5), st.floats(0, 7), st.floats(-12, 12))
 
 
+@settings(deadline=None)
 @given(waves, lines(), st.floats(0, 10))
 def test_clipped_curves_are_the_positive_part(wave: Signal, s: PiecewiseLinear, t: float) -> None:
     total = wave + s * 0.01
