@@ -56,10 +56,12 @@ def turned_over(
     turns : list of (time, contact, mode before, mode after)
     """
     states = segment.mode_set.modes
-    loose = np.flatnonzero(states >= OPEN)
+    loose = segment.mode_set.loose
     if not loose.size or not reached.taus[-1] > 0:
         return modes, []
     w = segment.relative_velocity(reached.taus[1:], reached.states[1:].T)
+    if segment.system.all_hard and (w[loose] * modes[loose, None] > 0).all():
+        return modes, []
     signs = np.where(states[:, None] == FREE, segment.system.sign_of(w), np.sign(w))
     turns = []
     turned = modes.copy()
@@ -93,11 +95,11 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
     Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
     only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
     """
+    if segment.quadratic and not segment.comes_near_rest(margin, float(reached.taus[-1])):
+        return reached, []
     contacts = segment.mode_set.slip
     hard = segment.system.hard[contacts]
     if margin <= 0 or not hard.any():
-        return reached, []
-    if segment.quadratic and not segment.comes_near_rest(margin, float(reached.taus[-1])):
         return reached, []
     last = reached.taus.size - (1 if reached.hit else 0)
     w = segment.relative_velocity(reached.taus[:last], reached.states[:last].T)[contacts]

@@ -26,10 +26,12 @@ __all__ = ["MultiplierEngine"]
 Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 100
+_OF_FORCES = 100.0
+"""How much looser forces are judged than states: they follow from these, and nothing adds up their errors."""
 
 
 class MultiplierEngine(Engine):
-    """IDA for the segments of one simulation; the state is ``(velocities, positions, forces of stuck contacts)``."""
+    """IDA for the segments of one simulation; unknowns are the states and the forces of the stuck contacts."""
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
@@ -42,7 +44,10 @@ class MultiplierEngine(Engine):
             horizon = missed
 
     def _solve(self, segment: Segment, equations: _Equations, horizon: float) -> Reached:
-        solver = IDA(equations.residual, **self._ida_options(segment, equations))
+        with warnings.catch_warnings():
+            # giving the pattern together with the exact Jacobian is meant
+            warnings.simplefilter("ignore", UserWarning)
+            solver = IDA(equations.residual, **self._ida_options(segment, equations))
         solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
         work = self.work
         work.solvers += 1
@@ -63,7 +68,7 @@ class MultiplierEngine(Engine):
         if segment.has_curved:
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
         # IDA tests the error of the forces too: judge them by what they are compared with
-        of_forces = np.maximum(self._rtol * equations.force_scale, np.finfo(float).tiny)
+        of_forces = np.maximum(_OF_FORCES * self._rtol * equations.force_scale, np.finfo(float).tiny)
         of_forces[equations.force_scale == 0] = self._atol.min()
         atol = np.concatenate([self._atol, of_forces])
         options: dict[str, Any] = {
@@ -77,9 +82,7 @@ class MultiplierEngine(Engine):
             "max_num_steps": 100_000,
         }
         if equations.pattern is not None:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)
-                return options | {"linsolver": "sparse", "sparsity": equations.pattern}
+            options |= {"linsolver": "sparse", "sparsity": equations.pattern}
         return options
 
 
@@ -109,7 +112,7 @@ class _Equations:
         self._place_jacobian()
 
     def _with_null_space(self, gram: Array) -> Array:
-        """Add ``Z Z^T`` over the directions in which forces are not unique: the solution is the one of least norm."""
+        """Add ``Z Z^T`` over the directions in which forces are not unique: the solution has the least norm."""
         if not self._mode_set.groups.redundant:
             return gram
         incidence = self._G if isinstance(self._G, np.ndarray) else self._G.toarray()
@@ -127,7 +130,7 @@ class _Equations:
         return self._C @ y + system.Q @ q + self._pushed @ friction
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
-        """Fill in ``M v' - F + G_S^T lambda``, the rates of the other states, and the constraint on lambda."""
+        """Fill in ``M v' - F + G_S^T lambda``, the other states' rates, and the constraint on lambda."""
         segment, system = self._segment, self._system
         n, size = system.n, self._first_force
         y, force = u[:size], u[size:]

@@ -61,6 +61,7 @@ class Guarded(Motion):
         self.shifted = mode_set.has_threshold
         if self.shifted:
             self.threshold = np.where(at_rest, 0.0, system.coefficients.threshold)[mode_set.slip]
+        self._scales: tuple[Array, Array] | None = None
         self._place_levels()
         self.taylor = self._expand()
 
@@ -187,6 +188,11 @@ class Guarded(Motion):
 
     def guard_scales(self) -> tuple[Array, Array]:
         """Return for each guard the size of what it compares, and the roundoff it carries."""
+        if self._scales is None:
+            self._scales = self._find_scales()
+        return self._scales
+
+    def _find_scales(self) -> tuple[Array, Array]:
         k, s = self.slips, self.helds
         y, q = np.abs(self.y), np.abs(self.inputs(0.0))
         system = self.system

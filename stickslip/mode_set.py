@@ -52,6 +52,7 @@ class ModeSet:
         self.stuck = np.flatnonzero((modes == 0) & (kind == HARD))
         self.pre = np.flatnonzero((modes == 0) & (kind == LINEAR))
         self.slip = np.flatnonzero((modes == 1) | (modes == -1))
+        self.loose = np.flatnonzero(modes >= OPEN)
         self.sign = modes[self.slip].astype(float)
         self.direction = (modes < 0).astype(np.intp)
         curved = system.coefficients.curved & (np.abs(modes) == 1)

@@ -36,10 +36,11 @@ class _Wrapped(Law):
 class PreSlip(_Wrapped):
     """Friction that builds up over a small velocity, without exact sticking.
 
-    "linear": ``r = mu_st N w / v_pre`` until ``|w| > v_pre``, then ``mu_k N sign(w)`` until ``|w| < 0.1 v_pre``: the
-    slip state remembers that the peak exists only on breaking away (Breedveld 2000, eqs. 3 and 4). "tanh" and
-    "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)`` and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``,
-    smooth and without a peak of their own.
+    "linear": ``r = mu_st N w / v_pre`` until ``|w| > v_pre``, then ``mu_k N sign(w)`` until
+    ``|w| < 0.1 v_pre``: the slip state remembers that the peak exists only on breaking away, and mu_st rises
+    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9). "tanh" and "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)``
+    and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``, smooth, without slip state or dwell, and with
+    no peak but that of a Stribeck curve.
 
     Parameters
     ----------
@@ -61,6 +62,7 @@ class PreSlip(_Wrapped):
     shape: Shape = "linear"
 
     def __post_init__(self) -> None:
+        """Check the parameters."""
         self._check_law()
         self._check_number("velocity", positive=True)
         if self.shape not in _SHAPES:
@@ -74,8 +76,8 @@ class PreSlip(_Wrapped):
 class Karnopp(_Wrapped):
     """Karnopp's dead band: a contact counts as stuck as soon as ``|w| < velocity`` (Karnopp 1985).
 
-    Only for a contact to the ground or to a drive: within the band one body's velocity is set to the other's, which for
-    two moving bodies would invent momentum (Breedveld 2000, section 3).
+    Only for a contact to the ground or to a drive: within the band one body's velocity is set to the other's,
+    which for two moving bodies would invent momentum (Breedveld 2000, section 3).
 
     Parameters
     ----------
@@ -94,6 +96,7 @@ class Karnopp(_Wrapped):
     velocity: float = 1e-3
 
     def __post_init__(self) -> None:
+        """Check the parameters."""
         self._check_law()
         self._check_number("velocity", positive=True)
 
@@ -103,8 +106,10 @@ class Karnopp(_Wrapped):
 class LuGre(_Wrapped):
     """The LuGre bristle model.
 
-    ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the Stribeck
-    curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995).
+    ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the
+    Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
+    ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
+    shorter than 2.7 of these times, and a normal force that rises from 0 makes them infinitely stiff.
 
     Parameters
     ----------
@@ -129,6 +134,7 @@ class LuGre(_Wrapped):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the parameters."""
         self._check_law()
         self._check_number("stiffness", positive=True)
         self._check_number("damping", positive=False)
@@ -139,6 +145,9 @@ class LuGre(_Wrapped):
 @dataclass(frozen=True)
 class Dahl(_Wrapped):
     """The Dahl model: ``r = sigma_0 z``, ``z' = w - sigma_0 |w| z / (mu_k N)`` (Dahl 1968).
+
+    Sliding one way from rest, ``r = mu_k N (1 - exp(-sigma_0 x / (mu_k N)))``, whatever the speed. As with
+    `LuGre`, the normal force should stay above 0.
 
     Parameters
     ----------
@@ -157,5 +166,6 @@ class Dahl(_Wrapped):
     stiffness: float
 
     def __post_init__(self) -> None:
+        """Check the parameters."""
         self._check_law()
         self._check_number("stiffness", positive=True)

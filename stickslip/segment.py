@@ -6,7 +6,7 @@ Time runs from 0 at the segment's start, so that events late in a long run are a
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp
+from math import exp, inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,17 +160,30 @@ class Segment(Guarded):
             return lambda tau, y: float(self.guards(tau).min(initial=np.inf))
         source = self.coefficients if self.polynomial_guards else self._risen
         rows = [row for row in zip(*(c.tolist() for c in source), strict=True) if row[0] < np.inf]
-        if self.polynomial_guards:
-            return lambda tau, y: min([a + tau * (b + tau * c) for a, b, c in rows], default=np.inf)
-        k = self.slips
-        lags = zip(self._rise.tolist(), self._age.tolist(), self._rate.tolist(), strict=True)
-        held = list(zip(rows[k:], lags, self._n0.tolist(), self._n1.tolist(), strict=True))
+        k = 0 if not self._rising else self.slips
+        plain = rows[:k] if self._rising else rows
+        lags = (
+            zip(self._rise.tolist(), self._age.tolist(), self._rate.tolist(), strict=True)
+            if self._rising
+            else ()
+        )
+        held = (
+            list(zip(rows[k:], lags, self._n0.tolist(), self._n1.tolist(), strict=False))
+            if self._rising
+            else []
+        )
 
         def smallest(tau: float, y: Array) -> float:
-            values = [a + tau * (b + tau * c) for a, b, c in rows[:k]]
+            least = inf
+            for a, b, c in plain:
+                value = a + tau * (b + tau * c)
+                if value < least:
+                    least = value
             for (a, b, c), (rise, age, rate), n0, n1 in held:
-                values.append(a + tau * (b + tau * c) - rise * exp(-(age + tau * rate)) * (n0 + tau * n1))
-            return min(values)
+                value = a + tau * (b + tau * c) - rise * exp(-(age + tau * rate)) * (n0 + tau * n1)
+                if value < least:
+                    least = value
+            return least
 
         return smallest
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Dahl, DryFriction, Karnopp, LuGre, PreSlip
-from stickslip.friction import Coefficients
 from stickslip.laws import Law, law_from_dict
 
 PLAIN = DryFriction(0.2, 0.1)
@@ -145,18 +144,3 @@ def test_another_law_keeps_its_parameters() -> None:
 
     assert Mine(PLAIN, 2.0).core is PLAIN
     assert Mine(PLAIN, 2.0).to_dict() == {"type": "Mine", "law": PLAIN.to_dict(), "extra": 2.0}
-
-
-@settings(deadline=None)
-@given(st.lists(st.floats(0.0, 2.0), min_size=3, max_size=3))
-def test_coefficients_of_many_contacts_are_those_of_each(speeds: list[float]) -> None:
-    laws = [STRIBECK, SKEW, DryFriction(0.2, 0.1, kinetic=lubricated)]
-    table = Coefficients(laws)
-    contacts = np.arange(3)
-    for side, direction in ((0, 1), (1, -1)):
-        sides = np.full(3, side)
-        mu = table.mu_k(contacts, sides, np.array(speeds))
-        slope = table.mu_k_slope(contacts, sides, np.array(speeds))
-        for j, law in enumerate(laws):
-            assert mu[j] == pytest.approx(law.mu_k(speeds[j], direction), rel=1e-14)
-            assert slope[j] == pytest.approx(law.mu_k_slope(speeds[j], direction), rel=1e-9, abs=1e-12)

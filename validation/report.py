@@ -61,8 +61,8 @@ nav a { margin-right: 1.2rem; color: #0969da; text-decoration: none; }
 
 def number(x: float) -> str:
     """Return a number as the tables show it."""
-    if math.isnan(x) or math.isinf(x):
-        return "none" if math.isinf(x) else "nan"
+    if not math.isfinite(x):
+        return "—"
     return "0" if x == 0 else f"{abs(x):.1e}"
 
 
