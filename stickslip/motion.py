@@ -161,7 +161,7 @@ class Motion:
 
     @property
     def _difference_step(self) -> float:
-        return 1e-4 * min(self.horizon, self.system.loads.period, 1.0)
+        return 1e-4 * min(self.horizon or np.inf, self.system.loads.period, 1.0)
 
     def _find_polynomial(self) -> None:
         """Find out whether the motion is exactly quadratic in time, as it is wherever no spring or damper acts.

@@ -60,12 +60,17 @@ class Segment(Guarded):
             # a slipping contact's guard is a velocity, so its slope compares with accelerations
             horizon = max(self.horizon, np.finfo(float).tiny)
             slipping = np.arange(g0.size) < k
-            tolerance = np.where(slipping, noise * 1e2, (AT_LIMIT * size + noise) / horizon)
-            bend, tolerance_of_bend = g2 * horizon, tolerance
+            acceleration = noise / ROUNDOFF
+            tolerance_of_bend = np.where(
+                slipping, AT_LIMIT * acceleration, (AT_LIMIT * size + noise) / horizon
+            )
+            # a force as near to its limit as an event finds it leaves as much of an acceleration
+            tolerance = np.where(slipping, closeness * acceleration, tolerance_of_bend)
+            bend = g2 * horizon
             if self._differenced:
                 d = self._difference_step
-                rough = _DIFFERENCED * (noise / ROUNDOFF + np.where(slipping, 0.0, size))
-                tolerance_of_bend = tolerance + rough * horizon / np.where(slipping, d, d * d)
+                rough = _DIFFERENCED * (acceleration + np.where(slipping, 0.0, size))
+                tolerance_of_bend = tolerance_of_bend + rough * horizon / np.where(slipping, d, d * d)
                 tolerance = tolerance + np.where(slipping, 0.0, rough / d)
             down, up = g1 < -tolerance, g1 > tolerance
             locked = self.mode_set.locked

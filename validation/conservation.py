@@ -248,7 +248,15 @@ _CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
 }
 
 ROWS = [
-    conservation_row(f"{name}/{f}", f"{what}; over all cases ({f})", source, partial(over_all, measure, f), bound, limit=60.0)
+    conservation_row(
+        f"{name}/{f}",
+        f"{what}; over all cases ({f})",
+        source,
+        partial(over_all, measure, f),
+        bound,
+        quick=f != "multiplier",
+        limit=120.0,
+    )
     for f in FORMULATIONS
     for name, (measure, what, source, bound) in _CHECKS.items()
 ]

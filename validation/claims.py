@@ -1,0 +1,342 @@
+"""What Breedveld (2000) claims, beside what is measured here; figures 8, 11 and 12 drawn from the same runs.
+
+    python -m validation.claims [--only KEY ...] [--figures DIR] [--repeats 5]
+
+Every number comes from a run. Times are compared as ratios: the two sides take turns, and the medians count.
+Errors are the largest over both wheels and 2000 times, against the event-exact run of the contact-force model,
+which itself agrees with 40-digit arithmetic to roundoff.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from stickslip import GROUND, Body, Contact, Damper, DryFriction, Force, Karnopp, Result, Scene, simulate
+from stickslip.benchmark import (
+    BENCHMARK_SPAN,
+    EXACT_EVENTS,
+    EXACT_FINAL_VELOCITY,
+    flywheel_benchmark,
+    four_flywheels,
+)
+from stickslip.signals import piecewise_linear
+
+PRE_SLIP = 1e-3
+"""The paper's pre-slip velocity in rad/s (table 1)."""
+VISCOUS = 5.0
+"""Viscous friction between the four flywheels in N m s/rad; the paper does not say how much it used."""
+SETTLED = (0.0, 1.0)
+"""The part of the benchmark in which anything happens."""
+LEVELS = (1e-2, 3e-3, 1e-3)
+_GRID = 1.12
+
+Line = tuple[str, str]
+"""What is measured, and the value."""
+
+
+def _virtually_identical(repeats: int) -> Iterator[Line]:
+    hard = simulate(flywheel_benchmark(), BENCHMARK_SPAN)
+    soft = simulate(flywheel_benchmark().regularized(PRE_SLIP), BENCHMARK_SPAN)
+    exact = max(abs(e.t - x.t) for e, x in zip(hard.events, EXACT_EVENTS, strict=True))
+    yield "contact force: events, largest distance to the exact times", f"{len(hard.events)}, {exact:.1e} s"
+    off = max(abs(hard.velocity(w)[-1] - EXACT_FINAL_VELOCITY) for w in ("wheel1", "wheel2"))
+    yield "contact force: final velocity, distance to the exact one", f"{off:.1e} rad/s"
+    yield "pre-slip 0.001 rad/s: the same events in the same order", _yes(_changes(soft) == _changes(hard))
+    apart = max(abs(a.t - b.t) for a, b in zip(hard.events, soft.events, strict=True))
+    yield "largest difference of event times", f"{apart:.1e} s"
+    difference = _error(soft, hard, BENCHMARK_SPAN)
+    yield "largest difference of velocities", f"{difference:.1e} rad/s = {difference / PRE_SLIP:.2f} v_pre"
+    for event in hard.events:
+        yield f"  {event.contact} {event.before.name} -> {event.after.name}", f"{event.t:.9f} s"
+
+
+def _fixed_steps(repeats: int) -> Iterator[Line]:
+    exact = simulate(flywheel_benchmark(), SETTLED)
+    hard, soft = flywheel_benchmark(), flywheel_benchmark().regularized(PRE_SLIP)
+    stability = 2.785 * PRE_SLIP / (0.2 * 100.0 * 1.1)
+    yield "RK4 on pre-slip is stable below 2.785 v_pre m / (mu_s N)", f"{stability:.3g} s"
+    found: dict[str, dict[float, float]] = {"hard": {}, "soft": {}}
+    for name, scene, first in (("hard", hard, 1e-2), ("soft", soft, 1.25 * stability)):
+        found[name] = dict(_cheapest(scene, exact, first))
+    for level in LEVELS:
+        h, s = found["hard"][level], found["soft"][level]
+        runs = [
+            lambda h=h: simulate(hard, BENCHMARK_SPAN, method="RK4", step=h),
+            lambda s=s: simulate(soft, BENCHMARK_SPAN, method="RK4", step=s),
+        ]
+        fast, slow, ratio = _in_turn(runs[0], runs[1], repeats)
+        calls = slow.nfev / fast.nfev
+        yield (
+            f"error {level:g} rad/s: steps {h:.2g} s and {s:.2g} s",
+            f"{h / s:.1f} x fewer steps, {calls:.1f} x fewer calls, {ratio:.1f} x faster",
+        )
+
+
+def _cheapest(scene: Scene, exact: Result, first: float) -> Iterator[tuple[float, float]]:
+    """Yield for each level the longest RK4 step that meets it together with the two next shorter ones."""
+    step, errors, levels = first, [math.inf] * 3, list(LEVELS)
+    while levels:
+        result = simulate(scene, SETTLED, method="RK4", step=step)
+        errors = [*errors[1:], _error(result, exact, SETTLED)]
+        while levels and max(errors) <= levels[0]:
+            yield levels.pop(0), step * _GRID**2
+        step /= _GRID
+
+
+def _bdf(repeats: int) -> Iterator[Line]:
+    for title, scene, span in (
+        ("two flywheels", flywheel_benchmark(), BENCHMARK_SPAN),
+        ("four flywheels", four_flywheels(), BENCHMARK_SPAN),
+        ("four flywheels, viscous", four_flywheels(viscous=VISCOUS), BENCHMARK_SPAN),
+    ):
+        hard, soft, ratio = _in_turn(
+            lambda scene=scene, span=span: simulate(scene, span, rtol=1e-5, atol=1e-7),
+            lambda scene=scene, span=span: simulate(scene.regularized(PRE_SLIP), span, rtol=1e-5, atol=1e-7),
+            repeats,
+        )
+        calls = f"{soft.nfev} calls against {hard.nfev}, {soft.nfev / hard.nfev:.1f} x fewer"
+        yield f"{title}, rtol 1e-5: contact force against pre-slip", f"{calls}; {ratio:.1f} x faster"
+        error = _error(soft, simulate(scene, span), span)
+        yield "  pre-slip error at that tolerance", f"{error:.1e} rad/s = {error / PRE_SLIP:.2f} v_pre"
+
+
+def _stiff(repeats: int) -> Iterator[Line]:
+    for velocity in (1e-2, 1e-3, 1e-4, 1e-5):
+        result = simulate(flywheel_benchmark().regularized(velocity), (0.0, 0.04))
+        fastest = _fastest(result)
+        yield (
+            f"pre-slip {velocity:g} rad/s: fastest eigenvalue while sticking",
+            f"{fastest:.3g} /s, times v_pre {fastest * velocity:.3g}",
+        )
+    yield "contact force, sticking or slipping", f"{_fastest(simulate(flywheel_benchmark(), SETTLED)):g} /s"
+    viscous = simulate(four_flywheels(viscous=VISCOUS), SETTLED)
+    yield "contact force with viscous friction (its own time scale)", f"{_fastest(viscous):.3g} /s"
+
+
+def _fastest(result: Result) -> float:
+    """Return the largest eigenvalue of the Jacobian at the computed points."""
+    worst = 0.0
+    for piece in result._pieces:
+        segment = piece.segment()
+        for tau, y in zip(piece.taus.tolist(), piece.states, strict=True):
+            worst = max(worst, float(np.abs(np.linalg.eigvals(segment.jacobian(tau, y))).max()))
+    return worst
+
+
+def _real_time(repeats: int) -> Iterator[Line]:
+    span = BENCHMARK_SPAN
+    for title, scene in (
+        ("two flywheels", flywheel_benchmark()),
+        ("four flywheels", four_flywheels()),
+        ("four flywheels, viscous", four_flywheels(viscous=VISCOUS)),
+    ):
+        hard, soft = (
+            _factor(lambda scene=scene: simulate(scene, span), span, repeats),
+            _factor(lambda scene=scene: simulate(scene.regularized(PRE_SLIP), span), span, repeats),
+        )
+        yield f"{title}, BDF: contact force, pre-slip", f"{hard:.0f} and {soft:.0f} times real time"
+    hard = _factor(lambda: simulate(four_flywheels(), span, method="RK4", step=1e-3), span, repeats)
+    yield "four flywheels, RK4, contact force, step 1 ms", f"{hard:.0f} times real time"
+    scene = four_flywheels().regularized(PRE_SLIP)
+    soft = _factor(lambda: simulate(scene, span, method="RK4", step=5e-5), span, 1)
+    yield "four flywheels, RK4, pre-slip, step 0.05 ms", f"{soft:.1f} times real time"
+
+
+def _factor(run: Callable[[], Result], span: tuple[float, float], repeats: int) -> float:
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return (span[1] - span[0]) / median(times)
+
+
+def _four_flywheels(repeats: int) -> Iterator[Line]:
+    for viscous in (0.0, VISCOUS):
+        scene = four_flywheels(viscous=viscous)
+        hard, soft = (simulate(s, BENCHMARK_SPAN) for s in (scene, scene.regularized(PRE_SLIP)))
+        title = f"viscous {viscous:g} N m s/rad" if viscous else "no viscous friction"
+        agree = _yes(sorted(_changes(hard)) == sorted(_changes(soft)))
+        yield f"{title}: events, same mode changes with pre-slip", f"{len(hard.events)}, {agree}"
+        still = next(e for e in hard.events if e.contact == "brake" and e.after == 0)
+        yield "  first wheel comes to a complete stop", f"{still.t:.6f} s"
+        difference = _error(soft, hard, BENCHMARK_SPAN)
+        yield "  largest difference of velocities to pre-slip", f"{difference / PRE_SLIP:.2f} v_pre"
+
+
+def _relaxation(repeats: int) -> Iterator[Line]:
+    law = DryFriction(mu_static=0.5, mu_coulomb=0.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Damper("a", GROUND, damping=3.0),
+        Contact("c", "a", GROUND, law, normal=10.0),
+        Force("a", piecewise_linear([20.0, 30.0], [0.0, 10.0])),
+    )
+    result = simulate(scene, (0.0, 30.0))
+    for event in result.events:
+        yield f"v = exp(-3 t), then a load up to 5 N: {event.cause}", f"{event.t:.3f} s"
+    relaxed = result.events[0]
+    last = float(result.y[0][result.t < relaxed.t][-1])
+    yield (
+        "velocity at the last point before it is found",
+        f"{last:.1e} m/s, exp(-3 t) {math.exp(-3 * relaxed.t):.1e}",
+    )
+    missed = simulate(scene, (0.0, 15.0), velocity_margin=0.0, atol=1e-200)
+    yield "zero crossings found without the check, to 15 s", str(len(missed.events))
+
+
+def _momentum(repeats: int) -> Iterator[Line]:
+    result = simulate(flywheel_benchmark(), (0.0, 0.2), t_eval=np.linspace(0.01, 0.2, 500))
+    stuck = np.all(result.mode("interface") == 0) and np.all(result.relative_velocity("interface") == 0)
+    v = result.velocity("wheel1")
+    yield "first brake action: the interface sticks throughout, without slip", _yes(bool(stuck))
+    yield "  while the momentum of wheel 1 falls", f"from {v[0]:.4f} to {v[-1]:.4f} N m s"
+    try:
+        law = Karnopp(DryFriction(0.2, 0.1), PRE_SLIP)
+        simulate(flywheel_benchmark().replace("interface", law=law), SETTLED)
+    except ValueError as error:
+        yield "Karnopp's model between two moving bodies is refused", str(error)
+
+
+def _changes(result: Result) -> list[tuple[str, int, int]]:
+    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
+
+
+def _error(result: Result, exact: Result, span: tuple[float, float]) -> float:
+    times = np.linspace(*span, 2000)
+    return float(np.abs(result(times) - exact(times)).max())
+
+
+def _in_turn(
+    first: Callable[[], Result], second: Callable[[], Result], repeats: int
+) -> tuple[Result, Result, float]:
+    """Run two simulations in turn; return both results and how many times the second takes the first's time."""
+    results, times = [first(), second()], ([], [])  # type: tuple[list[Result], tuple[list[float], list[float]]]
+    for _ in range(repeats):
+        for k, run in enumerate((first, second)):
+            start = time.perf_counter()
+            results[k] = run()
+            times[k].append(time.perf_counter() - start)
+    return results[0], results[1], median(times[1]) / median(times[0])
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "NO"
+
+
+CLAIMS: dict[str, tuple[str, Callable[[int], Iterator[Line]]]] = {
+    "identical": (
+        '"The model allowing pre-slip velocity gives virtually identical results" (section 8)',
+        _virtually_identical,
+    ),
+    "fixed-step": (
+        '"in case fixed-step integration routines are used, the new model performs about ten times faster"',
+        _fixed_steps,
+    ),
+    "bdf": ('"in case variable step integration is used not much computation time is gained"', _bdf),
+    "stiff": (
+        'A pre-slip velocity "may result in a numerically stiff set of differential equations" (6.1)',
+        _stiff,
+    ),
+    "real-time": (
+        '"about ten times real-time, with the exception of the RK4 method for the model with pre-slip"',
+        _real_time,
+    ),
+    "four": ("Four flywheels, and viscous friction added, run at once (figs. 9 to 12)", _four_flywheels),
+    "relaxation": (
+        '"relaxation behavior [...] without changing sign will not be detected" by crossings',
+        _relaxation,
+    ),
+    "momentum": ('"the momentum state cannot be used for keeping track of the slip-stick mode"', _momentum),
+}
+
+
+def draw(folder: Path) -> list[Path]:
+    """Draw figures 8, 11 and 12 of the paper into a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it does not exist.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    from stickslip import plots
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figures: dict[str, tuple[str, Scene, tuple[float, float]]] = {
+        "fig08": ("Fig. 8: two flywheels, contact force, BDF", flywheel_benchmark(), (0.0, 1.0)),
+        "fig11": (
+            "Fig. 11: four flywheels, pre-slip 0.001 rad/s, BDF",
+            four_flywheels().regularized(PRE_SLIP),
+            (0.0, 2.0),
+        ),
+        "fig12": (
+            "Fig. 12: four flywheels with viscous friction, contact force, BDF",
+            four_flywheels(viscous=VISCOUS),
+            (0.0, 2.0),
+        ),
+    }
+    written = []
+    for name, (title, scene, shown) in figures.items():
+        figure = plots.overview(simulate(scene, BENCHMARK_SPAN), t_span=shown)
+        figure.suptitle(title, fontsize="medium")
+        written.append(folder / f"{name}.png")
+        figure.savefig(written[-1], dpi=120)
+    return written
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the claims and what is measured, and draw the figures.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Of the command line.
+
+    Returns
+    -------
+    int
+        0.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m validation.claims", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument(
+        "--only", nargs="+", choices=[*CLAIMS, "figures"], help="claims to measure (default: all)"
+    )
+    parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder of the figures")
+    parser.add_argument(
+        "--repeats", type=int, default=5, help="runs whose median counts as a time (default: 5)"
+    )
+    given: Any = parser.parse_args(arguments)
+    wanted = given.only or [*CLAIMS, "figures"]
+    for key, (claim, measure) in CLAIMS.items():
+        if key not in wanted:
+            continue
+        print(f"\n{claim}\n    python -m validation.claims --only {key}")
+        for what, value in measure(given.repeats):
+            print(f"  {what:<66} {value}")
+    if "figures" in wanted:
+        print(
+            f"\nFigures 8, 11 and 12\n    python -m validation.claims --only figures --figures {given.figures}"
+        )
+        for path in draw(given.figures):
+            print(f"  {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
