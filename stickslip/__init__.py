@@ -10,6 +10,7 @@ from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, 
 from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
 from stickslip.study import work_precision
 from stickslip.sweeps import sweep
+from stickslip.tradeoff import tradeoff
 
 __all__ = [
     "GROUND",
@@ -37,6 +38,7 @@ __all__ = [
     "sine",
     "step",
     "sweep",
+    "tradeoff",
     "triangle",
     "work_precision",
 ]

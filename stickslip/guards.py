@@ -82,7 +82,7 @@ class Guarded(Motion):
         self._curved_normal = self.has_curved and bool(np.isin(both, self.system.loads.curved).any())
         self._l0, self._l1 = self._mu_s * self._n0, self._mu_s * self._n1
         self._near = np.zeros(self.slips + both.size)
-        self._near[self.slips :] = 1e-5 * self._l0
+        self._near[self.slips :] = 1e-5 * (self.levels(0.0) if self._curved_normal else self._l0)
 
     @property
     def dwell_times(self) -> Array:

@@ -445,3 +445,19 @@ def test_reruns_are_bit_identical() -> None:
         assert first.events == second.events
         assert first.t.tobytes() == second.t.tobytes() and first.y.tobytes() == second.y.tobytes()
         assert first.stats == second.stats
+
+
+def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once() -> None:
+    """At t = 64 s a root rounds to a time 1e-14 s before it: the guard is still positive there, but found at its limit."""
+    law = DryFriction(0.3, 0.2)
+    for start in (0.0, 64.0):
+        normal = sine(4.5, 1.377, phase=-550.166 - 2 * math.pi * 1.377 * (start - 64.0), offset=15.0)
+        scene = Scene(
+            Body("a", inertia=1.0, position=0.0),
+            Drive("plate", velocity=1.0),
+            Contact("floor", "a", GROUND, law, normal=normal),
+            Spring("a", "plate", stiffness=10.0),
+        )
+        result = simulate(scene, (start, start + 3.0))
+        assert [event.after for event in result.events if event.contact == "floor"][:2] == [1, 0]
+        assert result.stats["restarts"] < 20

@@ -32,12 +32,12 @@ from stickslip.signals import piecewise_linear
 
 PRE_SLIP = 1e-3
 """The paper's pre-slip velocity in rad/s (table 1)."""
-VISCOUS = 5.0
-"""Viscous friction between the four flywheels in N m s/rad; the paper does not say how much it used."""
+VISCOUS = 1.0
+"""Viscous friction between the four flywheels in N m s/rad; from 2 on the brake no longer stops the first wheel."""
 SETTLED = (0.0, 1.0)
 """The part of the benchmark in which anything happens."""
 LEVELS = (1e-2, 3e-3, 1e-3)
-_GRID = 1.12
+_GRID, _WIDTH = 1.12, 72
 
 Line = tuple[str, str]
 """What is measured, and the value."""
@@ -161,14 +161,15 @@ def _factor(run: Callable[[], Result], span: tuple[float, float], repeats: int) 
 
 
 def _four_flywheels(repeats: int) -> Iterator[Line]:
-    for viscous in (0.0, VISCOUS):
+    for viscous in (0.0, VISCOUS, 5 * VISCOUS):
         scene = four_flywheels(viscous=viscous)
         hard, soft = (simulate(s, BENCHMARK_SPAN) for s in (scene, scene.regularized(PRE_SLIP)))
         title = f"viscous {viscous:g} N m s/rad" if viscous else "no viscous friction"
         agree = _yes(sorted(_changes(hard)) == sorted(_changes(soft)))
         yield f"{title}: events, same mode changes with pre-slip", f"{len(hard.events)}, {agree}"
-        still = next(e for e in hard.events if e.contact == "brake" and e.after == 0)
-        yield "  first wheel comes to a complete stop", f"{still.t:.6f} s"
+        stops = [e.t for e in hard.events if e.contact == "brake" and e.after == 0]
+        slowest = float(hard.velocity("w1").min())
+        yield "  first wheel", f"stops at {stops[0]:.6f} s" if stops else f"slows to {slowest:.3f} rad/s"
         difference = _error(soft, hard, BENCHMARK_SPAN)
         yield "  largest difference of velocities to pre-slip", f"{difference / PRE_SLIP:.2f} v_pre"
 
@@ -277,16 +278,16 @@ def draw(folder: Path) -> list[Path]:
 
     folder.mkdir(parents=True, exist_ok=True)
     figures: dict[str, tuple[str, Scene, tuple[float, float]]] = {
-        "fig08": ("Fig. 8: two flywheels, contact force, BDF", flywheel_benchmark(), (0.0, 1.0)),
+        "fig08": ("Fig. 8: two flywheels, contact force, BDF", flywheel_benchmark(), SETTLED),
         "fig11": (
             "Fig. 11: four flywheels, pre-slip 0.001 rad/s, BDF",
             four_flywheels().regularized(PRE_SLIP),
-            (0.0, 2.0),
+            SETTLED,
         ),
         "fig12": (
-            "Fig. 12: four flywheels with viscous friction, contact force, BDF",
+            f"Fig. 12: four flywheels with viscous friction of {VISCOUS:g} N m s/rad, contact force, BDF",
             four_flywheels(viscous=VISCOUS),
-            (0.0, 2.0),
+            SETTLED,
         ),
     }
     written = []
@@ -328,7 +329,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         print(f"\n{claim}\n    python -m validation.claims --only {key}")
         for what, value in measure(given.repeats):
-            print(f"  {what:<66} {value}")
+            print(f"  {what:<{_WIDTH}} {value}")
     if "figures" in wanted:
         print(
             f"\nFigures 8, 11 and 12\n    python -m validation.claims --only figures --figures {given.figures}"
