@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _DENSE_LIMIT = 100
-_REMEMBERED, _REMEMBERED_LARGE = 64, 8
+_REMEMBERED, _REMEMBERED_LARGE = 64, 4
 _COMPILED: dict[int, System] = {}
 
 
