@@ -26,25 +26,25 @@ def main(figure: Path) -> None:
     """Follow three starts to the limit cycle and draw them."""
     drawing = Figure(figsize=(10.0, 4.4), layout="constrained")
     left, right = drawing.subplots(1, 2, width_ratios=(1.25, 1.0))
-    starts = {"at rest": (0.0, 0.0), "far out": (2.2, 0.0), "near the fixed point": (0.68, 0.0)}
+    starts = {"from rest": (0.0, 0.0), "from far out": (2.2, 0.0), "from near the fixed point": (0.68, 0.0)}
     looks = zip(starts.items(), ("-", "--", ":"), ("#000000", "#0072B2", "#D55E00"), strict=True)
     for (name, (position, velocity)), style, colour in looks:
         scene = Scene(
             Body("block", inertia=1.0, position=position, velocity=velocity),
             Drive("belt", velocity=BELT),
             Spring("block", "ground", stiffness=1.0),
-            Contact("belt", "block", "belt", DryFriction(1.0, 0.4, kinetic=kinetic), normal=1.0),
+            Contact("surface", "block", "belt", DryFriction(1.0, 0.4, kinetic=kinetic), normal=1.0),
         )
         result = simulate(scene, (0.0, 60.0), t_eval=np.linspace(0.0, 60.0, 4001))
         x, v = result.position("block"), result.velocity("block")
-        left.plot(x, v, style, color=colour, linewidth=1.3, label=f"from {name}")
+        left.plot(x, v, style, color=colour, linewidth=1.3, label=name)
         left.plot(x[0], v[0], "o", color=colour, markerfacecolor="white")
         stuck = [event.t for event in result.events if event.after.name == "STUCK"]
-        print(f"from {name}: {len(result.events)} events, period {stuck[-1] - stuck[-2]:.9f} s")
+        print(f"{name}: {len(result.events)} events, period {stuck[-1] - stuck[-2]:.9f} s")
     left.axhline(BELT, color="0.7", linewidth=0.8, zorder=0, label="belt velocity")
     left.set(xlabel="position of the block [m]", ylabel="velocity of the block [m/s]", title="phase plane")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, fontsize="small", frameon=False)
-    plots.characteristic(result, "belt", ax=right).set_title("friction force")
+    plots.characteristic(result, "surface", ax=right).set_title("friction force")
     right.legend(loc="upper left", fontsize="small")
     drawing.savefig(figure, dpi=110)
 

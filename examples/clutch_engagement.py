@@ -34,7 +34,7 @@ def main(figure: Path) -> None:
     print(f"energy balance error {ledger.relative_error:.1e} of the largest energy")
 
     drawing = Figure(figsize=(9.0, 9.0), layout="constrained")
-    axes = drawing.subplots(5, 1, sharex=True, height_ratios=(2.2, 0.8, 1.8, 1.4, 2.0))
+    axes = drawing.subplots(5, 1, sharex=True, height_ratios=(2.2, 1.1, 1.8, 1.4, 2.0))
     plots.overview(result, axes=axes[:4])
     axes[3].set_xlabel("")
     plots.energy(result, ax=axes[4])

@@ -1,8 +1,8 @@
 """Four inertias joined by three clutches that close one after another: the Modelica example CoupledClutches.
 
 The first inertia turns at 10 rad/s and is driven by an oscillating torque of 5 Hz. Clutch 1 follows a slow cosine,
-clutches 2 and 3 are pressed together at 0.4 s and 0.9 s. Where the torque exceeds what a clutch can hold it slips
-again: stick and slip alternate in several contacts at once, some of them at the same instant.
+clutches 2 and 3 are pressed together at 0.4 s and 0.9 s. Clutch 1 locks twice and slips again each time, because the
+torque exceeds what it can hold; from 1.25 s on its normal force is negative, so it is open.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Four flywheels in a row, braked once, without and with viscous friction between them (Breedveld 2000, figs. 11, 12).
 
 The contacts get weaker with the distance from the brake, so the first wheel is torn off the others and stands still
-for a while. Dry friction alone brings all wheels to one speed in finite time. Viscous friction in parallel takes a
-share of the torque that drags the wheels along, and the events move. The figure shows both runs, one above the other.
+for a while. Viscous friction in parallel drags the first wheel along with the others: the same brake no longer brings
+it to a stop. The figure shows both runs, one above the other.
 """
 
 import sys

@@ -11,34 +11,44 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from stickslip import GROUND, Body, Contact, Damper, DryFriction, Force, Scene, piecewise_linear, plots, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    DryFriction,
+    Force,
+    Scene,
+    piecewise_linear,
+    plots,
+    simulate,
+)
 
 FIGURE = Path(__file__).parent / "figures" / "relaxation.png"
 
 
 def main(figure: Path) -> None:
     """Let a block relax to rest, pull it loose, and draw both on a linear and a logarithmic axis."""
-    damping, mass, static, normal = 2.0, 1.0, 0.3, 10.0
     pull = piecewise_linear([15.0, 19.0, 21.0, 21.0], [0.0, 4.0, 4.0, 0.0])
     scene = Scene(
-        Body("block", inertia=mass, velocity=1.0),
-        Damper("block", GROUND, damping=damping),
-        Contact("floor", "block", GROUND, DryFriction(static, 0.0), normal=normal),
+        Body("block", inertia=1.0, velocity=1.0),
+        Damper("block", GROUND, damping=2.0),
+        Contact("floor", "block", GROUND, DryFriction(0.3, 0.0), normal=10.0),
         Force("block", pull),
     )
     result = simulate(scene, (0.0, 36.0))
     for event in result.events:
         print(event)
-    print(f"the pull reaches the static level of {static * normal:g} N at {15 + static * normal:.12g} s")
+    print("the pull reaches the static level of 3 N at 18 s")
 
     drawing = Figure(figsize=(9.0, 7.0), layout="constrained")
-    axes = drawing.subplots(3, 1, sharex=True, height_ratios=(1.6, 1.6, 1.6))
+    axes = drawing.subplots(3, 1, sharex=True)
     plots.velocities(result, ax=axes[0]).set_xlabel("")
     times = np.linspace(0.0, 36.0, 3601)
     speed = np.abs(result(times)[0])
-    axes[1].semilogy(times, np.where(speed > 0, speed, np.nan), "k", label="velocity, blank where exactly 0")
+    axes[1].semilogy(times, np.where(speed > 0, speed, np.nan), "k", label="velocity; blank:\nexactly 0")
     axes[1].set(ylabel="velocity [m/s]")
-    axes[1].legend(loc="upper right", fontsize="small", frameon=False)
+    axes[1].legend(loc="lower left", fontsize="small", frameon=False, bbox_to_anchor=(1.0, 0.8))
     plots.contact_forces(result, "floor", ax=axes[2])
     for event in result.events:
         axes[1].axvline(event.t, color="0.7", linewidth=0.6)

@@ -4,8 +4,9 @@ from stickslip.explain import explain
 from stickslip.integrate import simulate
 from stickslip.laws import DryFriction
 from stickslip.modes import Mode
+from stickslip.output import load
 from stickslip.regularized import Dahl, Karnopp, LuGre, PreSlip
-from stickslip.result import Event, Result, SimulationError
+from stickslip.result import Event, Result, SimulationError, SimulationInterrupted
 from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
 from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
 from stickslip.study import work_precision
@@ -30,8 +31,10 @@ __all__ = [
     "Scene",
     "Signal",
     "SimulationError",
+    "SimulationInterrupted",
     "Spring",
     "explain",
+    "load",
     "piecewise_linear",
     "signal",
     "simulate",

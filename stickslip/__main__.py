@@ -18,12 +18,12 @@ import numpy as np
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.integrate import simulate
 from stickslip.output import save, to_csv, to_json
-from stickslip.result import Result, SimulationError
+from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scene import Scene
 
 __all__ = ["main"]
 
-_OK, _FAILED, _BAD_INPUT = 0, 1, 2
+_OK, _FAILED, _BAD_INPUT, _INTERRUPTED = 0, 1, 2, 130
 _REPEATS = 20
 _EVENTS_SHOWN = 40
 _SIMULATION = (
@@ -184,6 +184,9 @@ def _run(chosen: argparse.Namespace) -> int:
     except SimulationError as error:
         print(f"stickslip: {error}", file=sys.stderr)
         result, code = error.result, _FAILED
+    except SimulationInterrupted as stop:
+        print(f"stickslip: {stop}; what was computed is kept", file=sys.stderr)
+        result, code = stop.result, _INTERRUPTED
     _write(result, outputs)
     _print_run(result)
     return code

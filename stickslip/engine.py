@@ -25,6 +25,7 @@ Guard = Callable[[float, Array], float]
 
 _ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
+_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 100_000, 1e9
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
@@ -162,7 +163,7 @@ class Engine:
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
         self._states: _States
-        self._last_tau = 0.0
+        self._last_tau, self._calls = 0.0, 0
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
@@ -206,6 +207,7 @@ class Engine:
 
     def _by_steps(self, segment: Segment, horizon: float) -> Reached:
         states = self._states = _States(segment, self._order, self._merged)
+        self._calls = 0
         self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
         while True:
@@ -215,6 +217,14 @@ class Engine:
             if missed is None:
                 return Reached(reached.taus, found, reached.hit)
             horizon = missed
+
+    def _look_at_progress(self, tau: float) -> None:
+        """Give up where the end of the segment is out of reach: an answer that never comes is none."""
+        whole = self._states.horizon
+        if tau * _CALLS_AT_MOST < self._calls * whole:
+            raise ArithmeticError(
+                f"after {self._calls} evaluations {tau:.3g} s of {whole:.3g} s are done: the steps have become too small"
+            )
 
     def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
         """Advance; where that fails, hand over what was computed before."""
@@ -262,6 +272,9 @@ class Engine:
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
             self._last_tau = tau
+            self._calls += 1
+            if self._calls % _CALLS_BETWEEN_LOOKS == 0:
+                self._look_at_progress(tau)
             out[:] = self._states.rate(tau, y)
 
         with warnings.catch_warnings():
@@ -282,6 +295,7 @@ class _States:
 
     def __init__(self, segment: Segment, order: NDArray[np.intp] | None, merged: bool) -> None:
         self._segment, mode_set = segment, segment.mode_set
+        self.horizon = segment.horizon
         size = segment.y.size
         self._order = np.arange(size) if order is None else order
         self._is_all = order is None and not merged

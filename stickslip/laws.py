@@ -150,7 +150,10 @@ class DryFriction(Law):
     def mu_k(self, speed: float, direction: int) -> float:
         """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""
         if self.kinetic is not None:
-            mu = float(self.kinetic(speed))
+            try:
+                mu = float(self.kinetic(speed))
+            except Exception as error:
+                raise ValueError(f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number") from error
             if not 0 <= mu < math.inf:
                 raise ValueError(
                     f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0"

@@ -17,6 +17,8 @@ from stickslip.scene import GROUND, Body, Drive, Scene
 from stickslip.segment import Segment
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
     from stickslip.energy import EnergyLedger
@@ -327,6 +329,24 @@ class Result:
         from stickslip.explain import explain
 
         return explain(self)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write time, velocities, positions, forces and modes as a table."""
+        from stickslip.output import to_csv
+
+        to_csv(self, path)
+
+    def to_frame(self) -> Any:
+        """Return the same as a pandas data frame (extra `stickslip[frames]`)."""
+        from stickslip.output import to_frame
+
+        return to_frame(self)
+
+    def save(self, path: str | Path) -> None:
+        """Write all of the result to an npz file, without loss; `stickslip.load` reads it."""
+        from stickslip.output import save
+
+        save(self, path)
 
     def plot(self, **options: Any) -> Figure:
         """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8)."""

@@ -64,7 +64,7 @@ class Function(Signal):
             return self._beyond(t, low if t < low else high)
         try:
             value = self.function(t)
-        except (ArithmeticError, ValueError) as error:
+        except Exception as error:
             raise ValueError(f"{self._label} raised {error!r} at t={t:g}; return a finite number") from error
         if type(value) is not float:
             value = self._number(value, t)

@@ -89,7 +89,14 @@ def settle(
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (touching | (np.abs(w) <= limit))
-    y = project(system, y, q, closed & resting)
+    before, y = y, project(system, y, q, closed & resting)
+    if y is not before:
+        # contacts that share a motion come to rest together, though an event may have found only one of them
+        w, speed = _relative(system, t, y, q)
+        also = system.hard & ~resting & (np.abs(w) <= _ROUNDOFF * speed)
+        if also.any():
+            resting |= also
+            y = project(system, before, q, closed & resting)
     trial = np.where(resting, 0, np.sign(w))
     if not system.all_hard:
         trial = np.where(system.hard, trial, _slip_states(system, w, modes, fired))

@@ -30,9 +30,13 @@ from stickslip import (
     triangle,
 )
 
-STOP = 5.0
+STOP = 3.0
 SCENES = settings(
-    max_examples=50, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], database=None
+    max_examples=50,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    database=None,
 )
 FEWER = settings(SCENES, max_examples=25)
 seeds = st.integers(0, 10**9)
@@ -69,7 +73,10 @@ class Maker:
     def _oscillation(self, offset: float) -> Signal:
         frequency, phase = self.number(0.1, 0.8), self.number(0, 6)
         return sine(
-            self.number(0.5, 5), frequency, phase - 2 * np.pi * frequency * self._change.shift, self.number(0, offset)
+            self.number(0.5, 5),
+            frequency,
+            phase - 2 * np.pi * frequency * self._change.shift,
+            self.number(0, offset),
         )
 
     def signal(self, low: float, high: float, scale: float) -> Signal:
@@ -134,8 +141,13 @@ class Maker:
         for _ in range(pick.choice([0, 0, 1, 2])):
             a, b = pick.sample([*names, *(fixed or ["b0", "b0"])], 2)
             if a != b and (a in names or b in names):
-                stiffness, damping = self.number(0.5, 20) * factor, pick.choice([0.0, self.number(0, 1)]) * factor
-                elements.append(Spring(a, b, stiffness=stiffness, damping=damping, rest=self.number(-1, 1) * sign))
+                stiffness, damping = (
+                    self.number(0.5, 20) * factor,
+                    pick.choice([0.0, self.number(0, 1)]) * factor,
+                )
+                elements.append(
+                    Spring(a, b, stiffness=stiffness, damping=damping, rest=self.number(-1, 1) * sign)
+                )
         if count > 1 and pick.random() < 0.3:
             elements.append(Damper(*pick.sample(names, 2), damping=self.number(0.1, 2) * factor))
         for _ in range(pick.randint(0, 3) if loads else 0):
@@ -149,10 +161,15 @@ def make(seed: int, change: Change = Change(), **parts: bool) -> Scene:
     return Maker(seed, change).scene(**parts)
 
 
-def between(result: Result) -> np.ndarray:
-    """The computed points and three times between each two."""
-    t = np.unique(result.t)
-    return np.unique(np.concatenate([t, *(t[:-1] + np.diff(t) * x for x in (0.07, 0.4, 0.8))]))
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+
+def within_steps(result: Result) -> tuple[np.ndarray, np.ndarray]:
+    """Computed steps, 150 at most: their numbers, and four times within each."""
+    steps = np.flatnonzero(np.diff(result.t) > 1e-9)
+    steps = steps[:: 1 + steps.size // 150]
+    left, width = result.t[:-1][steps], np.diff(result.t)[steps]
+    return steps, left[:, None] + 0.5 * width[:, None] * (NODES + 1)
 
 
 def limits(scene: Scene, result: Result) -> tuple[float, float]:
@@ -162,13 +179,7 @@ def limits(scene: Scene, result: Result) -> tuple[float, float]:
     return max(1e-3, *speeds), max([1e-3, *forces])
 
 
-@SCENES
-@given(seeds)
-def test_contacts_obey_their_laws(seed: int) -> None:
-    scene = make(seed)
-    whole = simulate(scene, (0.0, STOP))
-    result = simulate(scene, (0.0, STOP), t_eval=between(whole))
-    assert result.events == whole.events
+def check_laws(scene: Scene, result: Result) -> None:
     speed, force = limits(scene, result)
     for contact in scene.contacts:
         name = contact.name
@@ -183,15 +194,12 @@ def test_contacts_obey_their_laws(seed: int) -> None:
         mu = np.array([contact.law.mu_k(abs(x), int(m)) if m else 0.0 for x, m in zip(w, mode, strict=True)])
         np.testing.assert_allclose(r[slips], (mode * mu * normal)[slips], rtol=0, atol=1e-7 * force)
         assert np.all((w * mode)[slips] >= -1e-7 * speed)
-        assert np.all(r[normal == 0] == 0)
+        np.testing.assert_allclose(r[normal == 0], 0.0, atol=1e-14 * force)
         # friction takes energy and never gives any
         assert np.all(result.power(name) >= -1e-7 * force * speed)
 
 
-@SCENES
-@given(seeds)
-def test_events_follow_one_another(seed: int) -> None:
-    result = simulate(make(seed), (0.0, STOP))
+def check_events(result: Result) -> None:
     assert [e.t for e in result.events] == sorted(e.t for e in result.events)
     last: dict[str, Any] = {}
     for event in result.events:
@@ -203,21 +211,14 @@ def test_events_follow_one_another(seed: int) -> None:
             assert result.mode(name)[-1] == mode
 
 
-@SCENES
-@given(seeds)
-def test_the_motion_follows_from_the_forces(seed: int) -> None:
-    """Newton's law over every computed step: momentum changes by the impulse of all reported forces."""
-    scene = make(seed)
-    whole = simulate(scene, (0.0, STOP))
-    left, right = whole.t[:-1], whole.t[1:]
-    steps = right - left > 1e-9
-    left, width = left[steps], (right - left)[steps]
-    nodes, weights = np.polynomial.legendre.leggauss(5)
-    points = left[:, None] + 0.5 * width[:, None] * (nodes + 1)
-    times, places = np.unique(points.ravel(), return_inverse=True)
-    result = simulate(scene, (0.0, STOP), t_eval=times)
+def check_momentum(scene: Scene, whole: Result, result: Result) -> None:
+    """Newton's law over computed steps: momentum changes by the impulse of all reported forces."""
+    steps, points = within_steps(whole)
+    places, width = np.searchsorted(result.t, points), np.diff(whole.t)[steps]
+    times = result.t
     speed, force = limits(scene, whole)
-    total = {b.name: np.zeros(times.size) for b in (*scene.bodies, *scene.drives)} | {GROUND: np.zeros(times.size)}
+    total = {b.name: np.zeros(times.size) for b in (*scene.bodies, *scene.drives)}
+    total[GROUND] = np.zeros(times.size)
     for link in (*scene.springs, *scene.dampers):
         pull = link.damping * (result.velocity(link.a) - result.velocity(link.b))
         if isinstance(link, Spring):
@@ -229,13 +230,52 @@ def test_the_motion_follows_from_the_forces(seed: int) -> None:
         total[contact.b] += result.force(contact.name)
     for load in scene.forces:
         total[load.body] += [load.signal(t) for t in times]
-    ends = np.flatnonzero(steps)
     for body in scene.bodies:
-        impulse = 0.5 * width * (total[body.name][places].reshape(points.shape) @ weights)
-        v = whole.velocity(body.name)
-        gained = body.inertia * (v[ends + 1] - v[ends])
-        scale = body.inertia * speed + force
-        np.testing.assert_allclose(gained, impulse, rtol=0, atol=1e-6 * scale)
+        impulse = 0.5 * width * (total[body.name][places] @ WEIGHTS)
+        gained = body.inertia * np.diff(whole.velocity(body.name))[steps]
+        np.testing.assert_allclose(gained, impulse, rtol=0, atol=1e-6 * (body.inertia * speed + force))
+
+
+@SCENES
+@given(seeds)
+def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
+    scene = make(seed)
+    whole = simulate(scene, (0.0, STOP))
+    check_events(whole)
+    _, points = within_steps(whole)
+    again = simulate(
+        scene, (0.0, STOP), t_eval=np.union1d(points, np.unique(whole.t)[:: 1 + whole.t.size // 150])
+    )
+    assert again.events == whole.events
+    check_momentum(scene, whole, again)
+    check_laws(scene, again)
+
+
+@FEWER
+@given(seeds)
+def test_formulations_agree(seed: int) -> None:
+    """What is integrated differs, the motion does not."""
+    scene = make(seed)
+    times = np.linspace(0.0, STOP, 31)
+    options: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-11, "t_eval": times}
+    first = simulate(scene, (0.0, STOP), **options)
+    merged = simulate(scene, (0.0, STOP), formulation="merged", **options)
+    assert told(first) == told(merged)
+    speed, _ = limits(scene, first)
+    for body in scene.bodies:
+        v = first.velocity(body.name)
+        np.testing.assert_allclose(merged.velocity(body.name), v, rtol=0, atol=1e-5 * speed)
+
+
+def told(result: Result, sign: float = 1.0) -> list[tuple[float, str, float, float]]:
+    """The events in an order that roundoff does not change; an open contact's modes mean little."""
+    listed = [e for e in result.events if e.cause != "open"]
+    rows: list[tuple[float, str, float, float]] = []
+    start = -1.0
+    for e in listed:
+        start = e.t if e.t > start + 1e-6 else start
+        rows.append((start, e.contact, sign * e.before, sign * e.after))
+    return [(0.0, *row[1:]) for row in sorted(rows, key=lambda row: row[:2])]
 
 
 @FEWER
@@ -286,17 +326,9 @@ def test_changed_scenes_move_accordingly(kind: str, seed: int) -> None:
         make(seed, change), (change.shift, change.shift + STOP), t_eval=times + change.shift, **options
     )
 
-    def events(result: Result, sign: float = 1.0) -> list[tuple[float, str, float, float]]:
-        listed = [
-            (round(e.t, 5), e.contact, sign * e.before, sign * e.after)
-            for e in result.events
-            if e.cause != "open"
-        ]
-        return sorted(listed)
-
-    ours, theirs = events(first), events(changed, change.sign)
-    assert [e[1:] for e in ours] == [e[1:] for e in theirs]
-    np.testing.assert_allclose([e[0] + change.shift for e in ours], [e[0] for e in theirs], rtol=0, atol=3e-5)
+    assert told(first, change.sign) == told(changed)
+    ours, theirs = ([e.t for e in result.events if e.cause != "open"] for result in (first, changed))
+    np.testing.assert_allclose(np.add(ours, change.shift), theirs, rtol=0, atol=1e-5)
     speed, _ = limits(scene, first)
     for body in scene.bodies:
         np.testing.assert_allclose(

@@ -117,7 +117,9 @@ CLUTCHES = [
 def test_coupled_clutches(method: str) -> None:
     result = simulate(clutches(), (0.0, 1.5), method=method, **TIGHT)
     closed = [e for e in result.events if e.cause != "open"]
-    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [(c, a, b) for c, _, a, b in CLUTCHES]
+    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [
+        (c, a, b) for c, _, a, b in CLUTCHES
+    ]
     np.testing.assert_allclose([e.t for e in closed], [t for _, t, _, _ in CLUTCHES], rtol=0, atol=1.5e-7)
     assert result.velocity("w1")[-1] == pytest.approx(3.2470582724188, abs=1e-6)
     for body in ("w2", "w3", "w4"):
@@ -261,7 +263,9 @@ def test_bodies_stuck_to_each_other_do_not_drift_apart(kind: str) -> None:
     [
         pytest.param(
             piecewise_linear([0.0, 10.0, 20.0, 30.0], [0.0, 5.0, -5.0, 0.0]),
-            marks=pytest.mark.xfail(strict=True, reason="body and drive are read off differently: 1 ulp apart"),
+            marks=pytest.mark.xfail(
+                strict=True, reason="body and drive are read off differently: 1 ulp apart"
+            ),
         ),
         sine(2.0, 0.05),
         sine(1.0, 0.1) + 0.25,
@@ -415,7 +419,9 @@ def test_outputs_at_requested_times_agree_with_the_whole_result(kind: str) -> No
         np.testing.assert_array_equal(dense.velocity(body.name), lean.velocity(body.name))
         everywhere = simulate(scene, (0.0, stop), t_eval=np.union1d(wanted, whole.t)).position(body.name)
         np.testing.assert_allclose(
-            dense.position(body.name), everywhere[np.searchsorted(np.union1d(wanted, whole.t), wanted)], atol=1e-12
+            dense.position(body.name),
+            everywhere[np.searchsorted(np.union1d(wanted, whole.t), wanted)],
+            atol=1e-12,
         )
 
 

@@ -14,6 +14,7 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -69,11 +70,8 @@ def _fixed_steps(repeats: int) -> Iterator[Line]:
         found[name] = dict(_cheapest(scene, exact, first))
     for level in LEVELS:
         h, s = found["hard"][level], found["soft"][level]
-        runs = [
-            lambda h=h: simulate(hard, BENCHMARK_SPAN, method="RK4", step=h),
-            lambda s=s: simulate(soft, BENCHMARK_SPAN, method="RK4", step=s),
-        ]
-        fast, slow, ratio = _in_turn(runs[0], runs[1], repeats)
+        stepped = partial(simulate, t_span=BENCHMARK_SPAN, method="RK4")
+        fast, slow, ratio = _in_turn(partial(stepped, hard, step=h), partial(stepped, soft, step=s), repeats)
         calls = slow.nfev / fast.nfev
         yield (
             f"error {level:g} rad/s: steps {h:.2g} s and {s:.2g} s",
@@ -98,10 +96,9 @@ def _bdf(repeats: int) -> Iterator[Line]:
         ("four flywheels", four_flywheels(), BENCHMARK_SPAN),
         ("four flywheels, viscous", four_flywheels(viscous=VISCOUS), BENCHMARK_SPAN),
     ):
+        loose = partial(simulate, t_span=span, rtol=1e-5, atol=1e-7)
         hard, soft, ratio = _in_turn(
-            lambda scene=scene, span=span: simulate(scene, span, rtol=1e-5, atol=1e-7),
-            lambda scene=scene, span=span: simulate(scene.regularized(PRE_SLIP), span, rtol=1e-5, atol=1e-7),
-            repeats,
+            partial(loose, scene), partial(loose, scene.regularized(PRE_SLIP)), repeats
         )
         calls = f"{soft.nfev} calls against {hard.nfev}, {soft.nfev / hard.nfev:.1f} x fewer"
         yield f"{title}, rtol 1e-5: contact force against pre-slip", f"{calls}; {ratio:.1f} x faster"
@@ -139,10 +136,8 @@ def _real_time(repeats: int) -> Iterator[Line]:
         ("four flywheels", four_flywheels()),
         ("four flywheels, viscous", four_flywheels(viscous=VISCOUS)),
     ):
-        hard, soft = (
-            _factor(lambda scene=scene: simulate(scene, span), span, repeats),
-            _factor(lambda scene=scene: simulate(scene.regularized(PRE_SLIP), span), span, repeats),
-        )
+        hard = _factor(partial(simulate, scene, span), span, repeats)
+        soft = _factor(partial(simulate, scene.regularized(PRE_SLIP), span), span, repeats)
         yield f"{title}, BDF: contact force, pre-slip", f"{hard:.0f} and {soft:.0f} times real time"
     hard = _factor(lambda: simulate(four_flywheels(), span, method="RK4", step=1e-3), span, repeats)
     yield "four flywheels, RK4, contact force, step 1 ms", f"{hard:.0f} times real time"

@@ -57,7 +57,9 @@ class Motion:
         return np.concatenate([[0.0], np.cumsum(nodes @ _WEIGHTS * 0.5 * np.diff(self.edges(self.at.t)))])
 
 
-def move(scene: Scene, span: tuple[float, float], formulation: str = "contact-force", **options: Any) -> Motion:
+def move(
+    scene: Scene, span: tuple[float, float], formulation: str = "contact-force", **options: Any
+) -> Motion:
     """Simulate a scene, and again with outputs at Gauss points between its computed points."""
     options = TIGHT | options | {"formulation": formulation}
     whole = simulate(scene, span, **options)
@@ -191,7 +193,9 @@ def _mixed() -> Scene:
         Body("c", inertia=0.4, velocity=-0.5),
         Drive("belt", velocity=sine(0.8, 0.7)),
         Contact("ab", "a", "b", DryFriction(0.5, 0.3, dwell=0.1), normal=8.0),
-        Contact("bc", "b", "c", DryFriction(0.6, 0.3, stribeck_velocity=0.2), normal=sine(4.0, 0.9, offset=5.0)),
+        Contact(
+            "bc", "b", "c", DryFriction(0.6, 0.3, stribeck_velocity=0.2), normal=sine(4.0, 0.9, offset=5.0)
+        ),
         Contact("ca", "c", "a", DryFriction(0.4, 0.4), normal=3.0),
         Contact(
             "rub",
@@ -240,10 +244,30 @@ def over_all(measure: Callable[[Motion], float], formulation: str) -> Answer:
 
 
 _CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
-    "momentum": (momentum_error, "momentum gained less impulse from outside, over the larger", "sum of m v' = sum of F", INTEGRATED),
-    "energy": (energy_error, "kinetic and spring energy gained, plus heat, less work; over the largest", "first law", INTEGRATED),
-    "friction-power": (power_error, "friction never drives: most negative power over the largest", "r w >= 0", 1e-9),
-    "friction-limit": (limit_error, "friction beyond its limit, over the largest limit", "|r| <= B, eqs. (8)-(9)", INTEGRATED),
+    "momentum": (
+        momentum_error,
+        "momentum gained less impulse from outside, over the larger",
+        "sum of m v' = sum of F",
+        INTEGRATED,
+    ),
+    "energy": (
+        energy_error,
+        "kinetic and spring energy gained, plus heat, less work; over the largest",
+        "first law",
+        INTEGRATED,
+    ),
+    "friction-power": (
+        power_error,
+        "friction never drives: most negative power over the largest",
+        "r w >= 0",
+        1e-9,
+    ),
+    "friction-limit": (
+        limit_error,
+        "friction beyond its limit, over the largest limit",
+        "|r| <= B, eqs. (8)-(9)",
+        INTEGRATED,
+    ),
     "stuck": (stuck_error, "relative velocity of stuck contacts", "0, exactly", 0.0),
 }
 

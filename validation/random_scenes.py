@@ -94,7 +94,7 @@ class _Draw:
         return DryFriction(s, c, dwell=dwell, stribeck_velocity=stribeck, **other)
 
     def scene(self) -> Scene:
-        """Return the scene."""
+        """Return the scene: 1 to 8 bodies in trees and loops, random laws, loads, springs and drives."""
         m, n = self._mirror, int(self._random.integers(1, 9))
         names = [f"b{i}" for i in range(n)]
         bodies: list[Any] = [
@@ -106,12 +106,17 @@ class _Draw:
             )
             for name in names
         ]
-        drives, links, contacts = [], [], []
+        drives: list[Any] = []
+        links: list[Any] = []
+        contacts: list[Contact] = []
         fixed = [GROUND]
         if self._chance(0.4):
-            velocity = m * self._number(-1, 1) if self._chance(0.5) else sine(m * self._number(0.2, 1.0), 0.5 * self._one(1, 2))
-            if isinstance(velocity, Signal):
-                velocity = sine(velocity.amplitude, velocity.frequency, phase=-2 * math.pi * velocity.frequency * self._later)
+            velocity: Signal | float = m * self._number(-1, 1)
+            if self._chance(0.5):
+                frequency = 0.5 * self._one(1, 2)
+                velocity = sine(
+                    m * self._number(0.2, 1.0), frequency, phase=-2 * math.pi * frequency * self._later
+                )
             drives.append(Drive("drive", velocity=velocity))
             fixed.append("drive")
         for i, name in enumerate(names):
@@ -130,7 +135,9 @@ class _Draw:
             a, b, damping = self._one(*names), self._one(*names, *fixed), self._number(0.1, 2.0)
             if a != b:
                 links.append(Damper(a, b, damping=damping))
-        loads = [Force(self._one(*names), self._load(10.0, m)) for _ in range(int(self._random.integers(0, 3)))]
+        loads = [
+            Force(self._one(*names), self._load(10.0, m)) for _ in range(int(self._random.integers(0, 3)))
+        ]
         if self._rename:
             bodies.reverse()
             contacts.reverse()
@@ -172,7 +179,9 @@ def _apart(number: int, other: Result, sign: float = 1.0) -> float:
 
 
 def _formulated(formulation: str, number: int) -> float:
-    return _apart(number, simulate(draw(number), (0.0, STOP), formulation=formulation, t_eval=GRID, **OPTIONS))
+    return _apart(
+        number, simulate(draw(number), (0.0, STOP), formulation=formulation, t_eval=GRID, **OPTIONS)
+    )
 
 
 def _mirrored(number: int) -> float:
@@ -185,7 +194,9 @@ def _renamed(number: int) -> float:
 
 def _later(number: int) -> float:
     later = 64.0
-    return _apart(number, simulate(draw(number, later=later), (later, later + STOP), t_eval=GRID + later, **OPTIONS))
+    return _apart(
+        number, simulate(draw(number, later=later), (later, later + STOP), t_eval=GRID + later, **OPTIONS)
+    )
 
 
 def _again(number: int) -> float:
@@ -223,13 +234,37 @@ def _of_motion(measure: Callable[[Motion], float], number: int) -> float:
 
 
 _CHECKS: dict[str, tuple[Callable[[int], float], str, float]] = {
-    "momentum": (partial(_of_motion, momentum_error), "momentum gained less impulse from outside, over the larger", BOUND),
-    "energy": (partial(_of_motion, energy_error), "energy gained plus heat less work, over the largest", BOUND),
-    "friction-power": (partial(_of_motion, power_error), "most negative friction power, over the largest", 1e-9),
-    "friction-limit": (partial(_of_motion, limit_error), "friction beyond its limit, over the largest limit", BOUND),
+    "momentum": (
+        partial(_of_motion, momentum_error),
+        "momentum gained less impulse from outside, over the larger",
+        BOUND,
+    ),
+    "energy": (
+        partial(_of_motion, energy_error),
+        "energy gained plus heat less work, over the largest",
+        BOUND,
+    ),
+    "friction-power": (
+        partial(_of_motion, power_error),
+        "most negative friction power, over the largest",
+        1e-9,
+    ),
+    "friction-limit": (
+        partial(_of_motion, limit_error),
+        "friction beyond its limit, over the largest limit",
+        BOUND,
+    ),
     "stuck": (partial(_of_motion, stuck_error), "relative velocity of stuck contacts", 0.0),
-    "merged": (partial(_formulated, "merged"), "merged against contact-force, velocities over the largest", BOUND),
-    "multiplier": (partial(_formulated, "multiplier"), "multiplier against contact-force, velocities over the largest", BOUND),
+    "merged": (
+        partial(_formulated, "merged"),
+        "merged against contact-force, velocities over the largest",
+        BOUND,
+    ),
+    "multiplier": (
+        partial(_formulated, "multiplier"),
+        "multiplier against contact-force, velocities over the largest",
+        BOUND,
+    ),
     "mirrored": (_mirrored, "the mirrored scene, velocities over the largest", BOUND),
     "renamed": (_renamed, "bodies and contacts in another order, ends swapped; velocities", BOUND),
     "later": (_later, "the same scene 64 s later; velocities over the largest", BOUND),
@@ -244,19 +279,17 @@ _SOURCES = {
 }
 
 
-def rows(count: int) -> list[Row]:
-    """Return the rows over `count` scenes: 1 to 8 bodies in trees and loops, random laws, loads, springs and drives."""
+def rows(count: int, multiplied: int | None = None) -> list[Row]:
+    """Return the rows over `count` scenes, in the multiplier formulation, which is slow, over `multiplied` of them."""
+    counts = dict.fromkeys(_CHECKS, count) | {"multiplier": count if multiplied is None else multiplied}
     return [
         random_row(
             f"random-{name}",
-            f"{count} random scenes: {what}",
+            f"{counts[name]} random scenes: {what}",
             _SOURCES.get(name, "the same motion"),
-            partial(over_scenes, measure, count),
+            partial(over_scenes, measure, counts[name]),
             bound,
             limit=60.0 + 5.0 * count,
         )
         for name, (measure, what, bound) in _CHECKS.items()
     ]
-
-
-ROWS = rows(40)

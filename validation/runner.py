@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection
@@ -39,9 +40,13 @@ class _Worker:
     """The process that runs rows, one after another."""
 
     def __init__(self, prepare: Callable[[], None] | None) -> None:
+        self._prepare = prepare
+        self._start()
+
+    def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._line, other = context.Pipe()
-        self._process = context.Process(target=_serve, args=(other, prepare), daemon=True)
+        self._process = context.Process(target=_serve, args=(other, self._prepare), daemon=True)
         self._process.start()
         other.close()
         self._ready = False
@@ -63,7 +68,7 @@ class _Worker:
             self._process.join()
             lived = time.perf_counter() - start
             remark = f"the process ended with code {self._process.exitcode}"
-            self.__init__(None)  # type: ignore[misc]
+            self._start()
             return Outcome(row, math.inf, lived, remark)
         return Outcome(row, error, seconds, remark)
 
@@ -75,6 +80,9 @@ class _Worker:
 
 
 def _serve(line: Connection, prepare: Callable[[], None] | None) -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (1, 2):  # what solvers print from C does not belong into the table
+        os.dup2(nowhere, stream)
     try:
         if prepare is not None:
             prepare()

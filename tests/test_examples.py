@@ -1,0 +1,134 @@
+"""The examples and scene files: each runs as its reader would run it, and a sweep does not depend on where it runs."""
+
+import ast
+import importlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from stickslip import sweep
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+SCENES = sorted((ROOT / "examples" / "scenes").glob("*.*"))
+LARGEST_FIGURE = 150_000
+
+SAYS = {
+    "belt_oscillator": r"from far out: 11 events, period 12\.0010310\d+ s",
+    "clutch_engagement": r"locked at 1\.0880492\d+ s with 58\.88399\d rad/s",
+    "coupled_clutches": r"0\.7916623\d+ s  clutch1: FORWARD -> STUCK",
+    "drill_string": r"the bit sticks 9 times",
+    "flywheel_brake": r"both wheels turn on with 0\.687838305726 rad/s",
+    "four_flywheels": r"dry friction only: 11 events",
+    "relaxation": r"(?m)^18 s  floor: STUCK -> FORWARD \(breakaway\)",
+    "speed_accuracy": r"for an error of 0\.001 rad/s: simulate\(scene, ",
+    "spring_block_fault": r"\d+ slips of blocks make \d\d events",
+    "stick_slip_map": r"sweep of 9 points: 0 failed, 0 pending",
+}
+"""What each example prints, among other lines."""
+QUICK = {"speed_accuracy", "stick_slip_map"}
+"""Examples that have an option --quick."""
+
+
+def run(*arguments, folder):
+    environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def name_of(path):
+    return path.stem
+
+
+def test_every_example_is_tested():
+    assert [path.stem for path in EXAMPLES] == sorted(SAYS)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=name_of)
+def test_example_runs_headless(path, tmp_path):
+    figure = tmp_path / "figure.png"
+    quick = ["--quick"] if path.stem in QUICK else []
+    done = run(path, figure, *quick, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    assert re.search(SAYS[path.stem], done.stdout), done.stdout
+    assert figure.stat().st_size < LARGEST_FIGURE
+    pixels = imread(figure)[..., :3]
+    assert min(pixels.shape[:2]) > 300
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 20
+    assert [file.name for file in tmp_path.iterdir()] == ["figure.png"]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=name_of)
+def test_example_is_short_and_says_what_it_shows(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    assert len(ast.get_docstring(ast.parse(text))) > 200
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=name_of)
+def test_figure_of_the_gallery_is_small(path):
+    figure = path.parent / "figures" / f"{path.stem}.png"
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert 10_000 < figure.stat().st_size < LARGEST_FIGURE
+
+
+def test_there_are_scene_files_of_both_kinds():
+    assert {path.suffix for path in SCENES} == {".toml", ".json"}
+    assert len(SCENES) >= 5
+
+
+@pytest.mark.parametrize("path", SCENES, ids=name_of)
+def test_scene_file_runs(path, tmp_path):
+    done = run("-m", "stickslip", "run", path, "--csv", "o.csv", "--json", "o.json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "the end of the time span was reached" in done.stdout
+    assert "STUCK" in done.stdout
+    assert (tmp_path / "o.csv").stat().st_size > 1000
+    assert '"success": true' in (tmp_path / "o.json").read_text(encoding="utf-8")
+
+
+# -- the sweep --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def module():
+    folder = str(ROOT / "examples")
+    sys.path.insert(0, folder)
+    yield importlib.import_module("stick_slip_map")
+    sys.path.remove(folder)
+
+
+@pytest.fixture(scope="module")
+def serial(module):
+    grid = {"speed": np.geomspace(0.05, 1.0, 2), "damping": np.linspace(0.0, 0.8, 2)}
+    return sweep(module.stuck_part, grid, executor="serial", progress=False)
+
+
+def test_sweep_tells_stick_slip_from_sliding(serial):
+    assert not serial.failures
+    assert 0.3 < serial.value()[0, 0] < 0.7
+    assert serial.value()[1, 1] == 0.0
+
+
+def test_sweep_is_the_same_on_processes(module, serial):
+    np.testing.assert_array_equal(module.compute(2, dask=False).value(), serial.value())
+
+
+@pytest.mark.filterwarnings("default")
+def test_sweep_is_the_same_on_a_dask_cluster(module, serial):
+    pytest.importorskip("distributed")
+    np.testing.assert_array_equal(module.compute(2, dask=True).value(), serial.value())

@@ -1,0 +1,129 @@
+"""What goes wrong while a simulation runs ends in one kind of error, with what was computed so far."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal as signals
+import threading
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    DryFriction,
+    Force,
+    PreSlip,
+    Scene,
+    SimulationError,
+    SimulationInterrupted,
+    Spring,
+    signal,
+    simulate,
+)
+
+LAW = DryFriction(0.3, 0.2)
+
+
+def oscillator(force: Callable[[float], float]) -> Scene:
+    """A block on a spring: x'' + x = F - r."""
+    return Scene(
+        Body("block", inertia=1.0, velocity=2.0),
+        Contact("floor", "block", GROUND, LAW, normal=1.0),
+        Spring("block", GROUND, stiffness=1.0),
+        Force("block", signal(force, period=1.0)),
+    )
+
+
+def raises_after(t: float) -> float:
+    if t > 2.0:
+        raise RuntimeError("sensor lost")
+    return 0.1 * math.sin(t)
+
+
+def not_a_number_after(t: float) -> float:
+    return math.nan if t > 2.0 else 0.1 * math.sin(t)
+
+
+def an_array_after(t: float) -> float:
+    return np.zeros(3) if t > 2.0 else 0.1 * math.sin(t)  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "merged"])
+@pytest.mark.parametrize(
+    ("force", "sentence"),
+    [(raises_after, "sensor lost"), (not_a_number_after, "nan"), (an_array_after, "one finite number")],
+)
+def test_a_load_that_fails_half_way(
+    force: Callable[[float], float], sentence: str, formulation: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the natural scales are read off the loads before anything runs: let them see the good part only
+    monkeypatch.setattr("stickslip.scales._largest", lambda *_: 1.0)
+    with pytest.raises(SimulationError, match=sentence) as caught:
+        simulate(oscillator(force), (0.0, 10.0), formulation=formulation)
+    error = caught.value
+    assert 0.0 < error.t <= 2.1
+    assert set(error.modes) == {"floor"}
+    assert not error.result.success
+    assert error.result.status == -1
+    assert error.result.t.size > 5
+    good = simulate(oscillator(lambda t: 0.1 * math.sin(t)), (0.0, 1.0))
+    assert error.result(1.0) == pytest.approx(good(1.0), abs=1e-6)
+
+
+def test_a_load_that_is_bad_from_the_start_is_refused_before_anything_runs() -> None:
+    with pytest.raises((ValueError, SimulationError), match="nan"):
+        simulate(oscillator(lambda t: math.nan), (0.0, 1.0))
+
+
+def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
+    """A load that oscillates 1e9 times faster than it says: steps of nanoseconds would take for ever."""
+    rough = signal(lambda t: 1e12 * math.copysign(1.0, math.sin(1e9 * t * t)), period=1.0)
+    scene = Scene(Body("a", inertia=1.0), Force("a", rough), Spring("a", GROUND, stiffness=1.0))
+    with pytest.raises(SimulationError, match="SUNDIALS status|too small") as caught:
+        simulate(scene, (0.0, 100.0), rtol=1e-12, atol=1e-300)
+    assert caught.value.result.t.size >= 1
+
+
+def test_pre_slip_below_double_precision_is_refused() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0), Contact("floor", "a", GROUND, PreSlip(LAW, 1e-14), normal=1.0)
+    )
+    with pytest.raises(ValueError, match=r"floor.*1e-14.*too small.*DryFriction"):
+        simulate(scene, (0.0, 1.0))
+
+
+@pytest.mark.parametrize("velocity", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("shape", ["linear", "tanh", "arctan"])
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_loose_tolerances_do_not_break_a_regularised_law(velocity: float, shape: str, method: str) -> None:
+    """A block that slides to rest: v = 1 - mu_c N t until t = 0.5, then at rest within the pre-slip velocity."""
+    law = DryFriction(0.2, 0.2)
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("floor", "a", GROUND, law, normal=10.0))
+    regular = scene.regularized(velocity, shape)
+    result = simulate(regular, (0.0, 2.0), t_eval=[0.25, 2.0], rtol=1e-3, atol=1e-5, method=method)
+    tail = 40 * math.sqrt(velocity) if shape == "arctan" else 40 * velocity
+    assert result.velocity("a") == pytest.approx([0.5, 0.0], abs=tail)
+
+
+def test_interruption_keeps_what_was_computed() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Spring("a", GROUND, stiffness=1.0),
+        Damper("a", GROUND, damping=0.0),
+    )
+    scene = Scene(*scene.elements, Contact("floor", "a", GROUND, DryFriction(1e-9, 1e-9), normal=1.0))
+    timer = threading.Timer(1.0, os.kill, (os.getpid(), signals.SIGINT))
+    timer.start()
+    with pytest.raises(SimulationInterrupted) as caught:
+        simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-14)
+    timer.cancel()
+    result = caught.value.result
+    assert not result.success
+    assert result.t.size > 10
+    assert result.events

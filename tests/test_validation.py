@@ -1,0 +1,96 @@
+"""The validation table: that it passes, that it can fail, and what it leaves behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from validation import mutations
+from validation.__main__ import main, table
+from validation.rows import Row
+from validation.runner import run
+
+
+def row(name: str, check: partial, bound: float = 0.5, limit: float = 30.0) -> Row:
+    return Row("Examples", name, "an error of its own making", "nothing", check, bound, limit=limit)
+
+
+GOOD, BAD = row("good", partial(float, 0.25)), row("bad", partial(float, 1.0))
+NOT_A_NUMBER = row("not-a-number", partial(float, "nan"))
+RAISES = row("raises", partial(float, "text"))
+HANGS = row("hangs", partial(time.sleep, 60.0), limit=0.2)
+CRASHES = row("crashes", partial(os._exit, 3))
+
+
+def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str]) -> None:
+    status = main(["--quick", "--scenes", "3"])
+    assert status == 0, capsys.readouterr().out
+
+
+def test_a_row_runs_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["two-flywheels/contact-force"]) == 0
+    out = capsys.readouterr().out
+    assert "ok    two-flywheels/contact-force" in out and "1 rows" in out
+
+
+def test_a_pattern_chooses_rows(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list", "loop-*"]) == 0
+    assert len(re.findall("^  loop-", capsys.readouterr().out, re.MULTILINE)) == 4
+
+
+def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["no-such-row"]) == 2
+    assert "no-such-row" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("failing", [BAD, NOT_A_NUMBER, RAISES], ids=lambda r: r.name)
+def test_a_failing_row_gives_status_1(failing: Row, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([], rows=[GOOD, failing]) == 1
+    out = capsys.readouterr().out
+    assert f"FAIL  {failing.name}" in out and "1 pass, 1 fail" in out
+
+
+def test_rows_that_hang_or_crash_fail_and_the_others_go_on() -> None:
+    outcomes = list(run([HANGS, GOOD, CRASHES, GOOD]))
+    assert [o.passed for o in outcomes] == [False, True, False, True]
+    assert "no answer within 0.2 s" in outcomes[0].remark
+    assert "code 3" in outcomes[2].remark
+
+
+def test_names_are_unique_and_every_row_says_what_it_is() -> None:
+    rows = table()
+    assert len({r.name for r in rows}) == len(rows) > 150
+    assert all(r.what and r.source and r.bound >= 0 for r in rows)
+    assert {r.name for r in table(quick=True)} < {r.name for r in rows}
+
+
+def test_the_report_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
+    names = ["pulled-block/merged", "coupled-clutches/merged", "rtol-1e-6", "rtol-1e-7", "loop-triangle"]
+    assert main([*names, "--report", str(tmp_path)]) == 0
+    (page,) = tmp_path.iterdir()
+    text = page.read_text(encoding="utf-8")
+    links = re.findall(r"""(?:src|href)=['"]?([^'">\s]+)|url\(['"]?([^'")]+)""", text)
+    assert all("".join(link).startswith("#") for link in links)
+    assert not re.search("@import|<link|<script", text)
+    assert text.count("<svg") == 4 and "All 5 rows pass" in text
+    assert all(f"<code>{name.split('/')[0]}</code>" in text for name in names)
+
+
+def test_the_report_shows_failures_first(tmp_path: Path) -> None:
+    assert main(["--report", str(tmp_path)], rows=[GOOD, BAD, RAISES]) == 1
+    text = (tmp_path / "validation.html").read_text(encoding="utf-8")
+    assert "2 of 3 rows fail" in text
+    assert text.index("What failed") < text.index("<code>bad</code>") < text.index("<code>good</code>")
+
+
+@pytest.mark.parametrize("name", ["eq1-sign", "one-by-one"])
+def test_a_mutation_is_noticed(name: str) -> None:
+    (mutation,) = (m for m in mutations.MUTATIONS if m.name == name)
+    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
+    assert all(o.passed for o in run(rows))
+    assert mutations._noticed(mutation, rows)
