@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "W
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
+
+# SUNDIALS' logger writes warnings to stderr; what matters of them comes back as a status
+os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
 _ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
@@ -94,6 +98,13 @@ class _Cvode:
         self._work.steps += solution.t.size - 1
         reached = Reached(solution.t.copy(), solution.y.copy(), solution.status == 2)
         self._count(solution, reached)
+        sound = np.isfinite(reached.states).all(axis=1)
+        if not sound.all():
+            raise SolverFailure(
+                "the states have become infinite or not a number",
+                "look at the forces and laws of the scene there",
+                reached.until(max(int(sound.argmin()), 1)),
+            )
         return reached
 
     def leap(self, guard: Guard, y: Array, tau: float) -> tuple[float, bool]:
@@ -237,7 +248,7 @@ class Engine:
             raise
         except (ArithmeticError, ValueError) as fault:
             # a load or a law failed inside the solver, which forgets its points: go there once more, but stop short
-            reached = None
+            reached = Reached(np.zeros(1), states.expand(np.zeros(1), states.start[None, :]), False)
             if self._last_tau > 0:
                 with contextlib.suppress(Exception):
                     again = stepper.advance(states.smallest_guard, states.start, 0.9 * self._last_tau)
@@ -271,6 +282,11 @@ class Engine:
 
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
+            if math.isnan(tau):
+                # CVODE's own tests let a step pass that is not a number, for ever
+                raise ArithmeticError(
+                    "the step has become not a number: forces or tolerances are out of proportion"
+                )
             self._last_tau = tau
             self._calls += 1
             if self._calls % _CALLS_BETWEEN_LOOKS == 0:

@@ -153,7 +153,9 @@ class DryFriction(Law):
             try:
                 mu = float(self.kinetic(speed))
             except Exception as error:
-                raise ValueError(f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number") from error
+                raise ValueError(
+                    f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number"
+                ) from error
             if not 0 <= mu < math.inf:
                 raise ValueError(
                     f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0"

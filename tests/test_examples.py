@@ -101,6 +101,23 @@ def test_scene_file_runs(path, tmp_path):
     assert '"success": true' in (tmp_path / "o.json").read_text(encoding="utf-8")
 
 
+def test_gallery_shows_every_example():
+    text = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+    for path in EXAMPLES:
+        assert f"](figures/{path.stem}.png)" in text
+    for path in SCENES:
+        assert f"`{path.name}`" in text
+
+
+def test_first_scene_of_the_documentation_runs(tmp_path):
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    done = run("-c", code, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "brake: FORWARD -> STUCK" in done.stdout
+    assert (tmp_path / "brake.png").exists()
+
+
 # -- the sweep --------------------------------------------------------------------------------------------
 
 
