@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -105,12 +107,15 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
     w = segment.relative_velocity(reached.taus[:last], reached.states[:last].T)[contacts]
     w *= segment.mode_set.sign[:, None]
     near = (w <= margin) & (w > 0) & hard[:, None]
-    for k in np.flatnonzero(near.any(axis=0)).tolist():
-        resting = [
-            int(contacts[row])
-            for row in np.flatnonzero(near[:, k]).tolist()
-            if segment.has_come_to_rest(float(reached.taus[k]), reached.states[k], row)
-        ]
+    rests = [_at_rest(segment, reached, near[:, k], k) for k in range(last)] if near.any() else []
+    # at one instant alone, a relative acceleration may just be passing through zero
+    for k, (before, now) in enumerate(pairwise(rests)):
+        resting = sorted(before & now)
         if resting:
-            return reached.until(k + 1), resting
+            return reached.until(k + 1), [int(contacts[row]) for row in resting]
     return reached, []
+
+
+def _at_rest(segment: Segment, reached: Reached, near: Mask, k: int) -> set[int]:
+    tau, y = float(reached.taus[k]), reached.states[k]
+    return {row for row in np.flatnonzero(near).tolist() if segment.has_come_to_rest(tau, y, row)}

@@ -234,7 +234,7 @@ class Engine:
         whole = self._states.horizon
         if tau * _CALLS_AT_MOST < self._calls * whole:
             raise ArithmeticError(
-                f"after {self._calls} evaluations {tau:.3g} s of {whole:.3g} s are done: the steps have become too small"
+                f"{self._calls} evaluations took {tau:.3g} s of {whole:.3g} s: the steps have become too small"
             )
 
     def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
@@ -247,7 +247,7 @@ class Engine:
                 failure.reached = Reached(taus, states.expand(taus, found), False)
             raise
         except (ArithmeticError, ValueError) as fault:
-            # a load or a law failed inside the solver, which forgets its points: go there once more, but stop short
+            # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
             reached = Reached(np.zeros(1), states.expand(np.zeros(1), states.start[None, :]), False)
             if self._last_tau > 0:
                 with contextlib.suppress(Exception):

@@ -85,7 +85,7 @@ def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
     """A load out of all proportion to the tolerance: CVODE's step becomes NaN, which it would take for ever."""
     rough = signal(lambda t: 1e12 * math.copysign(1.0, math.sin(1e9 * t * t)), period=1.0)
     scene = Scene(Body("a", inertia=1.0), Force("a", rough), Spring("a", GROUND, stiffness=1.0))
-    with pytest.raises(SimulationError, match="not a number|too small") as caught:
+    with pytest.raises(SimulationError, match=r"not a number|too small") as caught:
         simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-300)
     assert caught.value.result.t.size >= 1
 

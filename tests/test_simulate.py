@@ -454,7 +454,7 @@ def test_reruns_are_bit_identical() -> None:
 
 
 def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once() -> None:
-    """At t = 64 s a root rounds to a time 1e-14 s before it: the guard is still positive there, but found at its limit."""
+    """At t = 64 s a root rounds to a time 1e-14 s before it: the guard is positive there, yet found at its limit."""
     law = DryFriction(0.3, 0.2)
     for start in (0.0, 64.0):
         normal = sine(4.5, 1.377, phase=-550.166 - 2 * math.pi * 1.377 * (start - 64.0), offset=15.0)

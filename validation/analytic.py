@@ -638,7 +638,7 @@ class DenHartog:
     def state(self, time: Number) -> tuple[mpf, mpf]:
         """Position [m] and velocity [m/s] at a time [s]; (amplitude, 0) at t = 0."""
         half, angle = divmod(self.frequency * exact(time), mp.pi)
-        sign, slow = (-1) ** int(half), angle / self.beta
+        sign, slow = (-1) ** int(mp.nint(half)), angle / self.beta
         x = self.amplitude * mp.cos(angle) + self.offset * (
             1 - mp.cos(slow) + self.damping * (mp.sin(angle) - self.beta * mp.sin(slow))
         )
