@@ -10,10 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.checks import finite
-from stickslip.regularized import Karnopp
+from stickslip.regularized import Dahl, Karnopp, LuGre
 from stickslip.scene import Scene
+from stickslip.signals import as_signal
 
-__all__ = ["FIXED", "between", "check_dead_bands", "choice", "margin", "outputs", "span", "step_length"]
+__all__ = [
+    "FIXED",
+    "between",
+    "check_bristles",
+    "check_dead_bands",
+    "choice",
+    "margin",
+    "outputs",
+    "span",
+    "step_length",
+]
 
 FIXED = ("RK4", "Euler")
 """Methods with fixed steps."""
@@ -75,6 +86,21 @@ def check_dead_bands(scene: Scene) -> None:
             raise ValueError(
                 f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
                 f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
+            )
+
+
+def check_bristles(scene: Scene, start: float, stop: float) -> None:
+    """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
+    for contact in scene.contacts:
+        if not isinstance(contact.law, (LuGre, Dahl)):
+            continue
+        normal = as_signal(contact.normal, contact.label).clipped(start, stop)
+        times = [start, *normal.breaks(start, stop)]
+        foot = next((t for t in times if normal(t) == 0 and normal.slope(t) > 0), None)
+        if foot is not None:
+            raise ValueError(
+                f"{contact.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
+                "let it start above 0, or use DryFriction"
             )
 
 

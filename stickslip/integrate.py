@@ -106,6 +106,7 @@ def simulate(
             f"simulate: IDA, which solves the multiplier formulation, is a BDF method, not {method!r}"
         )
     arguments.check_dead_bands(scene)
+    arguments.check_bristles(scene, start, stop)
     system = System.of(scene).over(start, stop, stepped=step is not None)
     wanted = tolerances(system, start, stop, rtol, atol, margin, method)
     engine: Engine

@@ -15,9 +15,11 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Dahl,
     Damper,
     DryFriction,
     Force,
+    LuGre,
     PreSlip,
     Scene,
     SimulationError,
@@ -25,7 +27,9 @@ from stickslip import (
     Spring,
     signal,
     simulate,
+    triangle,
 )
+from stickslip.laws import Law
 
 LAW = DryFriction(0.3, 0.2)
 
@@ -88,6 +92,15 @@ def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
     with pytest.raises(SimulationError, match=r"not a number|too small") as caught:
         simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-300)
     assert caught.value.result.t.size >= 1
+
+
+@pytest.mark.parametrize("law", [Dahl(LAW, 1e4), LuGre(LAW, 1e4)])
+def test_bristles_pressed_from_nothing_are_refused(law: Law) -> None:
+    normal = triangle(0.5, 1.0, 1.5, slope=10)
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("floor", "a", GROUND, law, normal=normal))
+    with pytest.raises(ValueError, match=r"floor.*rises from 0 at t = 0.5.*DryFriction"):
+        simulate(scene, (0.0, 2.0))
+    assert simulate(scene.replace("floor", normal=normal + 1.0), (0.0, 2.0)).success
 
 
 def test_pre_slip_below_double_precision_is_refused() -> None:

@@ -35,7 +35,6 @@ from validation.rows import FORMULATIONS, Answer, Array, Row, require
 
 conservation_row = partial(Row, "Conservation")
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-_PARTS = 200
 
 
 @dataclass(frozen=True)
@@ -58,12 +57,16 @@ class Motion:
 
 
 def move(
-    scene: Scene, span: tuple[float, float], formulation: str = "contact-force", **options: Any
+    scene: Scene,
+    span: tuple[float, float],
+    formulation: str = "contact-force",
+    parts: int = 200,
+    **options: Any,
 ) -> Motion:
     """Simulate a scene, and again with outputs at Gauss points between its computed points."""
     options = TIGHT | options | {"formulation": formulation}
     whole = simulate(scene, span, **options)
-    edges = np.union1d(whole.t, np.linspace(*span, _PARTS + 1))
+    edges = np.union1d(whole.t, np.linspace(*span, parts + 1))
     edges = np.concatenate([edges[:-1][np.diff(edges) > 1e-12 * (span[1] - span[0])], edges[-1:]])
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     nodes = middle[:, None] + half[:, None] * _NODES

@@ -160,7 +160,7 @@ def draw(number: int, **how: Any) -> Scene:
 
 @cache
 def _moved(number: int) -> Motion:
-    return move(draw(number), (0.0, STOP), **OPTIONS)
+    return move(draw(number), (0.0, STOP), parts=50, **OPTIONS)
 
 
 @cache
@@ -247,7 +247,7 @@ _CHECKS: dict[str, tuple[Callable[[int], float], str, float]] = {
     "friction-power": (
         partial(_of_motion, power_error),
         "most negative friction power, over the largest",
-        1e-9,
+        10 * OPTIONS["rtol"],
     ),
     "friction-limit": (
         partial(_of_motion, limit_error),
