@@ -29,7 +29,7 @@ os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
 _ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
-_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 100_000, 1e9
+_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
@@ -174,7 +174,7 @@ class Engine:
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
         self._states: _States
-        self._last_tau, self._calls = 0.0, 0
+        self._last_tau, self._calls, self._looked_at = 0.0, 0, 0.0
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
@@ -218,7 +218,6 @@ class Engine:
 
     def _by_steps(self, segment: Segment, horizon: float) -> Reached:
         states = self._states = _States(segment, self._order, self._merged)
-        self._calls = 0
         self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
         while True:
@@ -231,14 +230,17 @@ class Engine:
 
     def _look_at_progress(self, tau: float) -> None:
         """Give up where the end of the segment is out of reach: an answer that never comes is none."""
-        whole = self._states.horizon
-        if tau * _CALLS_AT_MOST < self._calls * whole:
+        whole, done = self._states.horizon, tau - self._looked_at
+        if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * whole:
             raise ArithmeticError(
-                f"{self._calls} evaluations took {tau:.3g} s of {whole:.3g} s: the steps have become too small"
+                f"the last {_CALLS_BETWEEN_LOOKS} evaluations took {done:.3g} s of {whole:.3g} s: "
+                "the steps have become too small"
             )
+        self._looked_at = tau
 
     def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
         """Advance; where that fails, hand over what was computed before."""
+        self._calls, self._looked_at = 0, 0.0
         try:
             return stepper.advance(states.smallest_guard, states.start, horizon)
         except SolverFailure as failure:
@@ -250,6 +252,7 @@ class Engine:
             # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
             reached = Reached(np.zeros(1), states.expand(np.zeros(1), states.start[None, :]), False)
             if self._last_tau > 0:
+                self._calls, self._looked_at = 0, 0.0
                 with contextlib.suppress(Exception):
                     again = stepper.advance(states.smallest_guard, states.start, 0.9 * self._last_tau)
                     reached = Reached(again.taus, states.expand(again.taus, again.states), False)

@@ -40,8 +40,8 @@ from validation.rows import Answer, Array, Row, Wrong
 
 random_row = partial(Row, "Random scenes")
 SEED = 20000
-STOP = 1.0
-GRID = np.linspace(0.0, STOP, 21)
+STOP = 0.7
+GRID = np.linspace(0.0, STOP, 15)
 OPTIONS: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 BOUND = 1e-5
 """A thousand times rtol."""
