@@ -1,4 +1,5 @@
 import ast
+import importlib
 import math
 import warnings
 
@@ -6,12 +7,13 @@ import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
-from stickslip import tradeoff as module
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.regularized import PreSlip
 from stickslip.study import WorkPrecision, WorkRow
 from stickslip.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.tradeoff_setups import Call, calls, reference_calls
+
+module = importlib.import_module("stickslip.tradeoff")
 
 
 @pytest.fixture(scope="module")

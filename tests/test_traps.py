@@ -169,7 +169,7 @@ def test_an_event_exactly_at_the_end() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, "text", None])
 def test_a_signal_that_fails_half_way_is_reported(bad: Any) -> None:
-    with pytest.raises((SimulationError, ValueError), match="signal function.*at t=1"):
+    with pytest.raises((SimulationError, ValueError), match=r"signal function.*at t=1"):
         simulate(block(signal(lambda t: 0.1 if t < 1.0 else bad)), (0.0, 2.0))
 
 

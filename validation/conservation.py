@@ -112,14 +112,15 @@ def _forces(result: Result) -> list[tuple[str, Array]]:
 
 
 def momentum_error(m: Motion) -> float:
-    """Momentum gained less the impulse of what comes from outside, over the largest of both."""
+    """Momentum gained less the impulse of what comes from outside, over the larger of momentum and all impulses."""
     free = {body.name: body.inertia for body in m.scene.bodies}
     total = m.edges(sum(inertia * m.at.velocity(name) for name, inertia in free.items()))
     size = sum(inertia * np.abs(m.at.velocity(name)) for name, inertia in free.items())
     # forces between free bodies cancel one by one; what is left comes from drives, the ground and loads
-    outside = sum((f for name, f in _forces(m.at) if name in free), np.zeros_like(m.at.t))
-    impulse = m.integral(outside)
-    scale = max(float(np.max(size)), float(np.abs(impulse).max())) or 1.0
+    forces = [force for name, force in _forces(m.at) if name in free]
+    impulse = m.integral(sum(forces, np.zeros_like(m.at.t)))
+    given = m.integral(sum(map(np.abs, forces), np.zeros_like(m.at.t)))
+    scale = max(float(np.max(size)), float(given[-1])) or 1.0
     return float(np.abs(total - total[0] - impulse).max()) / scale
 
 
