@@ -158,6 +158,7 @@ def test_the_most_accurate_call_within_a_time_is_on_the_front(benchmark):
 
 
 def test_text_frame_and_plot(benchmark, axes):
+    pytest.importorskip("pandas")
     text = str(benchmark)
     assert benchmark.table in text and "reference: simulate(scene" in text
     assert "below what the reference can tell" in text

@@ -16,7 +16,7 @@ from validation.report import number, write
 from validation.rows import Outcome, Row
 from validation.runner import run
 
-QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 40, 12, 500
+QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 16, 6, 500
 
 
 def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:

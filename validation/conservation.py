@@ -252,7 +252,7 @@ _CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
         momentum_error,
         "momentum gained less impulse from outside, over the larger",
         "sum of m v' = sum of F",
-        INTEGRATED,
+        1e-8,
     ),
     "energy": (
         energy_error,

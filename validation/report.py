@@ -96,7 +96,7 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
         f"<div class='verdict {'bad' if failed else 'good'}'>{verdict}</div>",
         "<p>Each row compares what <code>simulate</code> computes with an answer that owes it nothing: "
         "a closed form, a published number, a law of physics, a symmetry. The <b>error</b> is the largest one "
-        "found and must not exceed the <b>bound</b>, which was set beforehand. "
+        "found and must not exceed the <b>bound</b>, a fixed number in the row. "
         "Errors are relative unless a row says otherwise.</p>",
         "<nav>"
         + "".join(f"<a href='#{_anchor(theme)}'>{html.escape(theme)}</a>" for theme in themes)
