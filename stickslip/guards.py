@@ -6,6 +6,8 @@ Guards are positive while the modes hold: relative velocity times mode of a slip
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,7 +65,6 @@ class Guarded(Motion):
             self.threshold = np.where(at_rest, 0.0, system.coefficients.threshold)[mode_set.slip]
         self._scales: tuple[Array, Array] | None = None
         self._place_levels()
-        self.taylor = self._expand()
 
     def _place_levels(self) -> None:
         """Breakaway coefficients of the held contacts, upper levels first, then lower ones."""
@@ -136,11 +137,12 @@ class Guarded(Motion):
             np.add(level[s:], z[k:], out=g[k + s :])
         return g
 
-    def _expand(self) -> tuple[Array, Array, Array]:
+    @cached_property
+    def taylor(self) -> tuple[Array, Array, Array]:
         """Return the guards at the start, their first derivatives and half their second ones."""
         if self._differenced:
             return self._taylor_by_differences(self.watched(0.0, self.y))
-        c0, c1, c2 = self._risen = self._expand_risen()
+        c0, c1, c2 = self._risen
         if not self._rising:
             return c0, c1, c2
         k, lag = self.slips, self._lag(0.0)
@@ -150,7 +152,8 @@ class Guarded(Motion):
         g2[k:] += lag * self._rate * (self._n1 - 0.5 * self._rate * self._n0)
         return g0, g1, g2
 
-    def _expand_risen(self) -> tuple[Array, Array, Array]:
+    @cached_property
+    def _risen(self) -> tuple[Array, Array, Array]:
         """Return the same as if all static coefficients had risen to their final values."""
         k = self.slips
         c0, c1, c2 = self.mode_set.spread(self.z)

@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _PER_PERIOD = 16
 _LOOKS = 4096
 _SUSPICION = 5e-2
+_FEW_TURNS = 3
 
 
 def longest_look(segment: Segment) -> float:
@@ -73,34 +74,54 @@ def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float 
     def guards(tau: Array) -> Array:
         return segment.guards(tau, between(tau).T)
 
-    def guards_once(tau: float) -> Array:
-        return guards(np.array([tau]))[:, 0]
-
     if not looks.size:
         return None
-    found = _first_negative(looks, guards(looks), guards_once, np.inf)
+    found = _first_negative(looks, guards(looks), guards, np.inf)
     return found if np.isfinite(found) else None
 
 
-def _first_negative(taus: Array, values: Array, guards: Callable[[float], Array], otherwise: float) -> float:
+def _first_negative(taus: Array, values: Array, guards: Callable[[Array], Array], otherwise: float) -> float:
     """Return the first sampled time with a negative guard, refining where one comes close and turns."""
     negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
     last = int(negative[0]) if negative.size else taus.size
     found = float(taus[negative[0]]) if negative.size else otherwise
     if last < 3:
         return found
-    turns = _may_dip(taus[:last], values[:, :last])
-    for place in np.flatnonzero(turns.any(axis=0)):
-        for row in np.flatnonzero(turns[:, place]):
-            lowest = minimize_scalar(
-                lambda tau, row=row: float(guards(tau)[row]),
-                bounds=(taus[place], taus[place + 2]),
-                method="bounded",
-                options={"xatol": 1e-9 * (taus[place + 2] - taus[place])},
-            )
-            if lowest.fun < 0:
-                return min(found, float(lowest.x))
+    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last]).T)
+    if places.size > _FEW_TURNS:
+        close = _come_close(guards, taus[places], taus[places + 2], rows)
+        places, rows = places[close], rows[close]
+    for place, row in zip(places.tolist(), rows.tolist(), strict=True):
+        lowest = minimize_scalar(
+            lambda tau, row=row: float(guards(np.array([tau]))[row, 0]),
+            bounds=(taus[place], taus[place + 2]),
+            method="bounded",
+            options={"xatol": 1e-9 * (taus[place + 2] - taus[place])},
+        )
+        if lowest.fun < 0:
+            return min(found, float(lowest.x))
     return found
+
+
+def _come_close(
+    guards: Callable[[Array], Array], left: Array, right: Array, rows: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Tell which guards that turn between `left` and `right` come near zero: all together, by narrower parabolas."""
+
+    def at(taus: Array) -> Array:
+        return guards(taus)[rows, np.arange(rows.size)]
+
+    middle, half = 0.5 * (left + right), 0.5 * (right - left)
+    scale = np.zeros(rows.size)
+    for _ in range(3):
+        low, value, high = at(middle - half), at(middle), at(middle + half)
+        bend = low - 2 * value + high
+        scale = np.maximum(scale, np.abs(bend))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shift = np.where(bend > 0, 0.5 * (low - high) / bend, 0.0)
+        middle, half = middle + np.clip(shift, -1.0, 1.0) * half, half / 8
+        middle = np.clip(middle, left + half, right - half)
+    return at(middle) <= 1e-6 * scale
 
 
 def _may_dip(taus: Array, values: Array) -> NDArray[np.bool_]:

@@ -30,7 +30,7 @@ from stickslip import (
     triangle,
 )
 
-STOP = 3.0
+STOP = 2.0
 SCENES = settings(
     max_examples=50,
     derandomize=True,
@@ -38,7 +38,7 @@ SCENES = settings(
     suppress_health_check=[HealthCheck.too_slow],
     database=None,
 )
-FEWER = settings(SCENES, max_examples=25)
+FEWER = settings(SCENES, max_examples=20)
 seeds = st.integers(0, 10**9)
 
 

@@ -492,17 +492,26 @@ def chain(count: int, springs: bool) -> Scene:
     return Scene(*elements)
 
 
-@pytest.mark.parametrize("springs", [False, True])
-def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, springs: bool) -> None:
-    """Sparse matrices and trees instead of dense ones: the same motion."""
-    from stickslip import assembly, engine, grouping
+LARGE = {
+    "no springs": (False, {}),
+    "band": (True, {"_NARROW": 2.0}),
+    "sparse": (True, {"_NARROW": 0.0, "_DENSE_AT_MOST": 0}),
+}
 
+
+@pytest.mark.parametrize("kind", LARGE)
+def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """Sparse matrices, bands and trees instead of dense ones: the same motion."""
+    from stickslip import assembly, grouping, linear_solver
+
+    springs, limits = LARGE[kind]
     scene = chain(14, springs)
-    results = []
-    for limit in (10**9, 0):
-        for module, name in ((assembly, "_DENSE_LIMIT"), (engine, "_DENSE_LIMIT"), (grouping, "_SMALL")):
-            monkeypatch.setattr(module, name, limit, raising=False)
-        results.append(simulate(scene, (0.0, 1.5)))
+    results = [simulate(scene, (0.0, 1.5))]
+    for module, name in ((assembly, "_DENSE_LIMIT"), (linear_solver, "_DENSE_LIMIT"), (grouping, "_SMALL")):
+        monkeypatch.setattr(module, name, 0)
+    for name, value in limits.items():
+        monkeypatch.setattr(linear_solver, name, value)
+    results.append(simulate(scene, (0.0, 1.5)))
     small, large = results
     assert told(small) == told(large) and len(small.events) > 15
     np.testing.assert_allclose(times(large), times(small), atol=1e-9)
