@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-import signal as signals
-import threading
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -16,14 +15,12 @@ from stickslip import (
     Body,
     Contact,
     Dahl,
-    Damper,
     DryFriction,
     Force,
     LuGre,
     PreSlip,
     Scene,
     SimulationError,
-    SimulationInterrupted,
     Spring,
     signal,
     simulate,
@@ -124,19 +121,27 @@ def test_loose_tolerances_do_not_break_a_regularised_law(velocity: float, shape:
     assert result.velocity("a") == pytest.approx([0.5, 0.0], abs=tail)
 
 
+INTERRUPTED_RUN = """
+import os, signal, threading
+from stickslip import Body, Contact, DryFriction, GROUND, SimulationInterrupted, Spring, Scene, simulate
+
+floor = Contact("floor", "a", GROUND, DryFriction(1e-9, 1e-9), normal=1.0)
+scene = Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=1.0), floor)
+threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-14)
+except SimulationInterrupted as interrupted:
+    result = interrupted.result
+    print(result.success, result.t.size, len(result.events))
+"""
+
+
 def test_interruption_keeps_what_was_computed() -> None:
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=1.0),
-        Spring("a", GROUND, stiffness=1.0),
-        Damper("a", GROUND, damping=0.0),
+    # in a process of its own: a garbage collector's callback of another library would swallow the signal
+    run = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_RUN], capture_output=True, text=True, timeout=60, check=True
     )
-    scene = Scene(*scene.elements, Contact("floor", "a", GROUND, DryFriction(1e-9, 1e-9), normal=1.0))
-    timer = threading.Timer(1.0, os.kill, (os.getpid(), signals.SIGINT))
-    timer.start()
-    with pytest.raises(SimulationInterrupted) as caught:
-        simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-14)
-    timer.cancel()
-    result = caught.value.result
-    assert not result.success
-    assert result.t.size > 10
-    assert result.events
+    success, points, events = run.stdout.split()
+    assert success == "False"
+    assert int(points) > 10
+    assert int(events) > 0

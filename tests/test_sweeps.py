@@ -1,12 +1,13 @@
 import json
 import math
 import os
-import signal
+import subprocess
 import sys
 import threading
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from queue import SimpleQueue
 
 import numpy as np
 import pytest
@@ -35,13 +36,6 @@ def deadly(a):
     if a == 2:
         os._exit(7)
     return 10.0 * a
-
-
-def interrupts_parent(a):
-    if a == 3:
-        os.kill(os.getppid(), signal.SIGINT)
-        time.sleep(0.5)
-    return float(a)
 
 
 class Counting:
@@ -303,38 +297,73 @@ def test_interrupt_keeps_what_was_computed():
     assert isinstance(caught.value, KeyboardInterrupt)
 
 
-def test_interrupt_cancels_the_points_that_have_not_begun():
+class InterruptedQueue(SimpleQueue):
+    """A queue at which Ctrl-C is pressed instead of the third answer.
+
+    A real signal may arrive while a callback of the garbage collector runs, where Python swallows it.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.answers = 0
+
+    def get(self):
+        self.answers += 1
+        if self.answers == 3:
+            raise KeyboardInterrupt
+        return super().get()
+
+
+def test_interrupt_cancels_the_points_that_have_not_begun(monkeypatch):
+    monkeypatch.setattr(sweeps, "SimpleQueue", InterruptedQueue)
     begun = []
 
     def function(a):
         begun.append(a)
-        if a == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.3)
+        time.sleep(0.002)
         return 10.0 * a
 
     with ThreadPoolExecutor(1) as threads, pytest.raises(SweepInterrupted) as caught:
         sweep(function, {"a": np.arange(1, 500)}, executor=threads, progress=False)
     result = caught.value.result
-    assert len(begun) < 10
+    assert len(begun) < 250
     assert result.value()[:2].tolist() == [10.0, 20.0]
-    assert len(result.pending) >= 490
+    assert len(result.pending) >= 499 - len(begun)
     assert not result.failures
 
 
+INTERRUPTED_SWEEP = """
+import os, signal, sys, time
+from stickslip.sweeps import SweepInterrupted, sweep
+
+def interrupts_parent(a):
+    if a == 3:
+        os.kill(os.getppid(), signal.SIGINT)
+        time.sleep(0.5)
+    return float(a)
+
+if __name__ == "__main__":
+    try:
+        sweep(interrupts_parent, {"a": list(range(1, 200))}, workers=1, progress=False, save=sys.argv[1])
+    except SweepInterrupted as stopped:
+        print(*stopped.result.value()[:2], len(stopped.result.pending))
+"""
+
+
 def test_interrupt_of_processes_keeps_results_and_the_file_resumes(tmp_path):
-    path = tmp_path / "sweep.jsonl"
-    grid = {"a": list(range(1, 200))}
-    with pytest.raises(SweepInterrupted) as caught:
-        sweep(interrupts_parent, grid, workers=1, progress=False, save=path)
-    result = caught.value.result
+    script, path = tmp_path / "interrupted.py", tmp_path / "sweep.jsonl"
+    script.write_text(INTERRUPTED_SWEEP)
+    run = subprocess.run(
+        [sys.executable, script, path], capture_output=True, text=True, timeout=60, check=True
+    )
+    first, second, pending = map(float, run.stdout.split())
     # two points are under way at once: the one before the interrupting one may not have come back yet
-    assert result.value()[0] == 1.0
-    assert result.value()[1] == 2.0 or (1,) in result.pending
-    assert len(result.pending) > 150
+    assert first == 1.0
+    assert second == 2.0 or np.isnan(second)
+    assert pending > 150
     function = Counting(abs_of_a)
-    resumed = serial(function, grid, save=path)
-    assert len(function.calls) <= len(result.pending) + 1
+    resumed = serial(function, {"a": list(range(1, 200))}, save=path)
+    assert len(function.calls) <= pending + 1
     assert (1,) not in set(function.calls)
     np.testing.assert_array_equal(resumed.value(), np.arange(1, 200))
 
