@@ -173,6 +173,11 @@ class System:
         self.W = self._matrix(free, (self.m, self.size))
         self.D = self._matrix(driven, (self.m, self.inputs))
         self.force_of_contacts = -self.G.T.tocsr() if self.sparse else -self.G.T
+        # the forces on each body from absolute values of states and inputs, all counted positive
+        largest = sparse.diags_array(self.mu_s.max(axis=0, initial=0.0), shape=(self.m, self.inputs))
+        pushed = abs(self.Q) + abs(self.force_of_contacts) @ largest
+        stack = sparse.hstack if self.sparse else np.hstack
+        self.magnitudes = stack([abs(self.C), pushed])
 
     def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
         matrix = sparse.coo_array((triplets.values, (triplets.rows, triplets.columns)), shape=shape).tocsr()

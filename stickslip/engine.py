@@ -212,7 +212,7 @@ class Engine:
             if not hit or taus[-1] > 0.1 * stop:
                 break
             stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
-        return Reached(taus, segment.state(taus).T, hit)
+        return Reached(taus, segment.states(taus), hit)
 
     # -- everything else ----------------------------------------------------------------------------------
 

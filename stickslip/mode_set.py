@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,34 @@ from stickslip.friction import HARD, LINEAR, ActingForces
 if TYPE_CHECKING:
     from stickslip.assembly import System
 
-__all__ = ["FREE", "OPEN", "DenseModeSet", "ModeSet", "SparseModeSet"]
+__all__ = ["FREE", "OPEN", "DenseModeSet", "Expansion", "ModeSet", "SparseModeSet"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 OPEN, FREE = 2, 3
 """States of contacts that carry no force and of those whose law knows no modes; the others have -1, 0 or +1."""
+
+_NEAR = 1e-5
+"""A stuck contact this near its breakaway level, as a part of it, deserves a closer look."""
+
+
+class Expansion(NamedTuple):
+    """Taylor coefficients at the start of a motion that no curved load or law bends.
+
+    Rates are ``f0 + f1 tau``, and exactly so where their next derivatives `bends` are 0; what guards watch is
+    ``z0 + z1 tau + z2 tau^2``, the guards are ``c0 + c1 tau + c2 tau^2`` once all static coefficients have risen.
+    """
+
+    f0: Array
+    f1: Array
+    bends: Array
+    z0: Array
+    z1: Array
+    z2: Array
+    c0: Array
+    c1: Array
+    c2: Array
 
 
 class ModeSet:
@@ -95,10 +117,54 @@ class ModeSet:
         self.levels = (both, mu_s, rise, rate)
         self.has_dwell = bool(dwells.any())
         self.has_threshold = bool(c.threshold[self.slip].any())
+        # a contact in pre-slip is held by its pre-slip velocity, whatever presses it together: by the input 1
+        one = self.system.inputs - 1
+        self.pressed_by = np.where(self.is_pre, one, both)
+        self.guard_inputs = np.concatenate([np.full(slips, one), self.pressed_by])
+        self.guard_levels = np.concatenate([np.zeros(slips), mu_s])
+        self.nearness = _NEAR * self.guard_levels
 
-    def spread(self, watched: tuple[Array, Array, Array]) -> Array:
-        """Return what the upper and lower guards make of watched quantities: slipping, ``-lambda``, ``+lambda``."""
-        return np.array(watched)[:, self._source] * self._turn
+    def expand(self, y: Array, q0: Array, q1: Array) -> Expansion:
+        """Return the Taylor coefficients of the motion from the state `y` under the inputs ``q0 + q1 tau``."""
+        size = self.system.size
+        values = self.apply(y) + self.respond(q0)
+        slopes = self.apply(values[:size]) + self.respond(q1)
+        bends = self.apply(slopes[:size])
+        z = values[size:], slopes[size:], 0.5 * bends[size:]
+        c0, c1, c2 = ((part[self._source].T * self._turn).T for part in z)
+        c0 += (self.guard_levels * q0[self.guard_inputs].T).T
+        c1 += (self.guard_levels * q1[self.guard_inputs].T).T
+        return Expansion(values[:size], slopes[:size], bends[:size], *z, c0, c1, c2)
+
+    def magnitudes(self, values: Array) -> Array:
+        """Return what adds up in each guard, from absolute values of states and inputs: rows of speeds, then of forces.
+
+        Their roundoff is that of the guards. The first rows are the speeds of both ends, of slipping contacts
+        only; then follow, for each guard, the accelerations of both ends or the forces on both groups.
+        """
+        system, groups = self.system, self.groups
+        body = system.magnitudes @ values
+        total = np.zeros_like(body)
+        np.add.at(total, groups.leader, body)
+        acceleration = self._at_ends((body.T / system.inertia).T, self.slip)
+        if system.drives:
+            acceleration += (abs(system.D) @ self._drive_accelerations(values[system.size :]))[self.slip]
+        speed = self._at_ends(values[: system.n], self.slip)
+        force = self._at_ends(total[groups.leader], self.held_contacts)
+        return np.concatenate([speed, acceleration, force, force])
+
+    def _drive_accelerations(self, inputs: Array) -> Array:
+        """Return the drives' accelerations in the places of their velocities."""
+        first, last = self.system.first_drive, self.system.first_acceleration
+        rates = np.zeros_like(inputs)
+        rates[first:last] = inputs[last : 2 * last - first]
+        return rates
+
+    def _at_ends(self, values: Array, contacts: Indices) -> Array:
+        """Return the sums over both ends of contacts; prescribed bodies count nothing."""
+        system = self.system
+        wide = np.concatenate([values, np.zeros((system.drives + 1, *values.shape[1:]))])
+        return wide[system.a[contacts]] + wide[system.b[contacts]]
 
     def _assemble(self) -> None:
         raise NotImplementedError
@@ -194,6 +260,31 @@ class DenseModeSet(ModeSet):
         self.A, self.B, self.K = (np.ascontiguousarray(x) for x in np.split(rates, cuts, axis=1))
         self.E, self.H, self.L = (np.ascontiguousarray(x) for x in np.split(watched, cuts, axis=1))
         self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
+        self._straight = None if self.A.any() else self._expansion()
+
+    def _expansion(self) -> tuple[Array, list[slice]]:
+        """Return the matrix that gives all Taylor coefficients at once, where nothing feeds back, and its parts."""
+        size, inputs = self.system.size, self.system.inputs
+        columns = np.eye(size + 2 * inputs)
+        rows = super().expand(columns[:size], columns[size : size + inputs], columns[size + inputs :])
+        ends = np.cumsum([0, *(part.shape[0] for part in rows)]).tolist()
+        return np.vstack(rows), [slice(*pair) for pair in pairwise(ends)]
+
+    def expand(self, y: Array, q0: Array, q1: Array) -> Expansion:
+        """Return the Taylor coefficients of the motion from the state `y` under the inputs ``q0 + q1 tau``."""
+        if self._straight is None:
+            return super().expand(y, q0, q1)
+        matrix, parts = self._straight
+        found = matrix @ np.concatenate([y, q0, q1])
+        return Expansion(*[found[part] for part in parts])
+
+    @cached_property
+    def _magnitudes(self) -> Array:
+        return super().magnitudes(np.eye(self.system.size + self.system.inputs))
+
+    def magnitudes(self, values: Array) -> Array:
+        """Return what adds up in each guard, from absolute values of states and inputs."""
+        return self._magnitudes @ values
 
     def _held_inputs_dense(self) -> Array:
         system = self.system
