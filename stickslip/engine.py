@@ -29,6 +29,7 @@ os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
 _ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
+_CLOSER = 0.1
 _CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
@@ -147,7 +148,7 @@ class Engine:
     """CVODE for the segments of one simulation.
 
     Where the motion is exactly quadratic in time there is nothing to integrate: CVODE then runs on a clock,
-    ``tau' = 1``, in as few steps as there are roots to find.
+    ``tau' = 1``, in as few steps as there are roots to find, and not at all where there are none.
 
     Parameters
     ----------
@@ -198,9 +199,15 @@ class Engine:
         )
 
     def _on_clock(self, segment: Segment, horizon: float) -> Reached:
-        stop = first_violation(segment, min(horizon, longest_look(segment)))
-        guard, start = segment.smallest_guard(), np.zeros(1)
         points = np.isfinite(self._max_step)
+        stop = first_violation(segment, min(horizon, longest_look(segment)))
+        if stop == horizon and not points and segment.holds_until(stop):
+            taus = np.array([0.0, stop])
+            return Reached(taus, segment.states(taus), hit=False)
+        guard, start = segment.smallest_guard(stop), np.zeros(1)
+        # CVODE locates roots within 1e-14 of its step: come close where none can be skipped
+        while segment.looked_over and guard(_CLOSER * stop, start) < 0:
+            stop *= _CLOSER
         while True:
             if points:
                 reached = self._clock.advance(guard, start, stop)
@@ -208,11 +215,9 @@ class Engine:
             else:
                 tau, hit = self._clock.leap(guard, start, stop)
                 taus = np.array([0.0, tau])
-            # CVODE locates roots within 1e-14 of its step: come closer where the step was far too long
-            if not hit or taus[-1] > 0.1 * stop:
-                break
+            if segment.looked_over or not hit or taus[-1] > _CLOSER * stop:
+                return Reached(taus, segment.states(taus), hit)
             stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
-        return Reached(taus, segment.states(taus), hit)
 
     # -- everything else ----------------------------------------------------------------------------------
 

@@ -190,7 +190,7 @@ class Guarded(Motion):
     @cached_property
     def guard_scales(self) -> tuple[Array, Array]:
         """For each guard the size of what it compares, and the roundoff it carries."""
-        k, s = self.slips, self.helds
+        k = self.slips
         q = self.inputs(0.0) if self.has_curved else self.q0
         found = self.mode_set.magnitudes(np.abs(np.concatenate([self.y, q])))
         speed, noise = found[:k], ROUNDOFF * found[k:]

@@ -21,7 +21,7 @@ from stickslip.recorder import Recorder
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scales import tolerances
 from stickslip.scene import Body, Drive, Scene
-from stickslip.transitions import Inconsistent, Settled, carry_on, settle
+from stickslip.transitions import Inconsistent, Settled, carry_on, change_one, settle
 
 __all__ = ["simulate"]
 
@@ -200,12 +200,18 @@ class _Run:
         if t >= self._stop:
             return
         self._restarts += 1
-        y, stop = reached.states[-1], system.loads.next_break(t, self._stop)
-        parted = jumped(segment, float(reached.taus[-1]), t)
+        y, stop, tau = reached.states[-1], system.loads.next_break(t, self._stop), float(reached.taus[-1])
+        parted = jumped(segment, tau, t)
         if not (reached.hit or self._relaxed or parted.any() or before is not self._now.modes):
             unchanged = carry_on(system, t, y, self._now, stop)
             if unchanged is not None:
                 self._now = unchanged
+                return
+        if reached.hit and not self._relaxed and tau < segment.horizon and before is self._now.modes:
+            found = change_one(system, t, tau, y, self._now, stop)
+            if found is not None:
+                self._now, j = found
+                self._note(t, j, int(before[j]), fired=True)
                 return
         touching, fired = at_limit(segment, reached, self._relaxed)
         touching[segment.mode_set.stuck] |= ~parted[segment.mode_set.stuck]
@@ -217,8 +223,11 @@ class _Run:
         now = self._now
         changed = (now.modes != before) & (now.segment.mode_set.modes != FREE)
         for j in np.flatnonzero(changed).tolist():
-            modes = int(before[j]), int(now.modes[j])
-            self._recorder.note(t, j, *modes, now.segment, bool(fired[j]), j in self._relaxed)
+            self._note(t, j, int(before[j]), bool(fired[j]))
+
+    def _note(self, t: float, j: int, before: int, fired: bool) -> None:
+        after, segment = int(self._now.modes[j]), self._now.segment
+        self._recorder.note(t, j, before, after, segment, fired, j in self._relaxed)
 
     def _watch_progress(self, t: float) -> None:
         stands = t - self._t <= 1e-14 * (self._stop - self._start)

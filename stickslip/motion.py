@@ -96,7 +96,8 @@ class Motion:
 
     def relative_velocity(self, tau: float | Array, y: Array) -> Array:
         """Return ``w = v_a - v_b`` of every contact."""
-        return self.system.W @ y + self.system.D @ self.inputs(tau)
+        w = self.system.W @ y
+        return w + self.system.D @ self.inputs(tau) if self.system.drives else w
 
     def acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting contacts."""

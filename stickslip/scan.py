@@ -46,11 +46,12 @@ def first_violation(segment: Segment, horizon: float) -> float:
 
 def _first_vertex(segment: Segment, horizon: float) -> float:
     c0, c1, c2 = segment.coefficients
-    dips = np.flatnonzero((c2 > 0) & (c1 < 0))
-    dips = dips[c1[dips] ** 2 > 4 * c0[dips] * c2[dips]]
-    if not dips.size:
+    convex = (c2 > 0).nonzero()[0]
+    if not convex.size:
         return horizon
-    return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips])))
+    c0, c1, c2 = c0[convex], c1[convex], c2[convex]
+    dips = (c1 < 0) & (c1**2 > 4 * c0 * c2)
+    return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips], initial=np.inf)))
 
 
 def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float | None:

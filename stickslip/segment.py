@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from itertools import compress
 from math import exp, inf
 
 import numpy as np
@@ -170,26 +171,33 @@ class Segment(Guarded):
         g = self.raw_at(tau, self.y)
         return g if self._plain else self._deflate(tau, g)
 
-    def smallest_guard(self) -> Callable[[float, Array], float]:
-        """Return the function of local time and state whose root ends the segment: plain arithmetic for few guards."""
+    def holds_until(self, tau: float) -> bool:
+        """Tell whether all guards are positive at `tau`, and were so before: none of them can have dipped."""
+        return self.looked_over and not np.count_nonzero(self.guards(tau) <= 0)
+
+    def smallest_guard(self, tau: float) -> Callable[[float, Array], float]:
+        """Return the function of local time and state whose root before `tau` ends the segment.
+
+        Where guards are few it is plain arithmetic, of those alone that are negative at `tau` if none can come back.
+        """
         few = (self.exact_guards and self._plain) or self.polynomial_guards
         if not few or self.armed > _FEW:
-            return lambda tau, y: float(self.guards(tau).min(initial=np.inf))
+            return lambda tau, y: float(self.guards(tau).min(initial=inf))
         source = self.coefficients if self.polynomial_guards else self.risen
-        rows = [row for row in zip(*(c.tolist() for c in source), strict=True) if row[0] < inf]
-        plain, held = rows, []
+        rows = list(zip(*(c.tolist() for c in source), strict=True))
+        lags = [(0.0, 0.0, 0.0, 0.0, 0.0)] * len(rows)
         if self._rising:
-            lag = zip(*(x.tolist() for x in (self._rise, self._age, self._rate, *self._pressing)), strict=True)
-            plain, held = rows[: self.slips], list(zip(rows[self.slips :], lag, strict=True))
+            lag = (self._rise, self._age, self._rate, *self._pressing)
+            lags[self.slips :] = zip(*(x.tolist() for x in lag), strict=True)
+        chosen = self.guards(tau) <= 0 if self.looked_over else self.guards(tau) < inf
+        terms = list(compress(zip(rows, lags, strict=True), chosen.tolist()))
 
         def smallest(tau: float, y: Array) -> float:
             least = inf
-            for a, b, c in plain:
+            for (a, b, c), (rise, age, rate, n0, n1) in terms:
                 value = a + tau * (b + tau * c)
-                if value < least:
-                    least = value
-            for (a, b, c), (rise, age, rate, n0, n1) in held:
-                value = a + tau * (b + tau * c) - rise * exp(-(age + tau * rate)) * (n0 + tau * n1)
+                if rise:
+                    value -= rise * exp(-(age + tau * rate)) * (n0 + tau * n1)
                 if value < least:
                     least = value
             return least
@@ -218,9 +226,13 @@ class Segment(Guarded):
         return g
 
     def comes_near_rest(self, margin: float, tau: float) -> bool:
-        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest now or at `tau`."""
+        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest, now and at `tau`."""
         k, (c0, c1, c2) = self.slips, self.expansion[-3:]
-        return k > 0 and bool(np.minimum(c0, c0 + tau * (c1 + tau * c2))[:k].min() <= margin)
+        near = c0[:k] <= margin
+        return (
+            np.count_nonzero(near) > 0
+            and np.count_nonzero(near & ((c0 + tau * (c1 + tau * c2))[:k] <= margin)) > 0
+        )
 
     def has_come_to_rest(self, tau: float, y: Array, row: int) -> bool:
         """Tell whether a slipping contact near rest would stay there: its relative acceleration is zero at ``w = 0``.

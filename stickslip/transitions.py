@@ -13,13 +13,16 @@ from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import AT_LIMIT, Segment
 
-__all__ = ["Inconsistent", "Settled", "carry_on", "settle"]
+__all__ = ["Inconsistent", "Settled", "carry_on", "change_one", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _ROUNDOFF = 1e-12
+_STANDING = 1e-9
+"""A contact this slow, as a part of the largest speed, is looked at together with all others."""
+
 _ENUMERATED = 6
 
 
@@ -136,21 +139,83 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     closed = _closed(system, t, q)
     mode_set = now.segment.mode_set
     modes = mode_set.modes
-    w, speed = _relative(system, t, y, q)
-    moving = np.abs(w) > 1e-9 * speed
     changed = closed != (modes != OPEN)
-    if np.any(system.hard & (modes != 0) & ~moving) or np.any(changed & ((modes == 0) | ~system.hard)):
+    if np.count_nonzero(changed):
+        if np.count_nonzero(changed & ((modes == 0) | ~system.hard)):
+            return None
+        w, _ = _relative(system, t, y, q)
+        modes = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
+        mode_set = system.mode_set(modes.tobytes())
+    if _any_stands(system, t, y, q, modes):
         return None
-    if changed.any():
-        trial = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
-        mode_set = system.mode_set(trial.tobytes())
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
     violated, order = segment.classify(nothing)
-    if violated.any():
+    if np.count_nonzero(violated):
         return None
     segment.arm(order)
     return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
+
+
+def _any_stands(system: System, t: float, y: Array, q: Array, modes: Modes) -> bool:
+    """Tell whether a contact that is not stuck has hardly any relative velocity."""
+    w, speed = _relative(system, t, y, q)
+    return np.count_nonzero(system.hard & (modes != 0) & (np.abs(w) <= _STANDING * speed)) > 0
+
+
+def change_one(
+    system: System, t: float, tau: float, y: Array, now: Settled, stop: float
+) -> tuple[Settled, int] | None:
+    """Return how the motion goes on where the guard of one contact alone has come to 0, and this contact.
+
+    All others are far from their limits, so that nothing but the mode of this one is to be tried. None where others
+    are near theirs, or its new mode does not hold: then all must be settled together.
+
+    Parameters
+    ----------
+    system : System
+    t, tau : float
+        Time in s, and the same since the start of the segment, which ends inside its horizon.
+    y : array (size,)
+    now : Settled
+        The segment that has ended.
+    stop : float
+        The next break.
+    """
+    before, mode_set = now.segment, now.segment.mode_set
+    if not system.all_hard or before.has_curved or not before.slips + before.helds:
+        return None
+    q = before.inputs(tau)
+    slow = _STANDING * float(np.abs(np.concatenate([y[: system.n], q[system.first_drive : -1]])).max())
+    near = mode_set.nearness * q[mode_set.guard_inputs]
+    near[: before.slips] = slow
+    close = (before.raw_at(tau, y) <= near).nonzero()[0]
+    if close.size != 1 or (
+        mode_set.loose.size and _any_slow(before.relative_velocity(tau, y)[mode_set.loose], slow)
+    ):
+        return None
+    row, j = int(close[0]), int(mode_set.guard_contacts[close[0]])
+    modes, resting = mode_set.modes.copy(), mode_set.modes == 0
+    resting[j] = True
+    if row < before.slips:
+        modes[j] = 0
+        y = project(system, y, q, resting)
+    else:
+        modes[j] = 1 if row < before.slips + before.helds else -1
+    since = np.where(modes == 0, now.since, t)
+    since[j] = t
+    segment = Segment(system, system.mode_set(modes.tobytes()), t, y, since, resting, stop)
+    violated, order = segment.classify(resting & (np.arange(system.m) == j))
+    if np.count_nonzero(violated) or np.count_nonzero(order > 2):
+        return None
+    segment.arm(order)
+    labels = now.modes.copy()
+    labels[j] = modes[j]
+    return Settled(labels, since, segment), j
+
+
+def _any_slow(w: Array, slow: float) -> bool:
+    return bool(np.abs(w).min() <= slow)
 
 
 def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
