@@ -19,7 +19,9 @@ from scipy import sparse
 from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.grouping import Groups
 from stickslip.loads import Loads
-from stickslip.mode_set import DenseModeSet, ModeSet, SparseModeSet
+from stickslip.mode_set import ModeSet
+from stickslip.mode_set_dense import DenseModeSet
+from stickslip.mode_set_sparse import SparseModeSet
 from stickslip.scene import GROUND, Scene
 from stickslip.signals import Constant, PiecewiseLinear, Signal
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stickslip.engine import Reached
 from stickslip.mode_set import FREE, OPEN
 from stickslip.pieces import interpolate
 from stickslip.segment import Segment
+from stickslip.solving import Reached
 
 __all__ = ["at_limit", "jumped", "relaxed", "turned_over"]
 
@@ -97,7 +97,7 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
     Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
     only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
     """
-    if segment.quadratic and not segment.comes_near_rest(margin, float(reached.taus[-1])):
+    if not _may_relax(segment, reached, margin):
         return reached, []
     contacts = segment.mode_set.slip
     hard = segment.system.hard[contacts]
@@ -114,6 +114,13 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
         if resting:
             return reached.until(k + 1), [int(contacts[row]) for row in resting]
     return reached, []
+
+
+def _may_relax(segment: Segment, reached: Reached, margin: float) -> bool:
+    """Tell whether a contact is near rest at two computed points: one at a root is none."""
+    if not segment.quadratic or reached.taus.size > 2:
+        return True
+    return not reached.hit and segment.stays_near_rest(margin, float(reached.taus[-1]))
 
 
 def _at_rest(segment: Segment, reached: Reached, near: Mask, k: int) -> set[int]:

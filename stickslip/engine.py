@@ -1,4 +1,4 @@
-"""The seam to SUNDIALS: start at a state, advance to the next root or stop. The only importer of sksundae."""
+"""The seam to SUNDIALS: start at a state, advance to the next root or stop."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 import os
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,13 @@ from numpy.typing import NDArray
 from sksundae.cvode import CVODE
 
 from stickslip.assembly import System
+from stickslip.engine_clock import ROOTS_PER_SOLVER, Clock
 from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
+from stickslip.solving import Reached, SolverFailure, Work, failure_of
 
-__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "Work", "failure_of"]
+__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
@@ -27,62 +28,11 @@ Guard = Callable[[float, Array], float]
 # SUNDIALS' logger writes warnings to stderr; what matters of them comes back as a status
 os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
-_ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
 _CLOSER = 0.1
 _CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
-
-
-class SolverFailure(Exception):
-    """The solver gave up, or what it called did.
-
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, in SUNDIALS' words where it was SUNDIALS.
-    remedy : str
-        What to try.
-    reached : Reached, optional
-        The points computed before.
-    """
-
-    def __init__(self, sentence: str, remedy: str, reached: Reached | None = None) -> None:
-        super().__init__(sentence)
-        self.sentence, self.remedy, self.reached = sentence, remedy, reached
-
-
-@dataclass
-class Work:
-    """Counts of what was done."""
-
-    steps: int = 0
-    rate_calls: int = 0
-    jacobian_calls: int = 0
-    guard_calls: int = 0
-    starts: int = 0
-    solvers: int = 0
-    fewest_states: float = np.inf
-
-
-@dataclass(frozen=True)
-class Reached:
-    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
-
-    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes.
-    """
-
-    taus: Array
-    states: Array
-    hit: bool
-    multipliers: tuple[Array, Array] | None = None
-
-    def until(self, count: int) -> Reached:
-        """Return the first `count` points."""
-        forces = self.multipliers
-        cut = None if forces is None else (forces[0][:count], forces[1][:count])
-        return Reached(self.taus[:count], self.states[:count], False, cut)
 
 
 class _Cvode:
@@ -108,18 +58,9 @@ class _Cvode:
             )
         return reached
 
-    def leap(self, guard: Guard, y: Array, tau: float) -> tuple[float, bool]:
-        """Do the same, but return only the time reached and whether it is at a root."""
-        solver = self._ready(guard)
-        solver.init_step(0.0, y)
-        solution = solver.step(tau, "normal", tau)
-        self._work.steps += 1
-        self._count(solution, None)
-        return solution.t, solution.status == 2
-
     def _ready(self, guard: Guard) -> CVODE:
         self._guard = guard
-        if self._solver is None or self._roots >= _ROOTS_PER_SOLVER:
+        if self._solver is None or self._roots >= ROOTS_PER_SOLVER:
             # scikit-sundae keeps every event's record on the guard function: a fresh one now and then
             self._solver, self._roots = self._make(self._guard_function()), 0
             self._work.solvers += 1
@@ -171,7 +112,7 @@ class Engine:
         self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
         self._max_step, self._merged = max_step, merged
         self.work = Work()
-        self._clock = _Cvode(self._make_clock, self.work)
+        self._clock: Clock | None = None
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
         self._states: _States
@@ -183,41 +124,26 @@ class Engine:
 
     # -- quadratic motion ---------------------------------------------------------------------------------
 
-    def _make_clock(self, guard: Callable[..., None]) -> CVODE:
-        def rate(tau: float, y: Array, out: Array) -> None:
-            out[0] = 1.0
-
-        return CVODE(
-            rate,
-            eventsfn=guard,
-            num_events=1,
-            linsolver="band",
-            lband=0,
-            uband=0,
-            first_step=0.5 * np.finfo(float).max,
-            max_step=self._max_step if np.isfinite(self._max_step) else 0.0,
-        )
-
     def _on_clock(self, segment: Segment, horizon: float) -> Reached:
-        points = np.isfinite(self._max_step)
+        clock = self._clock = self._clock or Clock.get(self._max_step, self.work)
         stop = first_violation(segment, min(horizon, longest_look(segment)))
-        if stop == horizon and not points and segment.holds_until(stop):
-            taus = np.array([0.0, stop])
+        guard = segment.smallest_guard(stop)
+        if guard is None:
+            taus = clock.points(stop)
             return Reached(taus, segment.states(taus), hit=False)
-        guard, start = segment.smallest_guard(stop), np.zeros(1)
         # CVODE locates roots within 1e-14 of its step: come close where none can be skipped
-        while segment.looked_over and guard(_CLOSER * stop, start) < 0:
+        while segment.looked_over and guard(_CLOSER * stop) < 0:
             stop *= _CLOSER
         while True:
-            if points:
-                reached = self._clock.advance(guard, start, stop)
-                taus, hit = reached.taus, reached.hit
-            else:
-                tau, hit = self._clock.leap(guard, start, stop)
-                taus = np.array([0.0, tau])
+            taus, hit = clock.advance(guard, stop)
             if segment.looked_over or not hit or taus[-1] > _CLOSER * stop:
                 return Reached(taus, segment.states(taus), hit)
             stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
+
+    def release(self) -> None:
+        """Leave what the next simulation can use."""
+        if self._clock is not None:
+            self._clock.put_back()
 
     # -- everything else ----------------------------------------------------------------------------------
 
@@ -365,14 +291,6 @@ class _States:
         """Return the Jacobian."""
         matrix = self._segment.jacobian(tau, self._expand_one(tau, y))
         return matrix if self._is_all else matrix[self._order][:, self._order]
-
-
-def failure_of(solution: Any, reached: Reached | None) -> SolverFailure:
-    """Return SUNDIALS' failure with its own sentence."""
-    sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
-    return SolverFailure(
-        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", reached
-    )
 
 
 def _shortest(values: Array) -> float | Array:

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from sksundae.ida import IDA
 
-from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, failure_of
+from stickslip.engine import STEPS_PER_PERIOD, Engine
 from stickslip.linear_solver import sparsity_pattern
 from stickslip.scan import first_dip
 from stickslip.segment import Segment
+from stickslip.solving import Reached, failure_of
 
 __all__ = ["MultiplierEngine"]
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
-from stickslip.engine import Engine, Reached, SolverFailure
+from stickslip.engine import Engine
 from stickslip.segment import Segment
+from stickslip.solving import Reached, SolverFailure
 
 __all__ = ["FixedStepEngine"]
 

@@ -67,7 +67,7 @@ class Guarded(Motion):
         self._rising = False
         if mode_set.has_dwell:
             self._age = (t - since[self._contact]) * self._rate
-            self._rising = np.count_nonzero((self._rise > 0) & (self._age < _DWELL_OVER)) > 0
+            self._rising = bool(np.count_nonzero((self._rise > 0) & (self._age < _DWELL_OVER)))
 
     @cached_property
     def _pressing(self) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stickslip import arguments
 from stickslip.assembly import System
 from stickslip.endings import at_limit, jumped, relaxed, turned_over
-from stickslip.engine import Engine, Reached, SolverFailure
+from stickslip.engine import Engine
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
 from stickslip.mode_set import FREE
@@ -21,6 +21,7 @@ from stickslip.recorder import Recorder
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scales import tolerances
 from stickslip.scene import Body, Drive, Scene
+from stickslip.solving import Reached, SolverFailure
 from stickslip.transitions import Inconsistent, Settled, carry_on, change_one, settle
 
 __all__ = ["simulate"]
@@ -145,6 +146,7 @@ class _Run:
                 if bar is not None:
                     bar.update(stop - self._t)
                 self._go_on(reached, stop)
+            self._engine.release()
         except SolverFailure as failure:
             raise self._error(failure.sentence, failure.remedy, failure) from failure.__cause__ or failure
         except Inconsistent as conflict:

@@ -220,6 +220,8 @@ class Motion:
         mode_set, system = self.mode_set, self.system
         if mode_set.follow.size:
             states[:, mode_set.follow] = states[:, mode_set.lead]
+        if not mode_set.held.size:
+            return
         for body, holder in zip(mode_set.held.tolist(), mode_set.holder.tolist(), strict=True):
             if holder == system.n + system.drives:
                 states[:, body] = 0.0

@@ -5,15 +5,16 @@ Time runs from 0 at the segment's start, so that events late in a long run are a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
-from itertools import compress
-from math import exp, inf
+from itertools import repeat
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.guards import ROUNDOFF, Guarded
+from stickslip.plain_guards import Term, not_positive, smallest_of
 
 __all__ = ["AT_LIMIT", "Segment"]
 
@@ -171,38 +172,31 @@ class Segment(Guarded):
         g = self.raw_at(tau, self.y)
         return g if self._plain else self._deflate(tau, g)
 
-    def holds_until(self, tau: float) -> bool:
-        """Tell whether all guards are positive at `tau`, and were so before: none of them can have dipped."""
-        return self.looked_over and not np.count_nonzero(self.guards(tau) <= 0)
+    def smallest_guard(self, tau: float) -> Callable[[float], float] | None:
+        """Return the function of local time whose root before `tau` ends the segment of a quadratic motion.
 
-    def smallest_guard(self, tau: float) -> Callable[[float, Array], float]:
-        """Return the function of local time and state whose root before `tau` ends the segment.
-
-        Where guards are few it is plain arithmetic, of those alone that are negative at `tau` if none can come back.
+        Where no guard can come back from below zero it is made of those that are not positive at `tau`; None where
+        there are none.
         """
         few = (self.exact_guards and self._plain) or self.polynomial_guards
         if not few or self.armed > _FEW:
-            return lambda tau, y: float(self.guards(tau).min(initial=inf))
+            if self.looked_over and not np.count_nonzero(self.guards(tau) <= 0):
+                return None
+            return lambda tau: float(self.guards(tau).min(initial=inf))
+        terms = self._plain_terms()
+        if self.looked_over:
+            terms = not_positive(terms, tau)
+            if not terms:
+                return None
+        return smallest_of(terms)
+
+    def _plain_terms(self) -> list[Term]:
         source = self.coefficients if self.polynomial_guards else self.risen
-        rows = list(zip(*(c.tolist() for c in source), strict=True))
-        lags = [(0.0, 0.0, 0.0, 0.0, 0.0)] * len(rows)
+        rises: Iterable[Iterable[float]] = repeat(repeat(0.0), 5)
         if self._rising:
             lag = (self._rise, self._age, self._rate, *self._pressing)
-            lags[self.slips :] = zip(*(x.tolist() for x in lag), strict=True)
-        chosen = self.guards(tau) <= 0 if self.looked_over else self.guards(tau) < inf
-        terms = list(compress(zip(rows, lags, strict=True), chosen.tolist()))
-
-        def smallest(tau: float, y: Array) -> float:
-            least = inf
-            for (a, b, c), (rise, age, rate, n0, n1) in terms:
-                value = a + tau * (b + tau * c)
-                if rise:
-                    value -= rise * exp(-(age + tau * rate)) * (n0 + tau * n1)
-                if value < least:
-                    least = value
-            return least
-
-        return smallest
+            rises = ([*repeat(0.0, self.slips), *values.tolist()] for values in lag)
+        return list(zip(*(c.tolist() for c in source), *rises, strict=False))
 
     def armed_guards(self, tau: float | Array, z: Array) -> Array:
         """Return the armed guards of what is watched."""
@@ -225,14 +219,13 @@ class Segment(Guarded):
                 g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** power, column(lead[rows]))
         return g
 
-    def comes_near_rest(self, margin: float, tau: float) -> bool:
-        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest, now and at `tau`."""
+    def stays_near_rest(self, margin: float, tau: float) -> bool:
+        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest now and at `tau`."""
         k, (c0, c1, c2) = self.slips, self.expansion[-3:]
         near = c0[:k] <= margin
-        return (
-            np.count_nonzero(near) > 0
-            and np.count_nonzero(near & ((c0 + tau * (c1 + tau * c2))[:k] <= margin)) > 0
-        )
+        if not np.count_nonzero(near):
+            return False
+        return bool(np.any((c0 + tau * (c1 + tau * c2))[:k][near] <= margin))
 
     def has_come_to_rest(self, tau: float, y: Array, row: int) -> bool:
         """Tell whether a slipping contact near rest would stay there: its relative acceleration is zero at ``w = 0``.

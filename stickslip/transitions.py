@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -146,10 +147,13 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
         w, _ = _relative(system, t, y, q)
         modes = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
         mode_set = system.mode_set(modes.tobytes())
-    if _any_stands(system, t, y, q, modes):
-        return None
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
+    slow = _slow(system, y, q)
+    if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_below(
+        slow, segment, 0.0, y
+    ):
+        return None
     violated, order = segment.classify(nothing)
     if np.count_nonzero(violated):
         return None
@@ -157,10 +161,23 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
 
 
-def _any_stands(system: System, t: float, y: Array, q: Array, modes: Modes) -> bool:
-    """Tell whether a contact that is not stuck has hardly any relative velocity."""
-    w, speed = _relative(system, t, y, q)
-    return np.count_nonzero(system.hard & (modes != 0) & (np.abs(w) <= _STANDING * speed)) > 0
+def _slow(system: System, y: Array, q: Array) -> float:
+    """Return the relative velocity below which a contact is looked at together with all others."""
+    velocity = y[: system.n]
+    square = velocity @ velocity
+    if system.drives:
+        drives = q[system.first_drive : -1]
+        square += drives @ drives
+    return _STANDING * math.sqrt(square)
+
+
+def _any_loose_below(slow: float, segment: Segment, tau: float, y: Array) -> bool:
+    """Tell whether a contact that carries no force hardly has a relative velocity."""
+    loose = segment.mode_set.loose
+    if not loose.size:
+        return False
+    w = segment.relative_velocity(tau, y)[loose]
+    return bool(np.count_nonzero(segment.system.hard[loose] & (np.abs(w) <= slow)))
 
 
 def change_one(
@@ -186,13 +203,11 @@ def change_one(
     if not system.all_hard or before.has_curved or not before.slips + before.helds:
         return None
     q = before.inputs(tau)
-    slow = _STANDING * float(np.abs(np.concatenate([y[: system.n], q[system.first_drive : -1]])).max())
+    slow = _slow(system, y, q)
     near = mode_set.nearness * q[mode_set.guard_inputs]
     near[: before.slips] = slow
     close = (before.raw_at(tau, y) <= near).nonzero()[0]
-    if close.size != 1 or (
-        mode_set.loose.size and _any_slow(before.relative_velocity(tau, y)[mode_set.loose], slow)
-    ):
+    if close.size != 1 or _any_loose_below(slow, before, tau, y):
         return None
     row, j = int(close[0]), int(mode_set.guard_contacts[close[0]])
     modes, resting = mode_set.modes.copy(), mode_set.modes == 0
@@ -214,18 +229,14 @@ def change_one(
     return Settled(labels, since, segment), j
 
 
-def _any_slow(w: Array, slow: float) -> bool:
-    return bool(np.abs(w).min() <= slow)
-
-
 def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
     """Return the state with the velocities across `joined` contacts exactly equal, momentum conserved."""
-    if not joined.any():
+    if not np.count_nonzero(joined):
         return y
     groups = system.groups(joined.tobytes())
     y = y.copy()
     velocity = y[: system.n]
-    if groups.free.any() and np.any(groups.leader != np.arange(system.n)):
+    if groups.moves_together:
         # the mean of the deviations from the leader: exact where the velocities are equal already
         base = velocity[groups.leader]
         velocity[:] = base + groups.mean(system.inertia * (velocity - base))
