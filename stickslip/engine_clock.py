@@ -35,7 +35,7 @@ class Clock:
     def __init__(self, max_step: float) -> None:
         self._max_step = max_step
         self._work = Work()
-        self._guard: Callable[[float], float]
+        self._guard: Callable[[float], float] | None = None
         self._solver: CVODE | None = None
         self._roots = self._roots_at_all = 0
 
@@ -56,7 +56,7 @@ class Clock:
     def put_back(self) -> None:
         """Leave the clock to the next simulation."""
         if self._max_step == math.inf and self._roots_at_all < ROOTS_PER_SOLVER:
-            del self._guard
+            self._guard = None
             _IDLE.append(self)
 
     def points(self, tau: float) -> Array:
@@ -100,7 +100,7 @@ class Clock:
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self._work.guard_calls += 1
-            smallest = self._guard(tau)
+            smallest = self._guard(tau) if self._guard else math.inf
             if math.isnan(smallest):
                 raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
             out[0] = smallest if smallest < math.inf else 1.0

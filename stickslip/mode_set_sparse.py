@@ -47,7 +47,7 @@ class SparseModeSet(ModeSet):
     def _assemble(self) -> None:
         system = self.system
         self._place_positions()
-        self.A = self.K = system.nothing
+        self.A = self.K = sparse.csr_array((system.size, system.size))
         spring_forces = None
         if system.C.nnz or system.size > system.n:
             spring_forces = self._folded(system.C)

@@ -142,10 +142,10 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     modes = mode_set.modes
     changed = closed != (modes != OPEN)
     if np.count_nonzero(changed):
-        if np.count_nonzero(changed & ((modes == 0) | ~system.hard)):
+        if np.count_nonzero(changed & ((modes == 0) | (now.modes == 0) | ~system.hard)):
             return None
-        w, _ = _relative(system, t, y, q)
-        modes = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
+        # open contacts are labelled with the sign of their relative velocity
+        modes = np.where(changed, np.where(closed, now.modes, OPEN), modes).astype(np.int8)
         mode_set = system.mode_set(modes.tobytes())
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
