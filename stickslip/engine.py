@@ -130,14 +130,14 @@ class Engine:
         guard = segment.smallest_guard(stop)
         if guard is None:
             taus = clock.points(stop)
-            return Reached(taus, segment.states(taus), hit=False)
+            return Reached(taus, segment.at_points(taus), hit=False)
         # CVODE locates roots within 1e-14 of its step: come close where none can be skipped
         while segment.looked_over and guard(_CLOSER * stop) < 0:
             stop *= _CLOSER
         while True:
             taus, hit = clock.advance(guard, stop)
             if segment.looked_over or not hit or taus[-1] > _CLOSER * stop:
-                return Reached(taus, segment.states(taus), hit)
+                return Reached(taus, segment.at_points(taus), hit)
             stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
 
     def release(self) -> None:

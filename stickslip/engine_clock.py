@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sksundae.cvode import CVODE
 
+from stickslip.plain_guards import smallest_of
 from stickslip.solving import Work, failure_of
 
 __all__ = ["ROOTS_PER_SOLVER", "Clock"]
@@ -35,9 +36,9 @@ class Clock:
     def __init__(self, max_step: float) -> None:
         self._max_step = max_step
         self._work = Work()
-        self._guard: Callable[[float], float] | None = None
+        self._guard = smallest_of([])
         self._solver: CVODE | None = None
-        self._roots = self._roots_at_all = 0
+        self._calls = self._roots = self._roots_at_all = 0
 
     @classmethod
     def get(cls, max_step: float, work: Work) -> Clock:
@@ -56,7 +57,7 @@ class Clock:
     def put_back(self) -> None:
         """Leave the clock to the next simulation."""
         if self._max_step == math.inf and self._roots_at_all < ROOTS_PER_SOLVER:
-            self._guard = None
+            self._guard = smallest_of([])
             _IDLE.append(self)
 
     def points(self, tau: float) -> Array:
@@ -80,6 +81,8 @@ class Clock:
         self._work.steps += taus.size - 1
         self._work.rate_calls += solution.nfev
         self._work.jacobian_calls += solution.njev
+        self._work.guard_calls += self._calls
+        self._calls = 0
         hit = solution.status == 2
         self._roots += hit
         self._roots_at_all += hit
@@ -99,8 +102,8 @@ class Clock:
             out[0] = 1.0
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
-            self._work.guard_calls += 1
-            smallest = self._guard(tau) if self._guard else math.inf
+            self._calls += 1
+            smallest = self._guard(tau)
             if math.isnan(smallest):
                 raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
             out[0] = smallest if smallest < math.inf else 1.0
