@@ -125,20 +125,26 @@ class Engine:
     # -- quadratic motion ---------------------------------------------------------------------------------
 
     def _on_clock(self, segment: Segment, horizon: float) -> Reached:
-        clock = self._clock = self._clock or Clock.get(self._max_step, self.work)
-        stop = first_violation(segment, min(horizon, longest_look(segment)))
+        clock = self._clock = self._clock or Clock.get(self.work)
+        stop = first_violation(segment, min(horizon, longest_look(segment)), self._max_step)
         guard = segment.smallest_guard(stop)
         if guard is None:
-            taus = clock.points(stop)
-            return Reached(taus, segment.at_points(taus), hit=False)
+            return self._in_closed_form(segment, stop, hit=False)
         # CVODE locates roots within 1e-14 of its step: come close where none can be skipped
         while segment.looked_over and guard(_CLOSER * stop) < 0:
             stop *= _CLOSER
         while True:
-            taus, hit = clock.advance(guard, stop)
-            if segment.looked_over or not hit or taus[-1] > _CLOSER * stop:
-                return Reached(taus, segment.at_points(taus), hit)
-            stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
+            tau, hit = clock.advance(guard, stop)
+            if segment.looked_over or not hit or tau > _CLOSER * stop:
+                return self._in_closed_form(segment, tau, hit)
+            stop = max(4 * tau, np.finfo(float).tiny)
+
+    def _in_closed_form(self, segment: Segment, tau: float, hit: bool) -> Reached:
+        """Return the start and the end of a quadratic motion, with points between where long steps are refused."""
+        if self._max_step == math.inf:
+            return Reached(np.array([0.0, tau]), np.array([segment.y, segment.states(tau)]), hit)
+        taus = np.linspace(0.0, tau, max(1, math.ceil(tau / self._max_step)) + 1)
+        return Reached(taus, segment.states(taus), hit)
 
     def release(self) -> None:
         """Leave what the next simulation can use."""

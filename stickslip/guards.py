@@ -7,6 +7,7 @@ Guards are positive while the modes hold: relative velocity times mode of a slip
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,12 @@ class Guarded(Motion):
         if mode_set.has_dwell:
             self._age = (t - since[self._contact]) * self._rate
             self._rising = bool(np.count_nonzero((self._rise > 0) & (self._age < _DWELL_OVER)))
+
+    def with_modes(self, modes: NDArray[np.int8]) -> Self:
+        """Return the motion from the same start in other modes."""
+        mode_set = self.system.mode_set(modes.tobytes())
+        stop = self.t + self.horizon
+        return type(self)(self.system, mode_set, self.t, self.y, self.since, self.at_rest, stop)
 
     @cached_property
     def _pressing(self) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stickslip import arguments
 from stickslip.assembly import System
-from stickslip.endings import at_limit, jumped, relaxed, turned_over
+from stickslip.endings import at_limit, jumped, regained, relaxed, turned_over
 from stickslip.engine import Engine
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
@@ -133,6 +133,7 @@ class _Run:
         self._t = self._start
         self._restarts, self._idle, self._guards = 0, 0, 0
         self._relaxed: list[int] = []
+        self._regained = False
         self._now: Settled
 
     def to_end(self, progress: bool) -> Result:
@@ -185,8 +186,12 @@ class _Run:
         self._guards = max(self._guards, segment.armed)
         segment.exact_velocities(reached.taus, reached.states)
         reached, self._relaxed = relaxed(segment, reached, self._margin)
+        regains = regained(segment, reached)
+        if regains is not None:
+            reached = self._engine.advance(segment, regains)
+        self._regained = regains is not None
         tau = float(reached.taus[-1])
-        if not (reached.hit or self._relaxed) and tau >= segment.horizon:
+        if not (reached.hit or self._relaxed or self._regained) and tau >= segment.horizon:
             # the break itself: what was added up to it has been rounded
             return reached, self._system.loads.next_break(segment.t, self._stop)
         return reached, segment.t + tau
@@ -204,12 +209,13 @@ class _Run:
         self._restarts += 1
         y, stop, tau = reached.states[-1], system.loads.next_break(t, self._stop), float(reached.taus[-1])
         parted = jumped(segment, tau, t)
-        if not (reached.hit or self._relaxed or parted.any() or before is not self._now.modes):
+        changed = self._relaxed or self._regained or parted.any() or before is not self._now.modes
+        if not (reached.hit or changed):
             unchanged = carry_on(system, t, y, self._now, stop)
             if unchanged is not None:
                 self._now = unchanged
                 return
-        if reached.hit and not self._relaxed and tau < segment.horizon and before is self._now.modes:
+        if reached.hit and not changed and tau < segment.horizon:
             found = change_one(system, t, tau, y, self._now, stop)
             if found is not None:
                 self._now, j = found

@@ -74,6 +74,7 @@ class ModeSet:
         self.pre = np.flatnonzero((modes == 0) & (kind == LINEAR))
         self.slip = np.flatnonzero((modes == 1) | (modes == -1))
         self.loose = np.flatnonzero(modes >= OPEN)
+        self.open, self.free = np.flatnonzero(modes == OPEN), np.flatnonzero(modes == FREE)
         self.sign = modes[self.slip].astype(float)
         self.direction = (modes < 0).astype(np.intp)
         curved = system.coefficients.curved & (np.abs(modes) == 1)

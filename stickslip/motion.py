@@ -202,12 +202,6 @@ class Motion:
             tau = tau[:, None]
         return self.y + tau * (self.f0 + (0.5 * tau) * self.f1)
 
-    def at_points(self, taus: Array) -> Array:
-        """Return the states (rows) of a quadratic motion at computed points, the first at its start."""
-        if taus.size == 2:
-            return np.array([self.y, self.states(float(taus[1]))])
-        return self.states(taus)
-
     def relative_acceleration(self, tau: float, rates: Array) -> Array:
         """Return ``w'`` of every contact."""
         return self.system.W @ rates + self.system.D @ self.drive_acceleration(tau)

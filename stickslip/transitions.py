@@ -149,7 +149,7 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
         mode_set = system.mode_set(modes.tobytes())
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
-    slow = _slow(system, y, q)
+    slow = _slow(system, (y, q), (now.segment.y, now.segment.q0))
     if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_below(
         slow, segment, 0.0, y
     ):
@@ -161,13 +161,12 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
 
 
-def _slow(system: System, y: Array, q: Array) -> float:
+def _slow(system: System, *states_and_inputs: tuple[Array, Array]) -> float:
     """Return the relative velocity below which a contact is looked at together with all others."""
-    velocity = y[: system.n]
-    square = velocity @ velocity
-    if system.drives:
-        drives = q[system.first_drive : -1]
-        square += drives @ drives
+    square = 0.0
+    for y, q in states_and_inputs:
+        velocity, drives = y[: system.n], q[system.first_drive : -1]
+        square += float(velocity @ velocity + drives @ drives)
     return _STANDING * math.sqrt(square)
 
 
@@ -203,11 +202,12 @@ def change_one(
     if not system.all_hard or before.has_curved or not before.slips + before.helds:
         return None
     q = before.inputs(tau)
-    slow = _slow(system, y, q)
+    # what comes to rest is slow beside what it was
+    slow = _slow(system, (y, q), (before.y, before.q0))
     near = mode_set.nearness * q[mode_set.guard_inputs]
     near[: before.slips] = slow
     close = (before.raw_at(tau, y) <= near).nonzero()[0]
-    if close.size != 1 or _any_loose_below(slow, before, tau, y):
+    if close.size != 1:
         return None
     row, j = int(close[0]), int(mode_set.guard_contacts[close[0]])
     modes, resting = mode_set.modes.copy(), mode_set.modes == 0
@@ -217,6 +217,8 @@ def change_one(
         y = project(system, y, q, resting)
     else:
         modes[j] = 1 if row < before.slips + before.helds else -1
+    if _any_loose_below(slow, before, tau, y):
+        return None
     since = np.where(modes == 0, now.since, t)
     since[j] = t
     segment = Segment(system, system.mode_set(modes.tobytes()), t, y, since, resting, stop)
@@ -379,7 +381,9 @@ def _label(segment: Segment, w: Array, resting: Mask) -> Modes:
     system = segment.system
     modes = segment.mode_set.modes.copy()
     acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
-    wide = np.concatenate([np.abs(segment.f0[: system.n]), np.zeros(system.drives + 1)])
+    # what the forces that add up to an acceleration leave uncertain
+    forces = system.magnitudes @ np.abs(np.concatenate([segment.y, segment.inputs(0.0)]))
+    wide = np.concatenate([forces / system.inertia, np.zeros(system.drives + 1)])
     tiny = _ROUNDOFF * (wide[system.a] + wide[system.b])
     to_come = np.where(np.abs(acceleration) > tiny, np.sign(acceleration), 0.0)
     modes = np.where(modes == OPEN, np.where(resting, to_come, np.sign(w)), modes)

@@ -510,6 +510,18 @@ def test_a_brake_on_a_wheel_at_rest_does_not_slip() -> None:
         assert np.all(np.abs(result.force(contact)) <= result.breakaway(contact) + 1e-9)
 
 
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+def test_a_brake_that_closes_takes_its_share_as_soon_as_it_can(formulation: str) -> None:
+    # 3 N: the least norm is 1.5 N each, which the brake can hold from 3 N of normal force on, at 1.003 s
+    load = piecewise_linear([1.0, 1.1, 1.2], [0, 100, 0])
+    result = simulate(
+        braked(3.0, load), (0.0, 2.0), t_eval=[1.002, 1.004, 1.05, 1.15], formulation=formulation
+    )
+    assert not result.events
+    np.testing.assert_allclose(result.force("brake"), [0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(result.force("pad"), [3.0 - 0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
+
+
 def test_equal_contacts_between_the_same_bodies_act_as_one() -> None:
     result = simulate(braked(piecewise_linear([0, 1], [0, 12]), 10.0), (0.0, 1.0))
     assert times(result) == near(10 / 12, 10 / 12)

@@ -192,7 +192,7 @@ def _to_the_end(original: Any) -> Any:
 
 
 def _whole_horizon(original: Any) -> Any:
-    return lambda segment, horizon: horizon
+    return lambda segment, horizon, max_step: horizon
 
 
 def _sticky(original: Any) -> Any:
