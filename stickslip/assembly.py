@@ -42,11 +42,19 @@ class System:
     Parameters
     ----------
     scene : Scene
+
+    Attributes
+    ----------
+    loads : Loads
+        Over the time span, once it is known.
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances of a run leave uncertain.
     """
 
     loads: Loads
     span: tuple[float, float]
     stepped: bool
+    quiet: float = 0.0
     normals: list[Signal]
     velocities: list[Signal]
 

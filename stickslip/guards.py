@@ -146,7 +146,7 @@ class Guarded(Motion):
     @cached_property
     def taylor(self) -> tuple[Array, Array, Array]:
         """Return the guards at the start, their first derivatives and half their second ones."""
-        if self._differenced:
+        if self.curved:
             return self._taylor_by_differences(self.watched(0.0, self.y))
         c0, c1, c2 = self.risen
         if not self._rising:
@@ -169,7 +169,8 @@ class Guarded(Motion):
         return c0, c1, c2
 
     @property
-    def _differenced(self) -> bool:
+    def curved(self) -> bool:
+        """Whether a load or a law bends the guards, so that their Taylor coefficients come from differences."""
         return self.curved_rates or self.has_curved
 
     def _taylor_by_differences(self, z0: Array) -> tuple[Array, Array, Array]:
@@ -201,14 +202,14 @@ class Guarded(Motion):
         q = self.inputs(0.0) if self.has_curved else self.q0
         found = self.mode_set.magnitudes(np.abs(np.concatenate([self.y, q])))
         speed, noise = found[:k], ROUNDOFF * found[k:]
-        z = np.abs(self.watched(0.0, self.y) if self._differenced else self.expansion.z0)[k:]
+        z = np.abs(self.watched(0.0, self.y) if self.curved else self.expansion.z0)[k:]
         if self.mode_set.pre.size:
             noise[k:][self.mode_set.is_pre] = ROUNDOFF * np.tile(z[self.mode_set.stuck.size :], 2)
         return np.concatenate([speed, self.levels(0.0) + np.concatenate([z, z])]), noise
 
     def raw_at(self, tau: float, y: Array) -> Array:
         """Return the guards as they are at one time of an armed segment."""
-        if self._differenced or not self.quadratic:
+        if self.curved or not self.quadratic:
             return self.raw_guards(tau, self.watched(tau, y))
         c0, c1, c2 = self.risen
         g = c0 + tau * (c1 + tau * c2)

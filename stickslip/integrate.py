@@ -110,6 +110,7 @@ def simulate(
     arguments.check_bristles(scene, start, stop)
     system = System.of(scene).over(start, stop, stepped=step is not None)
     wanted = tolerances(system, start, stop, rtol, atol, margin, method)
+    system.quiet = wanted.quiet
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system, method, step)

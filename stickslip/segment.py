@@ -91,7 +91,7 @@ class Segment(Guarded):
         flat = AT_LIMIT * acceleration if slipping else (AT_LIMIT * scale + rough) / horizon
         # a force as near to its limit as an event finds it leaves as much of an acceleration
         steep = closeness * acceleration if slipping else flat
-        if self._differenced:
+        if self.curved:
             d = self._difference_step
             error = _DIFFERENCED * (acceleration + (0.0 if slipping else scale)) / d
             flat += error * horizon / (1.0 if slipping else d)

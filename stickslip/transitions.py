@@ -25,6 +25,8 @@ _STANDING = 1e-9
 """A contact this slow, as a part of the largest speed, is looked at together with all others."""
 
 _ENUMERATED = 6
+_CALM = 1e-7
+"""A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
 class Inconsistent(Exception):
@@ -342,21 +344,18 @@ class _Search:
         return segment, released, retried
 
     def _ratios(self, segment: Segment) -> Array:
-        """Return ``|lambda| / B`` for upper and lower levels, by their rates where both are 0."""
-        g0, g1, _ = segment.taylor
+        """Return ``lambda / B`` towards upper and lower levels, by their rates where both are 0."""
         k, s = segment.slips, segment.helds
-        ratios = np.empty(2 * s)
-        for g, out in ((g0, ratios), (g1, None)):
-            upper, lower = g[k : k + s], g[k + s :]
-            level, force = 0.5 * (upper + lower), 0.5 * np.abs(lower - upper)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                value = np.tile(force / level, 2)
-            if out is not None:
-                ratios[:] = value
-            else:
-                lost = ~np.isfinite(ratios)
-                ratios[lost] = np.where(np.isfinite(value[lost]), value[lost], np.finfo(float).max)
-        return ratios
+        slopes = segment.taylor[1][k:]
+        force = segment.watched(0.0, segment.y)[k:]
+        # upper and lower guards change by -+ the slope of the force, and both by that of a common level
+        rate = 0.5 * (slopes[s:] - slopes[:s]) if segment.curved else segment.expansion.z1[k:]
+        forces, rates = np.concatenate([force, -force]), np.concatenate([rate, -rate])
+        levels, noise = segment.levels(0.0), segment.guard_scales[1][k:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            both_zero = (np.abs(forces) <= noise) & (levels <= noise)
+            ratios = np.where(both_zero, rates / (slopes + rates), forces / levels)
+        return np.where(np.isfinite(ratios), ratios, np.finfo(float).max)
 
     def _enumerate(self) -> Segment:
         """Try every combination where releasing one after another ran in a circle."""
@@ -384,9 +383,12 @@ def _label(segment: Segment, w: Array, resting: Mask) -> Modes:
     # what the forces that add up to an acceleration leave uncertain
     forces = system.magnitudes @ np.abs(np.concatenate([segment.y, segment.inputs(0.0)]))
     wide = np.concatenate([forces / system.inertia, np.zeros(system.drives + 1)])
-    tiny = _ROUNDOFF * (wide[system.a] + wide[system.b])
-    to_come = np.where(np.abs(acceleration) > tiny, np.sign(acceleration), 0.0)
-    modes = np.where(modes == OPEN, np.where(resting, to_come, np.sign(w)), modes)
+    push = wide[system.a] + wide[system.b]
+    to_come = np.where(np.abs(acceleration) > _ROUNDOFF * push, np.sign(acceleration), 0.0)
+    named = np.where(resting, to_come, np.sign(w))
+    # what the solver's errors leave of a rest is a rest
+    named[(np.abs(w) <= system.quiet) & (np.abs(acceleration) <= _CALM * push)] = 0.0
+    modes = np.where(modes == OPEN, named, modes)
     return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
 
 

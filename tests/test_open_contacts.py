@@ -96,3 +96,21 @@ def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
     result = simulate(scene, (0.0, 4.0))
     assert not result.events
     assert result.stats["steps"] == 0
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(formulation: str) -> None:
+    # the springs hold each other within a stuck group: what is left of their sum is roundoff
+    law, stiffness = DryFriction(0.9, 0.5), 26.1
+    scene = Scene(
+        Body("hub", inertia=3.0, position=-0.157),
+        Body("a", inertia=0.5, position=0.027),
+        Body("b", inertia=0.7, position=-0.078),
+        Spring("hub", "a", stiffness=stiffness),
+        Spring("hub", "b", stiffness=stiffness),
+        Spring("b", "a", stiffness=stiffness / 3),
+        Contact("first", "hub", "a", law, normal=100.0),
+        Contact("second", "hub", "b", law, normal=100.0),
+        Contact("brake", "a", GROUND, law, normal=piecewise_linear([0, 0.5, 0.59], [100, 100, 0])),
+    )
+    assert not simulate(scene, (0.0, 2.0), formulation=formulation).events

@@ -412,6 +412,27 @@ def test_the_most_overloaded_contact_slips_and_relieves_the_others() -> None:
     assert result.force("near")[last][-1] == pytest.approx(7.9)
 
 
+def test_the_most_overloaded_contact_is_found_by_the_level_on_its_side() -> None:
+    """All stuck: lambda_0 = -25.4 of 17 backward, lambda_1 = -13.5 of 8: c1 goes, and then c0 holds -11.9 - 4."""
+
+    def law(forward: float, backward: float) -> DryFriction:
+        return DryFriction(
+            forward, forward / 2, mu_static_backward=backward, mu_coulomb_backward=backward / 2
+        )
+
+    scene = Scene(
+        Body("b0", inertia=2.0),
+        Body("b1", inertia=1.0),
+        Body("b2", inertia=2.0),
+        Contact("c0", "b0", GROUND, law(0.1, 1.7), normal=10.0),
+        Contact("c1", "b1", "b0", law(1.3, 0.4), normal=20.0),
+        Contact("c2", "b2", "b1", law(1.0, 1.0), normal=10.0),
+        Force("b0", step(1.0, 0, -11.9)),
+        Force("b1", step(1.0, 0, -13.5)),
+    )
+    assert told(simulate(scene, (0.0, 2.0))) == [("c1", 0, -1)]
+
+
 def test_a_contact_released_by_another_at_the_same_instant() -> None:
     scene = Scene(
         Body("a", inertia=1.0),
