@@ -55,7 +55,7 @@ def an_array_after(t: float) -> float:
     return np.zeros(3) if t > 2.0 else 0.1 * math.sin(t)  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("formulation", ["contact-force", "merged"])
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
 @pytest.mark.parametrize(
     ("force", "sentence"),
     [(raises_after, "sensor lost"), (not_a_number_after, "nan"), (an_array_after, "one finite number")],
@@ -89,6 +89,17 @@ def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
     with pytest.raises(SimulationError, match=r"not a number|too small") as caught:
         simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-300)
     assert caught.value.result.t.size >= 1
+
+
+def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IDA too is stopped where the end is out of reach, here by allowing a hundred evaluations only."""
+    monkeypatch.setattr("stickslip.progress._CALLS_BETWEEN_LOOKS", 50)
+    monkeypatch.setattr("stickslip.progress._CALLS_AT_MOST", 100)
+    scene = oscillator(lambda t: 0.1 * math.sin(t))
+    with pytest.raises(SimulationError, match="the steps have become too small") as caught:
+        simulate(scene, (0.0, 10.0), formulation="multiplier")
+    assert caught.value.result.t.size > 5
+    assert caught.value.t > 0.0
 
 
 @pytest.mark.parametrize("law", [Dahl(LAW, 1e4), LuGre(LAW, 1e4)])
