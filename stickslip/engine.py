@@ -1,10 +1,9 @@
-"""The seam to SUNDIALS: start at a state, advance to the next root or stop. The only importer of sksundae."""
+"""The seam to SUNDIALS: start at a state, advance to the next root or stop."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-import os
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.cvode import CVODE
 
 from stickslip.assembly import System
+from stickslip.engine_sundials import CVODE
 from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
@@ -23,9 +22,6 @@ __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "W
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
-
-# SUNDIALS' logger writes warnings to stderr; what matters of them comes back as a status
-os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
 _ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8

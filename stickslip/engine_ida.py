@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from sksundae.ida import IDA
 
 from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, SolverFailure, failure_of
+from stickslip.engine_sundials import IDA
 from stickslip.linear_solver import sparsity_pattern
 from stickslip.progress import Progress
 from stickslip.scan import first_dip

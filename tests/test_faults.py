@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from stickslip import (
     simulate,
     triangle,
 )
+from stickslip.engine_sundials import CVODE
 from stickslip.laws import Law
 
 LAW = DryFriction(0.3, 0.2)
@@ -156,3 +158,60 @@ def test_interruption_keeps_what_was_computed() -> None:
     assert success == "False"
     assert int(points) > 10
     assert int(events) > 0
+
+
+NOISY_RUN = """
+import math
+import numpy as np
+from stickslip import Body, Contact, DryFriction, Force, GROUND, Scene, SimulationError, Spring, signal, simulate
+from stickslip.engine_sundials import CVODE, IDA
+
+
+def decays(t, y, yp):
+    yp[0] = -y[0]
+
+
+def decays_too(t, y, yp, residual):
+    residual[0] = yp[0] + y[0]
+
+
+def fails(t):
+    if t > 0.5:
+        raise RuntimeError("sensor lost")
+    return 0.0
+
+
+said = [
+    CVODE(decays, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1)).message,
+    IDA(decays_too, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1), -np.ones(1)).message,
+]
+scene = Scene(
+    Body("a", inertia=1.0, velocity=1.0),
+    Contact("floor", "a", GROUND, DryFriction(0.2, 0.1), normal=0.1),
+    Spring("a", GROUND, stiffness=1.0),
+    Force("a", signal(lambda t: fails(t) if t != 1.0 else 0.0, period=10.0)),
+)
+for formulation in ("contact-force", "multiplier"):
+    try:
+        simulate(scene, (0.0, 1.0), formulation=formulation)
+    except (SimulationError, ValueError) as error:
+        said.append(str(error))
+print(len([sentence for sentence in said if sentence]))
+"""
+
+
+def test_nothing_of_the_solvers_is_printed() -> None:
+    """Whatever fails in CVODE, in IDA or in a load: stdout and stderr hold what the script writes and nothing else."""
+    run = subprocess.run(
+        [sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert (run.stdout, run.stderr) == ("4\n", "")
+
+
+def test_what_sundials_says_can_be_logged(caplog: pytest.LogCaptureFixture) -> None:
+    def decays(t: float, y: np.ndarray, rate: np.ndarray) -> None:
+        rate[0] = -y[0]
+
+    with caplog.at_level(logging.DEBUG, "stickslip.sundials"):
+        assert CVODE(decays, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1)).status < 0
+    assert "mxstep steps taken before reaching tout" in caplog.text
