@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.cvode import CVODE
 
 from stickslip.assembly import System
 from stickslip.engine_clock import ROOTS_PER_SOLVER, Clock
+from stickslip.engine_sundials import CVODE
 from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
@@ -24,9 +23,6 @@ __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
-
-# SUNDIALS' logger writes warnings to stderr; what matters of them comes back as a status
-os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)
 
 STEPS_PER_PERIOD = 8
 _CLOSER = 0.1

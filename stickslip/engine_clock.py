@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sksundae.cvode import CVODE
 
+from stickslip.engine_sundials import CVODE
 from stickslip.plain_guards import smallest_of
 from stickslip.solving import Work, failure_of
 

@@ -7,6 +7,8 @@ algebraic equation for lambda, of index 1.
 
 from __future__ import annotations
 
+import contextlib
+import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -14,13 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from sksundae.ida import IDA
 
 from stickslip.engine import STEPS_PER_PERIOD, Engine
+from stickslip.engine_sundials import IDA
 from stickslip.linear_solver import sparsity_pattern
+from stickslip.progress import Progress
 from stickslip.scan import first_dip
 from stickslip.segment import Segment
-from stickslip.solving import Reached, failure_of
+from stickslip.solving import Reached, SolverFailure, failure_of
 
 __all__ = ["MultiplierEngine"]
 
@@ -38,13 +41,28 @@ class MultiplierEngine(Engine):
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
         equations = _Equations(segment)
         while True:
-            reached = self._solve(segment, equations, horizon)
+            reached = self._sheltered(segment, equations, horizon)
             missed = first_dip(segment, reached.taus, reached.states, reached.hit)
             if missed is None:
                 return reached
             horizon = missed
 
+    def _sheltered(self, segment: Segment, equations: _Equations, horizon: float) -> Reached:
+        """Advance; where a load or a law fails inside IDA, which forgets its points, go there again but stop short."""
+        try:
+            return self._solve(segment, equations, horizon)
+        except (ArithmeticError, ValueError) as fault:
+            reached = Reached(np.zeros(1), segment.y[None, :], False)
+            last = equations.progress.last
+            if last > 0:
+                with contextlib.suppress(Exception):
+                    reached = self._solve(segment, equations, 0.9 * last)
+            raise SolverFailure(
+                str(fault), "look at the loads and laws of the scene there", reached
+            ) from fault
+
     def _solve(self, segment: Segment, equations: _Equations, horizon: float) -> Reached:
+        equations.progress = Progress(horizon)
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
@@ -68,9 +86,10 @@ class MultiplierEngine(Engine):
         max_step = self._max_step
         if segment.has_curved:
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
-        # IDA tests the error of the forces too: judge them by what they are compared with
-        of_forces = np.maximum(_OF_FORCES * self._rtol * equations.force_scale, np.finfo(float).tiny)
-        of_forces[equations.force_scale == 0] = self._atol.min()
+        # IDA tests the error of the forces too: judge them by what they are compared with, but no finer than the
+        # roundoff of the forces that they balance, which a contact that is just being closed would have it do
+        of_forces = np.maximum(_OF_FORCES * self._rtol * equations.force_scale, equations.force_noise)
+        of_forces[of_forces == 0] = self._atol.min()
         atol = np.concatenate([self._atol, of_forces])
         options: dict[str, Any] = {
             "rtol": self._rtol,
@@ -109,7 +128,9 @@ class _Equations:
         self.start_rate = np.concatenate([segment.f0, 0.5 * (slope - upper)])
         level = segment.levels(0.0)[: mode_set.stuck.size]
         self.force_scale = np.abs(level) + np.abs(force)
+        self.force_noise = segment.guard_scales[1][segment.slips :][: mode_set.stuck.size]
         self.guard_calls = 0
+        self.progress = Progress(segment.horizon)
         self._place_jacobian()
 
     def _with_null_space(self, gram: Array) -> Array:
@@ -133,6 +154,11 @@ class _Equations:
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in ``M v' - F + G_S^T lambda``, the other states' rates, and the constraint on lambda."""
         segment, system = self._segment, self._system
+        if math.isnan(tau):
+            raise ArithmeticError(
+                "the step has become not a number: forces or tolerances are out of proportion"
+            )
+        self.progress.note(tau)
         n, size = system.n, self._first_force
         y, force = u[:size], u[size:]
         acting = self._forces(tau, y)

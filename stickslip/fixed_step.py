@@ -12,6 +12,7 @@ from stickslip.assembly import System
 from stickslip.engine import Engine
 from stickslip.segment import Segment
 from stickslip.solving import Reached, SolverFailure
+from stickslip.stability import Stability, Unstable
 
 __all__ = ["FixedStepEngine"]
 
@@ -36,7 +37,7 @@ class FixedStepEngine(Engine):
     def __init__(self, system: System, method: str, step: float) -> None:
         """Choose the method."""
         super().__init__(system, method, 1e-8, np.full(system.size, 1e-8), math.inf)
-        self._step = step
+        self._step, self._stability = step, Stability(method)
         self._take: Callable[[_Rates, int, Array, float], Array]
         self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
 
@@ -46,6 +47,7 @@ class FixedStepEngine(Engine):
         taus, states = [np.zeros(1)], [segment.y[None, :]]
         done, some, hit, over = 0, _FEWEST, False, False
         self.work.starts += 1
+        self._check(segment, min(self._step, horizon), taus, states)
         while done < count and not over:
             ends: Array = self._step * np.arange(done, min(done + some, count) + 1, dtype=np.float64)
             if done + some >= count:
@@ -56,11 +58,28 @@ class FixedStepEngine(Engine):
             states.append(ys[:kept])
             self.work.steps += kept
             if not over and kept < ends.size - 1:
-                sentence = f"the {self._method} step of {self._step:g} s is unstable"
-                reached = Reached(np.concatenate(taus), np.concatenate(states), False)
-                raise SolverFailure(sentence, "shorten the step, or use BDF", reached)
+                raise self._failure("the states grow without limit", taus, states)
+            self._check(segment, min(self._step, horizon), taus, states)
             done, some = done + kept, min(2 * some, _MOST)
         return Reached(np.concatenate(taus), np.concatenate(states), hit)
+
+    def _check(self, segment: Segment, h: float, taus: list[Array], states: list[Array]) -> None:
+        """Raise an error where the step is too long for the points computed last."""
+        if not taus[-1].size:
+            return
+        # the one before belongs to them: between two points a contact may pass through rest
+        last = [
+            np.concatenate([parts[-2][-1:], parts[-1]]) if parts[1:] else parts[0] for parts in (taus, states)
+        ]
+        try:
+            self._stability.check(segment, h, *last)
+        except Unstable as reason:
+            raise self._failure(str(reason), taus, states) from reason
+
+    def _failure(self, reason: str, taus: list[Array], states: list[Array]) -> SolverFailure:
+        reached = Reached(np.concatenate(taus), np.concatenate(states), False)
+        sentence = f"the {self._method} step of {self._step:g} s is unstable: {reason}"
+        return SolverFailure(sentence, "shorten the step, or use BDF", reached)
 
     def _steps(self, segment: Segment, ends: Array, y: Array) -> Array:
         """Return the states (rows) at the ends of steps in fixed modes."""

@@ -63,7 +63,8 @@ def simulate(
     method : str
         "BDF" or "Adams" (CVODE); "RK4" or "Euler" with fixed steps, mode changes at step ends.
     step : float, optional
-        Step in s of the fixed-step methods.
+        Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
+        names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
     rtol, atol : float
         Relative and absolute tolerance of the states.
     t_eval : sequence of float, optional

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from stickslip import (
     simulate,
     triangle,
 )
+from stickslip.engine_sundials import CVODE
 from stickslip.laws import Law
 
 LAW = DryFriction(0.3, 0.2)
@@ -55,7 +57,7 @@ def an_array_after(t: float) -> float:
     return np.zeros(3) if t > 2.0 else 0.1 * math.sin(t)  # type: ignore[return-value]
 
 
-@pytest.mark.parametrize("formulation", ["contact-force", "merged"])
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
 @pytest.mark.parametrize(
     ("force", "sentence"),
     [(raises_after, "sensor lost"), (not_a_number_after, "nan"), (an_array_after, "one finite number")],
@@ -89,6 +91,17 @@ def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
     with pytest.raises(SimulationError, match=r"not a number|too small") as caught:
         simulate(scene, (0.0, 1e6), rtol=1e-12, atol=1e-300)
     assert caught.value.result.t.size >= 1
+
+
+def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IDA too is stopped where the end is out of reach, here by allowing a hundred evaluations only."""
+    monkeypatch.setattr("stickslip.progress._CALLS_BETWEEN_LOOKS", 50)
+    monkeypatch.setattr("stickslip.progress._CALLS_AT_MOST", 100)
+    scene = oscillator(lambda t: 0.1 * math.sin(t))
+    with pytest.raises(SimulationError, match="the steps have become too small") as caught:
+        simulate(scene, (0.0, 10.0), formulation="multiplier")
+    assert caught.value.result.t.size > 5
+    assert caught.value.t > 0.0
 
 
 @pytest.mark.parametrize("law", [Dahl(LAW, 1e4), LuGre(LAW, 1e4)])
@@ -145,3 +158,60 @@ def test_interruption_keeps_what_was_computed() -> None:
     assert success == "False"
     assert int(points) > 10
     assert int(events) > 0
+
+
+NOISY_RUN = """
+import math
+import numpy as np
+from stickslip import Body, Contact, DryFriction, Force, GROUND, Scene, SimulationError, Spring, signal, simulate
+from stickslip.engine_sundials import CVODE, IDA
+
+
+def decays(t, y, yp):
+    yp[0] = -y[0]
+
+
+def decays_too(t, y, yp, residual):
+    residual[0] = yp[0] + y[0]
+
+
+def fails(t):
+    if t > 0.5:
+        raise RuntimeError("sensor lost")
+    return 0.0
+
+
+said = [
+    CVODE(decays, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1)).message,
+    IDA(decays_too, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1), -np.ones(1)).message,
+]
+scene = Scene(
+    Body("a", inertia=1.0, velocity=1.0),
+    Contact("floor", "a", GROUND, DryFriction(0.2, 0.1), normal=0.1),
+    Spring("a", GROUND, stiffness=1.0),
+    Force("a", signal(lambda t: fails(t) if t != 1.0 else 0.0, period=10.0)),
+)
+for formulation in ("contact-force", "multiplier"):
+    try:
+        simulate(scene, (0.0, 1.0), formulation=formulation)
+    except (SimulationError, ValueError) as error:
+        said.append(str(error))
+print(len([sentence for sentence in said if sentence]))
+"""
+
+
+def test_nothing_of_the_solvers_is_printed() -> None:
+    """Whatever fails in CVODE, in IDA or in a load: stdout and stderr hold what the script writes and nothing else."""
+    run = subprocess.run(
+        [sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert (run.stdout, run.stderr) == ("4\n", "")
+
+
+def test_what_sundials_says_can_be_logged(caplog: pytest.LogCaptureFixture) -> None:
+    def decays(t: float, y: np.ndarray, rate: np.ndarray) -> None:
+        rate[0] = -y[0]
+
+    with caplog.at_level(logging.DEBUG, "stickslip.sundials"):
+        assert CVODE(decays, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1)).status < 0
+    assert "mxstep steps taken before reaching tout" in caplog.text

@@ -27,6 +27,7 @@ from stickslip import (
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.result import Result
+from stickslip.stability import Unstable
 
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 
@@ -192,7 +193,11 @@ def test_pre_slip_is_unstable_beyond_the_stiffness_of_its_slope() -> None:
     """``lambda = mu_s N (1/m1 + 1/m2) / v_pre`` is 22000 / s: RK4 holds up to ``2.785 / lambda``, 0.127 ms."""
     scene = flywheel_benchmark().regularized(velocity=1e-3)
     assert changes(simulate(scene, (0.0, 1.0), method="RK4", step=1.2e-4)) == STORY
-    assert len(simulate(scene, (0.0, 0.3), method="RK4", step=2e-4).events) > 20
+    with pytest.raises(
+        SimulationError,
+        match=r"RK4 step of 0\.00013 s is unstable: an eigenvalue of -2\.1\de\+04 /s allows 0\.00012\d+ s",
+    ):
+        simulate(scene, (0.0, 4.0), method="RK4", step=1.3e-4)
 
 
 # Loads
@@ -248,11 +253,69 @@ def test_the_last_step_ends_the_span() -> None:
     assert simulate(driven(DryFriction(0.3, 0.2)), (0.0, 0.5), method="RK4", step=7.0).stats["steps"] == 1
 
 
-def test_an_unstable_step_says_so() -> None:
-    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Damper("a", GROUND, damping=1e4))
-    with pytest.raises(SimulationError, match=r"RK4 step of 0\.1 s is unstable") as caught:
-        simulate(scene, (0.0, 100.0), method="RK4", step=0.1)
-    assert 0 < caught.value.t < 100.0 and not caught.value.result.success
+@pytest.mark.parametrize(("method", "limit"), [("RK4", 2.7852936), ("Euler", 2.0)])
+def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: float) -> None:
+    """``y' = -100 y``: stable while ``|R(h lambda)| <= 1``."""
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Damper("a", GROUND, damping=100.0))
+    longest = limit / 100.0
+    result = simulate(scene, (0.0, 10.0), method=method, step=0.999 * longest)
+    assert abs(result.velocity("a")[-1]) < 1.0
+    message = (
+        rf"{method} step of .* is unstable: an eigenvalue of -100 /s allows {longest:.4g} s at most.*BDF"
+    )
+    with pytest.raises(SimulationError, match=message) as caught:
+        simulate(scene, (0.0, 10.0), method=method, step=1.001 * longest)
+    assert caught.value.t == 0.0 and not caught.value.result.success
+    assert isinstance(caught.value.__cause__, Unstable)
+    assert caught.value.__cause__.longest == pytest.approx(longest, rel=1e-6)
+
+
+@pytest.mark.parametrize(("method", "limit"), [("RK4", math.sqrt(8.0)), ("Euler", 1.0)])
+def test_an_undamped_oscillation_may_grow_a_little(method: str, limit: float) -> None:
+    """x'' = -x: RK4 is stable up to ``2 sqrt 2``, Euler's method at no step, but up to 1 it is let pass."""
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=1.0))
+    assert simulate(scene, (0.0, 5.0), method=method, step=0.999 * limit).success
+    with pytest.raises(SimulationError, match="is unstable"):
+        simulate(scene, (0.0, 5.0), method=method, step=1.001 * limit)
+
+
+@pytest.mark.parametrize("shape", ["tanh", "arctan"])
+def test_a_smooth_law_is_looked_at_where_it_passes_through_rest(shape: str) -> None:
+    """Sliding at 1 m/s the law is flat; its slope at rest, ``mu N / (m v_pre)`` = 2000 / s, bears 1.39 ms."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("c", "a", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+    ).regularized(1e-3, shape)
+    assert simulate(scene, (0.0, 0.4), method="RK4", step=2e-3).success
+    with pytest.raises(SimulationError, match=r"unstable.*-2e\+03 /s allows 0\.001393 s") as caught:
+        simulate(scene, (0.0, 1.0), method="RK4", step=2e-3)
+    assert caught.value.t == pytest.approx(0.5, abs=0.15)
+    assert simulate(scene, (0.0, 1.0), method="RK4", step=1.3e-3).velocity("a")[-1] == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_what_grows_by_itself_is_no_fault_of_the_step() -> None:
+    """On the falling branch of its Stribeck curve a sliding block is unstable, with the eigenvalue 4 /s."""
+    law = DryFriction(0.6, 0.2, stribeck_velocity=0.5, stribeck_exponent=1.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.05), Contact("c", "a", GROUND, law, normal=10.0), Force("a", 6.1)
+    )
+    assert simulate(scene, (0.0, 1.0), method="RK4", step=0.2).success
+
+
+@pytest.mark.parametrize("n", [5, 120])
+def test_the_longest_step_of_a_chain(n: int) -> None:
+    """Equal blocks and springs: the fastest of ``omega_k = 2 sqrt(k/m) sin(k pi / (2n))``."""
+    scene = Scene(
+        *(Body(f"b{i}", inertia=1.0, velocity=1.0 if i == 0 else 0.0) for i in range(n)),
+        *(Spring(f"b{i}", f"b{i + 1}", stiffness=1e4) for i in range(n - 1)),
+    )
+    fastest = 200.0 * math.sin((n - 1) * math.pi / (2 * n))
+    longest = math.sqrt(8.0) / fastest
+    assert simulate(scene, (0.0, 0.1), method="RK4", step=0.99 * longest).success
+    with pytest.raises(SimulationError, match="is unstable"):
+        simulate(scene, (0.0, 0.1), method="RK4", step=1.01 * longest)
 
 
 @pytest.mark.parametrize(

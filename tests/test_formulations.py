@@ -256,6 +256,26 @@ def test_sparse_multipliers() -> None:
     np.testing.assert_allclose(other.y[:, -1], base.y[:, -1], rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("bodies", [2, 4])
+def test_a_contact_that_is_being_closed_carries_no_more_than_roundoff(bodies: int) -> None:
+    """The lid is pressed from 0 on, while others carry all the load: IDA must not be asked for more."""
+    law = DryFriction(0.6, 0.4)
+    scene = Scene(
+        *(Body(f"b{i}", inertia=0.7 + 0.31 * i) for i in range(bodies)),
+        Body("mass", inertia=1.0, velocity=0.3),
+        Contact("floor", "b0", GROUND, law, normal=10.0),
+        Contact("beside", "b0", GROUND, law, normal=7.0),
+        *(Contact(f"c{i}", f"b{i}", "b0", law, normal=10.0) for i in range(2, bodies)),
+        Contact("lid", "b1", "b0", law, normal=sine(1.0, 1.0, phase=3.5, offset=0.5)),
+        Spring("mass", "b0", stiffness=20.0),
+    )
+    base = simulate(scene, (0.0, 1.0), **TIGHT)
+    other = simulate(scene, (0.0, 1.0), formulation="multiplier", **TIGHT)
+    assert changes(other) == changes(base)
+    np.testing.assert_allclose(other.y[:, -1], base.y[:, -1], rtol=0, atol=1e-7)
+    assert other.stats["steps"] < 3 * base.stats["steps"]
+
+
 @st.composite
 def scenes(draw: Any) -> Scene:
     """Chains with springs, loads and up to two more contacts, which may double others or close loops."""

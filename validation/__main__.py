@@ -15,6 +15,7 @@ from validation import conservation, exact, extremes, published, random_scenes
 from validation.report import number, write
 from validation.rows import Outcome, Row
 from validation.runner import run
+from validation.tried import summary
 
 QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 16, 6, 500
 
@@ -59,6 +60,8 @@ def main(arguments: Sequence[str] | None = None, rows: Sequence[Row] | None = No
     failed = [o for o in outcomes if not o.passed]
     spent = time.perf_counter() - start
     print(f"\n{len(outcomes)} rows in {spent:.0f} s: {len(outcomes) - len(failed)} pass, {len(failed)} fail")
+    for kind, count, checks, wrong, hung in summary(outcomes):
+        print(f"  {kind}: {count} tried in {checks} checks, {wrong} wrong, {hung} hung")
     for outcome in failed:
         print(f"  {outcome.row.name}: {_why(outcome)}")
     if options.report is not None:

@@ -21,7 +21,19 @@ from typing import Any
 
 import numpy as np
 
-from stickslip import GROUND, Body, Contact, Damper, DryFriction, Force, Karnopp, Result, Scene, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    DryFriction,
+    Force,
+    Karnopp,
+    Result,
+    Scene,
+    SimulationError,
+    simulate,
+)
 from stickslip.benchmark import (
     BENCHMARK_SPAN,
     EXACT_EVENTS,
@@ -83,8 +95,11 @@ def _cheapest(scene: Scene, exact: Result, first: float) -> Iterator[tuple[float
     """Yield for each level the longest RK4 step that meets it together with the two next shorter ones."""
     step, errors, levels = first, [math.inf] * 3, list(LEVELS)
     while levels:
-        result = simulate(scene, SETTLED, method="RK4", step=step)
-        errors = [*errors[1:], _error(result, exact, SETTLED)]
+        try:
+            error = _error(simulate(scene, SETTLED, method="RK4", step=step), exact, SETTLED)
+        except SimulationError:  # unstable
+            error = math.inf
+        errors = [*errors[1:], error]
         while levels and max(errors) <= levels[0]:
             yield levels.pop(0), step * _GRID**2
         step /= _GRID

@@ -6,6 +6,7 @@ import json
 import math
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -36,15 +37,18 @@ from validation.conservation import (
     power_error,
     stuck_error,
 )
-from validation.rows import Answer, Array, Row, Wrong
+from validation.rows import Array, Row, Tried, Wrong
+from validation.tried import try_each
 
-random_row = partial(Row, "Random scenes")
+random_row = partial(Row, "Random scenes", tries="random scenes")
 SEED = 20000
 STOP = 0.7
 GRID = np.linspace(0.0, STOP, 15)
 OPTIONS: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10}
 BOUND = 1e-5
 """A thousand times rtol."""
+PATIENCE = 60.0
+"""Time in s after which a scene counts as hanging."""
 
 
 class _Draw:
@@ -213,20 +217,13 @@ def _again(number: int) -> float:
     return max(errors)
 
 
-def over_scenes(measure: Callable[[int], float], count: int) -> Answer:
+def over_scenes(measure: Callable[[int], float], count: int) -> Tried:
     """Return the worst of scenes 0 to count - 1; one that cannot be simulated is wrong."""
-    errors = np.zeros(count)
-    failed = []
-    for number in range(count):
-        try:
-            errors[number] = measure(number)
-        except Exception as fault:
-            failed.append(f"scene {number}: {type(fault).__name__}: {fault}")
-    worst = int(np.nanargmax(errors))
-    if failed:
-        raise Wrong(f"{len(failed)} of {count} scenes fail; {failed[0]}")
+    tried = try_each(((f"scene {n}", partial(measure, n)) for n in range(count)), limit=PATIENCE)
+    if tried.wrong or tried.hung:
+        return tried
     events = sum(len(_plain(number).events) for number in range(count))
-    return float(errors.max()), f"{events} events; worst is scene {worst}, median {np.median(errors):.1e}"
+    return replace(tried, remark=f"{tried.remark}; {events} events")
 
 
 def _of_motion(measure: Callable[[Motion], float], number: int) -> float:

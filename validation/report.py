@@ -21,6 +21,7 @@ from stickslip import simulate
 from validation.exact import Story, four_flywheels, pulled_block, reference, simulated, two_flywheels
 from validation.published import CLUTCH_EVENTS, coupled_clutches
 from validation.rows import FORMULATIONS, Outcome
+from validation.tried import summary
 
 COLOURS = ("#2a6f97", "#d1495b", "#66a182", "#8d6a9f")
 INK, FAINT = "#24292f", "#8c959f"
@@ -51,7 +52,7 @@ table { border-collapse: collapse; width: 100%; font-size: .88rem; margin: .8rem
 th { text-align: left; font-weight: 600; color: #57606a; border-bottom: 2px solid #d0d7de; padding: .35rem .6rem; }
 td { border-bottom: 1px solid #eaeef2; padding: .35rem .6rem; vertical-align: top; }
 td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-td code { color: #57606a; font-size: .8rem; } div.r { color: #57606a; font-size: .82rem; }
+table.t { width: auto; } td code { color: #57606a; font-size: .8rem; } div.r { color: #57606a; font-size: .82rem; }
 td.r { color: #57606a; white-space: nowrap; } sup { line-height: 0; }
 tr.fail td { background: #fff5f5; } .mark { font-weight: 700; }
 .fail .mark { color: #cf222e; } .ok .mark { color: #1a7f37; }
@@ -104,6 +105,7 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
     ]
     if failed:
         parts += ["<h2>What failed</h2>", _table(failed)]
+    parts.append(_tried(outcomes))
     parts.append(
         _figure(
             _overview(outcomes, themes),
@@ -122,6 +124,27 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
         parts.append(_table(chosen))
     parts.append(_footer(command, seconds))
     return "\n".join(parts) + "</body></html>\n"
+
+
+def _tried(outcomes: Sequence[Outcome]) -> str:
+    """Return the table of what was tried one by one, nothing where nothing was."""
+    lines = summary(outcomes)
+    if not lines:
+        return ""
+    head = ("", "Tried", "Checks", "Wrong", "Hung")
+    titles = "".join(f"<th class={'n' if title else 'k'}>{title}</th>" for title in head)
+    rows = "".join(
+        f"<tr class={'fail' if wrong or hung else 'ok'}><td>{_sentence(kind)}</td>"
+        + "".join(f"<td class=n>{number}</td>" for number in (count, checks, wrong, hung))
+        + "</tr>"
+        for kind, count, checks, wrong, hung in lines
+    )
+    about = (
+        "Tried one by one, each within a time limit: what must end in the right answer or in the right error."
+    )
+    return (
+        f"<h2>What was tried</h2><p>{about}</p><table class=t><thead><tr>{titles}</tr></thead>{rows}</table>"
+    )
 
 
 def _anchor(theme: str) -> str:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from stickslip import Result, SimulationError
 
 Array = NDArray[np.float64]
-Answer = float | tuple[float, str]
 Change = tuple[float, str, int, int]
 """A change of mode: time in s, contact, mode before, mode after."""
 
@@ -22,6 +21,20 @@ FORMULATIONS = ("contact-force", "merged", "multiplier")
 
 class Wrong(Exception):
     """An answer that is wrong in kind, not by an amount: a missing event, a stuck contact that moves."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What became of many things of one kind that were tried one by one."""
+
+    error: float
+    remark: str
+    count: int
+    wrong: int = 0
+    hung: int = 0
+
+
+Answer = float | tuple[float, str] | Tried
 
 
 @dataclass(frozen=True)
@@ -39,13 +52,16 @@ class Row:
     source : str
         Where the right answer comes from.
     check : callable
-        Returns the measured error, or that and a remark; raises `Wrong` where no number would say it.
+        Returns the measured error, or that and a remark, or what was tried one by one; raises `Wrong` where no
+        number would say it.
     bound : float
         Largest error that passes.
     quick : bool
         Whether it belongs to the quick run.
     limit : float
         Time in s after which it counts as hanging.
+    tries : str
+        What it tries one by one, in the plural, where it does: the report counts these.
     """
 
     theme: str
@@ -56,16 +72,20 @@ class Row:
     bound: float
     quick: bool = True
     limit: float = 30.0
+    tries: str = ""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a row: measured error, time spent in s, and a remark where there is something to say."""
+    """What became of a row: measured error, time spent in s, a remark where there is something to say, and what was
+    tried one by one.
+    """
 
     row: Row
     error: float
     seconds: float
     remark: str = ""
+    tried: Tried | None = None
 
     @property
     def passed(self) -> bool:
@@ -76,14 +96,17 @@ class Outcome:
 def judge(row: Row, seconds: Callable[[], float]) -> Outcome:
     """Run a row here and now; `seconds` is a clock."""
     start = seconds()
+    tried = None
     try:
         answer = row.check()
+        if isinstance(answer, Tried):
+            tried, answer = answer, (answer.error, answer.remark)
         error, remark = answer if isinstance(answer, tuple) else (answer, "")
     except Wrong as wrong:
         error, remark = math.inf, str(wrong)
     except Exception as fault:
         error, remark = math.inf, f"{type(fault).__name__}: {fault}"
-    return Outcome(row, float(error), seconds() - start, remark)
+    return Outcome(row, float(error), seconds() - start, remark, tried)
 
 
 # How errors are measured

@@ -63,14 +63,14 @@ class _Worker:
             self._line.send(row)
             if not self._line.poll(row.limit):
                 return None
-            error, seconds, remark = self._line.recv()
+            error, seconds, remark, tried = self._line.recv()
         except (EOFError, ConnectionError):
             self._process.join()
             lived = time.perf_counter() - start
             remark = f"the process ended with code {self._process.exitcode}"
             self._start()
             return Outcome(row, math.inf, lived, remark)
-        return Outcome(row, error, seconds, remark)
+        return Outcome(row, error, seconds, remark, tried)
 
     def stop(self) -> None:
         """End the process."""
@@ -96,4 +96,4 @@ def _serve(line: Connection, prepare: Callable[[], None] | None) -> None:
         except (EOFError, KeyboardInterrupt):
             return
         outcome = judge(row, time.perf_counter)
-        line.send((outcome.error, outcome.seconds, outcome.remark))
+        line.send((outcome.error, outcome.seconds, outcome.remark, outcome.tried))
