@@ -15,9 +15,10 @@ from stickslip.assembly import System
 from stickslip.engine_clock import ROOTS_PER_SOLVER, Clock
 from stickslip.engine_sundials import CVODE
 from stickslip.linear_solver import LinearSolver, band_order
+from stickslip.progress import Interruption, Progress
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
-from stickslip.solving import Reached, SolverFailure, Work, failure_of
+from stickslip.solving import Interrupted, Reached, SolverFailure, Work, failure_of
 
 __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
@@ -26,7 +27,6 @@ Guard = Callable[[float, Array], float]
 
 STEPS_PER_PERIOD = 8
 _CLOSER = 0.1
-_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
@@ -112,7 +112,9 @@ class Engine:
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
         self._states: _States
-        self._last_tau, self._calls, self._looked_at = 0.0, 0, 0.0
+        self._progress: Progress
+        self.interruption = Interruption()
+        self.show: Callable[[float], None] | None = None
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
@@ -153,45 +155,49 @@ class Engine:
         states = self._states = _States(segment, self._order, self._merged)
         self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
+
+        def solve(tau: float) -> Reached:
+            try:
+                reached = stepper.advance(self._smallest_guard, states.start, tau)
+            except SolverFailure as failure:
+                if failure.reached is not None:
+                    failure.reached = states.expanded(failure.reached)
+                raise
+            return states.expanded(reached)
+
+        return self._without_dips(segment, solve, horizon)
+
+    def _without_dips(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:
+        """Advance to the first event, also where it lies between computed points."""
         while True:
-            reached = self._protected(stepper, states, horizon)
-            found = states.expand(reached.taus, reached.states)
-            missed = first_dip(segment, reached.taus, found, reached.hit)
+            reached = self._protected(segment, solve, horizon)
+            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
             if missed is None:
-                return Reached(reached.taus, found, reached.hit)
+                return reached
             horizon = missed
 
-    def _look_at_progress(self, tau: float) -> None:
-        """Give up where the end of the segment is out of reach: an answer that never comes is none."""
-        whole, done = self._states.horizon, tau - self._looked_at
-        if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * whole:
-            raise ArithmeticError(
-                f"the last {_CALLS_BETWEEN_LOOKS} evaluations took {done:.3g} s of {whole:.3g} s: "
-                "the steps have become too small"
-            )
-        self._looked_at = tau
-
-    def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
-        """Advance; where that fails, hand over what was computed before."""
-        self._calls, self._looked_at = 0, 0.0
+    def _protected(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:
+        """Advance; where that fails or is interrupted, hand over what was computed before."""
+        progress = self._progress = Progress(horizon, self.interruption, self.show)
         try:
-            return stepper.advance(states.smallest_guard, states.start, horizon)
-        except SolverFailure as failure:
-            if failure.reached is not None:
-                taus, found = failure.reached.taus, failure.reached.states
-                failure.reached = Reached(taus, states.expand(taus, found), False)
-            raise
+            reached = solve(horizon)
         except (ArithmeticError, ValueError) as fault:
             # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
-            reached = Reached(np.zeros(1), states.expand(np.zeros(1), states.start[None, :]), False)
-            if self._last_tau > 0:
-                self._calls, self._looked_at = 0, 0.0
+            reached = Reached(np.zeros(1), segment.y[None, :], False)
+            if progress.last > 0:
+                self._progress = Progress(horizon, self.interruption)
                 with contextlib.suppress(Exception):
-                    again = stepper.advance(states.smallest_guard, states.start, 0.9 * self._last_tau)
-                    reached = Reached(again.taus, states.expand(again.taus, again.states), False)
+                    reached = solve(0.9 * progress.last)
             raise SolverFailure(
                 str(fault), "look at the loads and laws of the scene there", reached
             ) from fault
+        if self.interruption.pressed:
+            raise Interrupted(reached)
+        return reached
+
+    def _smallest_guard(self, tau: float, y: Array) -> float:
+        # a guard that is found negative ends the segment
+        return -1.0 if self.interruption.pressed else self._states.smallest_guard(tau, y)
 
     def _stepper(self, segment: Segment) -> _Cvode:
         max_step = self._max_step
@@ -223,10 +229,7 @@ class Engine:
                 raise ArithmeticError(
                     "the step has become not a number: forces or tolerances are out of proportion"
                 )
-            self._last_tau = tau
-            self._calls += 1
-            if self._calls % _CALLS_BETWEEN_LOOKS == 0:
-                self._look_at_progress(tau)
+            self._progress.note(tau)
             out[:] = self._states.rate(tau, y)
 
         with warnings.catch_warnings():
@@ -247,7 +250,6 @@ class _States:
 
     def __init__(self, segment: Segment, order: NDArray[np.intp] | None, merged: bool) -> None:
         self._segment, mode_set = segment, segment.mode_set
-        self.horizon = segment.horizon
         size = segment.y.size
         self._order = np.arange(size) if order is None else order
         self._is_all = order is None and not merged
@@ -271,6 +273,10 @@ class _States:
         full[:, self._order] = states
         self._segment.exact_velocities(taus, full)
         return full
+
+    def expanded(self, reached: Reached) -> Reached:
+        """Return the same points with all states."""
+        return Reached(reached.taus, self.expand(reached.taus, reached.states), reached.hit)
 
     def _expand_one(self, tau: float, y: Array) -> Array:
         if self._is_all:

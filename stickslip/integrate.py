@@ -21,7 +21,7 @@ from stickslip.recorder import Recorder
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scales import tolerances
 from stickslip.scene import Body, Drive, Scene
-from stickslip.solving import Reached, SolverFailure
+from stickslip.solving import Interrupted, Reached, SolverFailure
 from stickslip.transitions import Inconsistent, Settled, carry_on, change_one, settle
 
 __all__ = ["simulate"]
@@ -141,14 +141,19 @@ class _Run:
     def to_end(self, progress: bool) -> Result:
         """Advance, locate, settle, repeat."""
         bar = _bar(self._stop - self._start) if progress else None
+        if bar is not None:
+            self._engine.show = lambda tau: _advance_bar(bar, self._t + tau - self._start)
         try:
-            self._begin()
-            while self._t < self._stop:
-                reached, stop = self._advance()
-                self._recorder.keep(self._now.segment, self._now.modes, reached, stop)
-                if bar is not None:
-                    bar.update(stop - self._t)
-                self._go_on(reached, stop)
+            with self._engine.interruption as interruption:
+                self._begin()
+                while self._t < self._stop:
+                    reached, stop = self._advance()
+                    self._recorder.keep(self._now.segment, self._now.modes, reached, stop)
+                    self._go_on(reached, stop)
+                    if bar is not None:
+                        _advance_bar(bar, self._t - self._start)
+                    if interruption.pressed:
+                        raise KeyboardInterrupt
             self._engine.release()
         except SolverFailure as failure:
             raise self._error(failure.sentence, failure.remedy, failure) from failure.__cause__ or failure
@@ -160,8 +165,13 @@ class _Run:
             ) from conflict
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), "look at the loads and laws of the scene there") from fault
-        except KeyboardInterrupt:
-            message = f"interrupted at t = {self._t:.9g} s"
+        except KeyboardInterrupt as interruption:
+            t = (
+                self._keep_unfinished(interruption.reached)
+                if isinstance(interruption, Interrupted)
+                else self._t
+            )
+            message = f"interrupted at t = {t:.9g} s"
             raise SimulationInterrupted(message, self._result(message, -1)) from None
         finally:
             if bar is not None:
@@ -264,18 +274,28 @@ class _Run:
         }
         return self._recorder.result(message, status, stats)
 
+    def _keep_unfinished(self, reached: Reached) -> float:
+        """Keep the points of a segment that has come to no end; return the time of the last."""
+        segment = self._now.segment
+        segment.exact_velocities(reached.taus, reached.states)
+        t = float(segment.t + reached.taus[-1])
+        self._recorder.keep(segment, self._now.modes, reached, t)
+        return t
+
     def _error(self, message: str, remedy: str, failure: SolverFailure | None = None) -> SimulationError:
         t, modes = self._t, {}
         if hasattr(self, "_now"):
-            segment, labels = self._now.segment, self._now.modes
+            labels = self._now.modes
             modes = {c.name: Mode(int(k)) for c, k in zip(self._system.scene.contacts, labels, strict=True)}
             if failure is not None and failure.reached is not None:
-                segment.exact_velocities(failure.reached.taus, failure.reached.states)
-                t = float(segment.t + failure.reached.taus[-1])
-                self._recorder.keep(segment, labels, failure.reached, t)
+                t = self._keep_unfinished(failure.reached)
         listed = ", ".join(f"{name} {mode.name}" for name, mode in list(modes.items())[:10])
         text = f"at t = {t:.9g} s: {message}; modes: {listed or 'not settled yet'}; {remedy}"
         return SimulationError(text, t, modes, self._result(text, -1))
+
+
+def _advance_bar(bar: Any, t: float) -> None:
+    bar.update(max(t - bar.n, 0.0))
 
 
 def _bar(span: float) -> Any:

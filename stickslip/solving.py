@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Reached", "SolverFailure", "Work", "failure_of"]
+__all__ = ["Interrupted", "Reached", "SolverFailure", "Work", "failure_of"]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,20 @@ class SolverFailure(Exception):
     def __init__(self, sentence: str, remedy: str, reached: Reached | None = None) -> None:
         super().__init__(sentence)
         self.sentence, self.remedy, self.reached = sentence, remedy, reached
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C was pressed while a solver was at work.
+
+    Parameters
+    ----------
+    reached : Reached
+        The points computed before.
+    """
+
+    def __init__(self, reached: Reached) -> None:
+        super().__init__()
+        self.reached = reached
 
 
 @dataclass
