@@ -185,7 +185,7 @@ class Engine:
             # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
             reached = Reached(np.zeros(1), segment.y[None, :], False)
             if progress.last > 0:
-                self._progress = Progress(horizon, self.interruption)
+                self._progress = Progress(0.9 * progress.last, self.interruption)
                 with contextlib.suppress(Exception):
                     reached = solve(0.9 * progress.last)
             raise SolverFailure(
