@@ -21,7 +21,7 @@ Modes = NDArray[np.int8]
 
 _BETWEEN = np.array([0.25, 0.5, 0.75, 1.0])
 _PER_PERIOD = 16
-_ROUNDOFF_AT_END = 1e-9
+_ROUNDOFF_AT_END, _TIE = 1e-9, 1e-7
 _LOOKS, _CLOSE = 64, 1e-9
 
 
@@ -32,7 +32,12 @@ def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tup
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if reached.hit:
         values = segment.guards(float(reached.taus[-1]), reached.states[-1])
-        at = np.flatnonzero(values <= max(0.0, float(values.min())))
+        reach = np.full(values.size, max(0.0, float(values.min())))
+        if reached.multipliers is not None:
+            # these forces are known within tolerances only: what ties may not seem to
+            k = segment.slips
+            reach[k:] = np.maximum(reach[k:], _TIE * segment.guard_scales[0][k:])
+        at = np.flatnonzero(values <= reach)
         fired[segment.guard_contacts[at]] = True
         touching[segment.guard_contacts[at[at < segment.slips]]] = True
     return touching, fired

@@ -236,7 +236,7 @@ class _Run:
         touching, fired = at_limit(segment, reached, self._relaxed)
         touching[segment.mode_set.stuck] |= ~parted[segment.mode_set.stuck]
         since = np.where(before == 0, self._now.since, t)
-        self._now = settle(system, t, y, before, since, touching, fired, stop)
+        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y)
         self._note_changes(t, before, fired)
 
     def _note_changes(self, t: float, before: NDArray[np.int8], fired: NDArray[np.bool_]) -> None:

@@ -61,6 +61,7 @@ def settle(
     touching: Mask,
     fired: Mask,
     stop: float,
+    was: Array | None = None,
 ) -> Settled:
     """Return the modes in which the motion goes on from the state `y` at `t`.
 
@@ -83,6 +84,8 @@ def settle(
         Contacts that the event found at their limit.
     stop : float
         The next break.
+    was : array (size,), optional
+        The state when the modes before began.
 
     Raises
     ------
@@ -91,14 +94,14 @@ def settle(
     """
     q = system.loads.complete(t)
     closed = _closed(system, t, q)
-    w, speed = _relative(system, t, y, q)
+    w, speed = _relative(system, t, y, q, was)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (touching | (np.abs(w) <= limit))
     before, y = y, project(system, y, q, closed & resting)
     if y is not before:
         # contacts that share a motion come to rest together, though an event may have found only one of them
-        w, speed = _relative(system, t, y, q)
+        w, speed = _relative(system, t, y, q, was)
         also = system.hard & ~resting & (np.abs(w) <= _ROUNDOFF * speed)
         if also.any():
             resting |= also
@@ -266,10 +269,11 @@ def _closed(system: System, t: float, q: Array) -> Mask:
     return closed & system.alive
 
 
-def _relative(system: System, t: float, y: Array, q: Array) -> tuple[Array, Array]:
+def _relative(system: System, t: float, y: Array, q: Array, was: Array | None = None) -> tuple[Array, Array]:
     """Return each contact's relative velocity and the larger speed of its two bodies, floored by roundoff.
 
-    Roundoff of the time is one of the velocity where a drive accelerates, whatever its speed is at the moment.
+    What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
+    drive accelerates, whatever its speed is at the moment.
     """
     drives, accelerations = (
         q[system.first_drive : system.first_acceleration],
@@ -277,6 +281,8 @@ def _relative(system: System, t: float, y: Array, q: Array) -> tuple[Array, Arra
     )
     every = np.concatenate([y[: system.n], drives, [0.0]])
     speed = np.abs(every)
+    if was is not None:
+        speed[: system.n] = np.maximum(speed[: system.n], np.abs(was[: system.n]))
     speed[system.n : -1] += np.abs(accelerations * t)
     a, b = system.a, system.b
     return every[a] - every[b], np.maximum(np.maximum(speed[a], speed[b]), _ROUNDOFF * speed.max())

@@ -198,10 +198,8 @@ def _whole_horizon(original: Any) -> Any:
 def _sticky(original: Any) -> Any:
     """A contact that comes to rest is tried in its old mode, not stuck."""
 
-    def changed(
-        system: Any, t: float, y: Any, modes: Any, since: Any, touching: Any, fired: Any, stop: float
-    ) -> Any:
-        return original(system, t, y, modes, since, np.zeros_like(touching), fired, stop)
+    def changed(system: Any, t: float, y: Any, modes: Any, since: Any, touching: Any, *rest: Any) -> Any:
+        return original(system, t, y, modes, since, np.zeros_like(touching), *rest)
 
     # nor where it alone changes
     importlib.import_module("stickslip.integrate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
