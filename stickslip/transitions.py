@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
+from stickslip.labels import label
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import AT_LIMIT, Segment
 
@@ -25,8 +26,6 @@ _STANDING = 1e-9
 """A contact this slow, as a part of the largest speed, is looked at together with all others."""
 
 _ENUMERATED = 6
-_CALM = 1e-7
-"""A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
 class Inconsistent(Exception):
@@ -116,7 +115,7 @@ def settle(
     segment = search.run(trial)
     result = segment.mode_set.modes
     if result.max(initial=0) >= OPEN:
-        result = _label(segment, w, resting)
+        result = label(segment, w, resting)
     locked = segment.mode_set.slip[segment.mode_set.locked]
     if locked.size:
         # at their limit, but held at rest by others: not in motion
@@ -379,28 +378,3 @@ class _Search:
             trial = base.copy()
             trial[contacts] = values
             yield trial
-
-
-def _label(segment: Segment, w: Array, resting: Mask) -> Modes:
-    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
-    system = segment.system
-    modes = segment.mode_set.modes.copy()
-    acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
-    # what the forces that add up to an acceleration leave uncertain
-    forces = system.magnitudes @ np.abs(np.concatenate([segment.y, segment.inputs(0.0)]))
-    wide = np.concatenate([forces / system.inertia, np.zeros(system.drives + 1)])
-    push = wide[system.a] + wide[system.b]
-    to_come = np.where(np.abs(acceleration) > _ROUNDOFF * push, np.sign(acceleration), 0.0)
-    named = np.where(resting, to_come, np.sign(w))
-    # what the solver's errors leave of a rest is a rest
-    named[(np.abs(w) <= system.quiet) & (np.abs(acceleration) <= _CALM * push)] = 0.0
-    modes = np.where(modes == OPEN, named, modes)
-    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
-
-
-def _rates(system: System, segment: Segment) -> Array:
-    """Return the drives' accelerations in the places of their velocities."""
-    rates = np.zeros(system.inputs)
-    q = segment.inputs(0.0)
-    rates[system.first_drive : system.first_acceleration] = q[system.first_acceleration : -1]
-    return rates
