@@ -234,7 +234,8 @@ class _Run:
                 self._note(t, j, int(before[j]), fired=True)
                 return
         touching, fired = at_limit(segment, reached, self._relaxed)
-        touching[segment.mode_set.stuck] |= ~parted[segment.mode_set.stuck]
+        # what is called at rest is, but for what the solver's errors leave of it
+        touching |= (before == 0) & ~parted
         since = np.where(before == 0, self._now.since, t)
         self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y)
         self._note_changes(t, before, fired)

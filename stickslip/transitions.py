@@ -96,7 +96,8 @@ def settle(
     w, speed = _relative(system, t, y, q, was)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
-    resting = system.hard & (touching | (np.abs(w) <= limit))
+    resting = touching | (np.abs(w) <= limit)
+    resting &= system.hard
     before, y = y, project(system, y, q, closed & resting)
     if y is not before:
         # contacts that share a motion come to rest together, though an event may have found only one of them
@@ -157,6 +158,9 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_below(
         slow, segment, 0.0, y
     ):
+        return None
+    if mode_set.open.size and np.count_nonzero(now.modes[mode_set.open] == 0):
+        # at rest: named after the motion to come, which may be another from now on
         return None
     violated, order = segment.classify(nothing)
     if np.count_nonzero(violated):

@@ -114,3 +114,37 @@ def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(formula
         Contact("brake", "a", GROUND, law, normal=piecewise_linear([0, 0.5, 0.59], [100, 100, 0])),
     )
     assert not simulate(scene, (0.0, 2.0), formulation=formulation).events
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_starts_to_move_when_the_load_starts_to_rise(formulation: str) -> None:
+    # at t = 1 velocity and acceleration are 0, and the acceleration rises
+    scene = Scene(
+        Body("h", inertia=1.0),
+        Body("a", inertia=1.0),
+        Spring("h", "a", stiffness=20.0),
+        Force("a", piecewise_linear([1, 2], [0, 10])),
+        Contact("j", "h", "a", DRY, normal=100.0),
+        Contact("open", "a", GROUND, DRY, normal=piecewise_linear([5, 6], [0, 1])),
+    )
+    result = simulate(scene, (0.0, 2.0), formulation=formulation)
+    assert told(result) == [("open", 0, 1)]
+    assert result.events[0].t == 1.0
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_closes_on_a_body_at_rest_without_slipping(formulation: str) -> None:
+    law, stiffness = DryFriction(0.9, 0.5), 26.1
+    normal = piecewise_linear([0, 0.5, 0.59, 1, 1], [100, 100, -10, -10, 50])
+    scene = Scene(
+        Body("hub", inertia=3.0, position=-0.157),
+        Body("a", inertia=0.5, position=0.027),
+        Body("b", inertia=0.7, position=-0.078),
+        Spring("hub", "a", stiffness=stiffness),
+        Spring("hub", "b", stiffness=stiffness),
+        Spring("b", "a", stiffness=stiffness / 3),
+        Contact("first", "hub", "a", law, normal=100.0),
+        Contact("second", "hub", "b", law, normal=100.0),
+        Contact("brake", "a", GROUND, law, normal=normal),
+    )
+    assert not simulate(scene, (0.0, 2.0), formulation=formulation).events
