@@ -19,7 +19,9 @@ from scipy import sparse
 from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.grouping import Groups
 from stickslip.loads import Loads
-from stickslip.mode_set import DenseModeSet, ModeSet, SparseModeSet
+from stickslip.mode_set import ModeSet
+from stickslip.mode_set_dense import DenseModeSet
+from stickslip.mode_set_sparse import SparseModeSet
 from stickslip.scene import GROUND, Scene
 from stickslip.signals import Constant, PiecewiseLinear, Signal
 
@@ -30,6 +32,7 @@ Indices = NDArray[np.intp]
 
 _DENSE_LIMIT = 100
 _REMEMBERED, _REMEMBERED_LARGE = 64, 4
+_SHARED, _SHARED_LIMIT = 8, 30
 _COMPILED: dict[int, System] = {}
 
 
@@ -39,11 +42,19 @@ class System:
     Parameters
     ----------
     scene : Scene
+
+    Attributes
+    ----------
+    loads : Loads
+        Over the time span, once it is known.
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances of a run leave uncertain.
     """
 
     loads: Loads
     span: tuple[float, float]
     stepped: bool
+    quiet: float = 0.0
     normals: list[Signal]
     velocities: list[Signal]
 
@@ -86,12 +97,16 @@ class System:
 
     @classmethod
     def of(cls, scene: Scene) -> System:
-        """Return the compiled scene; it is compiled once."""
+        """Return the compiled scene; it is compiled once, and an equal small one shares it."""
         known = _COMPILED.get(id(scene))
         if known is None:
-            known = _COMPILED[id(scene)] = cls(scene)
-            # a scene that nobody holds is forgotten; the compiled one must not hold it
-            del known.scene
+            try:
+                small = len(scene.bodies) + len(scene.contacts) <= _SHARED_LIMIT
+                known = _compiled(scene) if small else _compiled.__wrapped__(scene)
+            except TypeError:  # a law or load of the user's that has no hash
+                known = _compiled.__wrapped__(scene)
+            _COMPILED[id(scene)] = known
+            # a scene that nobody holds is forgotten
             weakref.finalize(scene, _COMPILED.pop, id(scene), None)
         system = copy(known)
         system.scene = scene
@@ -159,7 +174,6 @@ class System:
         self.C = self._matrix(state, (n, size))
         self.Q = self._matrix(inputs, (n, self.inputs))
         self._join_contacts()
-        self.nothing = sparse.csr_array((size, size))
 
     def _join_contacts(self) -> None:
         free, driven = _Triplets(), _Triplets()
@@ -173,11 +187,24 @@ class System:
         self.W = self._matrix(free, (self.m, self.size))
         self.D = self._matrix(driven, (self.m, self.inputs))
         self.force_of_contacts = -self.G.T.tocsr() if self.sparse else -self.G.T
+        # the forces on each body from absolute values of states and inputs, all counted positive
+        largest = self.mu_s.max(axis=0, initial=0.0)
+        if self.sparse:
+            pushed = abs(self.force_of_contacts) @ sparse.diags_array(largest, shape=(self.m, self.inputs))
+            self.magnitudes = sparse.hstack([abs(self.C), abs(self.Q) + pushed], format="csr")
+        else:
+            pushed = np.abs(self.Q)
+            pushed[:, : self.m] += np.abs(self.force_of_contacts) * largest
+            self.magnitudes = np.hstack([np.abs(self.C), pushed])
 
     def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
+        if not self.sparse:
+            dense = np.zeros(shape)
+            np.add.at(dense, (triplets.rows, triplets.columns), triplets.values)
+            return dense
         matrix = sparse.coo_array((triplets.values, (triplets.rows, triplets.columns)), shape=shape).tocsr()
         matrix.eliminate_zeros()
-        return matrix if self.sparse else matrix.toarray()
+        return matrix
 
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
@@ -192,6 +219,14 @@ class System:
         """Return the rigid groups that the contacts of a mask (as bytes) form."""
         mask = np.frombuffer(joined, dtype=bool)
         return Groups(self.inertia, self.a[mask], self.b[mask])
+
+
+@lru_cache(maxsize=_SHARED)
+def _compiled(scene: Scene) -> System:
+    system = System(scene)
+    # what is kept as long as the scene must not hold it
+    del system.scene
+    return system
 
 
 def _again(scene: Scene, start: float, stop: float, stepped: bool) -> System:

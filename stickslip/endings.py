@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stickslip.engine import Reached
-from stickslip.mode_set import FREE, OPEN
 from stickslip.pieces import interpolate
 from stickslip.segment import Segment
+from stickslip.solving import Reached
 
-__all__ = ["at_limit", "jumped", "relaxed", "turned_over"]
+__all__ = ["at_limit", "jumped", "regained", "relaxed", "turned_over"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
+
+_BETWEEN = np.array([0.25, 0.5, 0.75, 1.0])
+_PER_PERIOD = 16
+_ROUNDOFF_AT_END, _TIE = 1e-9, 1e-7
+_LOOKS, _CLOSE = 64, 1e-9
 
 
 def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tuple[Mask, Mask]:
@@ -27,7 +32,12 @@ def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tup
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if reached.hit:
         values = segment.guards(float(reached.taus[-1]), reached.states[-1])
-        at = np.flatnonzero(values <= max(0.0, float(values.min())))
+        reach = np.full(values.size, max(0.0, float(values.min())))
+        if reached.multipliers is not None:
+            # these forces are known within tolerances only: what ties may not seem to
+            k = segment.slips
+            reach[k:] = np.maximum(reach[k:], _TIE * segment.guard_scales[0][k:])
+        at = np.flatnonzero(values <= reach)
         fired[segment.guard_contacts[at]] = True
         touching[segment.guard_contacts[at[at < segment.slips]]] = True
     return touching, fired
@@ -57,38 +67,76 @@ def turned_over(
         The array given where none did.
     turns : list of (time, contact, mode before, mode after)
     """
-    states = segment.mode_set.modes
-    loose = segment.mode_set.loose
-    if not loose.size or not reached.taus[-1] > 0:
+    mode_set, system = segment.mode_set, segment.system
+    if not mode_set.loose.size or not reached.taus[-1] > 0:
         return modes, []
-    w = segment.relative_velocity(reached.taus[1:], reached.states[1:].T)
-    if segment.system.all_hard and (w[loose] * modes[loose, None] > 0).all():
-        return modes, []
-    signs = np.where(states[:, None] == FREE, segment.system.sign_of(w), np.sign(w))
-    turns = []
     turned = modes.copy()
-    for j in loose.tolist():
-        for k, sign in enumerate(signs[j].astype(int).tolist()):
-            if sign == turned[j] or (sign == 0 and states[j] == OPEN):
-                continue
-            if states[j] == OPEN:
-                turns.append((_turn_time(segment, reached, j, k), j, int(turned[j]), sign))
-            turned[j] = sign
+    turns = []
+    if mode_set.free.size:
+        w = segment.relative_velocity(float(reached.taus[-1]), reached.states[-1])
+        turned[mode_set.free] = system.sign_of(w)[mode_set.free]
+    if mode_set.open.size:
+        for tau, j, before, after in _turns(segment, reached, modes):
+            turns.append((segment.t + tau, j, before, after))
+            turned[j] = after
     return (turned if np.any(turned != modes) else modes), turns
 
 
-def _turn_time(segment: Segment, reached: Reached, j: int, k: int) -> float:
-    """Return when an open contact's relative velocity passes 0 between computed points k and k + 1."""
+def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[float, int, int, int]]:
+    """Yield when the relative velocities of open contacts change their signs: local time, contact, modes."""
+    contacts = segment.mode_set.open
+    velocity, taus = _open_velocity(segment, reached)
+    w = velocity(taus)
+    if (w * modes[contacts, None] > 0).all():
+        return
+    # what is roundoff at the end is for the modes to settle
+    largest = np.abs(np.column_stack([velocity(np.zeros(1)), w])).max(axis=1)
+    w[np.abs(w[:, -1]) <= _ROUNDOFF_AT_END * largest, -1] = 0.0
+    for row, j in enumerate(contacts.tolist()):
 
-    def w(tau: float) -> float:
-        taus = np.array([tau])
-        states = interpolate(segment, reached.taus, reached.states, taus)
-        return float(segment.relative_velocity(taus, states.T)[j, 0])
+        def one(tau: float, row: int = row) -> float:
+            return float(velocity(np.array([tau]))[row, 0])
 
-    left, right = float(reached.taus[k]), float(reached.taus[k + 1])
+        mode, left = int(modes[j]), 0.0
+        for tau, value in zip(taus.tolist(), w[row].tolist(), strict=True):
+            if value * mode < 0 or (mode == 0 and abs(value) > segment.system.quiet):
+                after = 1 if value > 0 else -1
+                yield _turn_time(one, left, tau), j, mode, after
+                mode = after
+            if value != 0:
+                left = tau
+
+
+def _open_velocity(segment: Segment, reached: Reached) -> tuple[Callable[[Array], Array], Array]:
+    """Return the relative velocities of open contacts as functions of local time, and where to look at them."""
+    contacts, taus = segment.mode_set.open, reached.taus
+    if segment.quadratic and not segment.has_curved:
+        w0 = segment.relative_velocity(0.0, segment.y)[contacts, None]
+        w1 = segment.relative_acceleration(0.0, segment.f0)[contacts, None]
+        w2 = 0.5 * (segment.system.W @ segment.f1)[contacts, None]
+        turning = (w1 * w2 < 0).nonzero()[0]
+        looks = taus[1:]
+        if turning.size:
+            vertices = -0.5 * w1[turning, 0] / w2[turning, 0]
+            looks = np.union1d(looks, vertices[vertices < taus[-1]])
+        return (lambda x: w0 + x * (w1 + x * w2)), looks
+
+    def velocity(x: Array) -> Array:
+        states = interpolate(segment, taus, reached.states, x)
+        return segment.relative_velocity(x, states.T)[contacts]
+
+    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _BETWEEN).ravel()
+    if segment.quadratic:
+        count = int(np.ceil(_PER_PERIOD * taus[-1] / segment.system.loads.period))
+        looks = np.linspace(0.0, taus[-1], max(count, 16) + 1)[1:]
+    return velocity, looks
+
+
+def _turn_time(w: Callable[[float], float], left: float, right: float) -> float:
+    """Return when a relative velocity passes 0."""
     if w(left) * w(right) >= 0:
-        return segment.t + left
-    return segment.t + float(brentq(w, left, right, xtol=1e-15 * max(right, 1e-300), rtol=1e-14))
+        return left
+    return float(brentq(w, left, right, xtol=1e-15 * right, rtol=1e-14))
 
 
 def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached, list[int]]:
@@ -97,7 +145,7 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
     Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
     only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
     """
-    if segment.quadratic and not segment.comes_near_rest(margin, float(reached.taus[-1])):
+    if not _may_relax(segment, reached, margin):
         return reached, []
     contacts = segment.mode_set.slip
     hard = segment.system.hard[contacts]
@@ -116,6 +164,52 @@ def relaxed(segment: Segment, reached: Reached, margin: float) -> tuple[Reached,
     return reached, []
 
 
+def _may_relax(segment: Segment, reached: Reached, margin: float) -> bool:
+    """Tell whether a contact is near rest at two computed points: one at a root is none."""
+    if not segment.quadratic or reached.taus.size > 2:
+        return True
+    return not reached.hit and segment.stays_near_rest(margin, float(reached.taus[-1]))
+
+
 def _at_rest(segment: Segment, reached: Reached, near: Mask, k: int) -> set[int]:
     tau, y = float(reached.taus[k]), reached.states[k]
     return {row for row in np.flatnonzero(near).tolist() if segment.has_come_to_rest(tau, y, row)}
+
+
+def regained(segment: Segment, reached: Reached) -> float | None:
+    """Return the local time at which a contact could hold its share again that was let go while others hold it at rest.
+
+    Two contacts that lock the same motion share a load by the least norm. Where the share is beyond the limit of
+    one, a brake that is just closing, it carries its kinetic friction; as soon as the share is within its limit,
+    all are to be settled again.
+    """
+    mode_set = segment.mode_set
+    resting = segment.at_rest[mode_set.slip]
+    if not np.count_nonzero(resting):
+        return None
+    found = [_regains(segment, reached, j) for j in mode_set.slip[resting & mode_set.locked].tolist()]
+    return min(found, default=np.inf) if found and min(found) < reached.taus[-1] else None
+
+
+def _regains(segment: Segment, reached: Reached, j: int) -> float:
+    """Return when the share of one contact comes within its limit from beyond, infinite if it does not."""
+    modes = segment.mode_set.modes.copy()
+    modes[j] = 0
+    trial = segment.with_modes(modes)
+    row = trial.slips + int(np.flatnonzero(trial.held == j)[0])
+
+    def spare(taus: Array) -> Array:
+        states = interpolate(segment, reached.taus, reached.states, taus)
+        guards = trial.raw_guards(taus, trial.watched(taus, states.T))
+        return np.minimum(guards[row], guards[row + trial.helds])
+
+    taus = np.linspace(0.0, reached.taus[-1], _LOOKS + 1)
+    if segment.has_curved:
+        count = int(np.ceil(_PER_PERIOD * taus[-1] / segment.system.loads.period))
+        taus = np.linspace(0.0, taus[-1], max(count, _LOOKS) + 1)
+    values, limit = spare(taus), trial.levels(0.0).max() + np.abs(trial.watched(0.0, segment.y)).max()
+    crossing = (values[:-1] < -_CLOSE * limit) & (values[1:] > 0)
+    if not crossing.any():
+        return np.inf
+    k = int(crossing.argmax())
+    return float(brentq(lambda tau: float(spare(np.array([tau]))[0]), taus[k], taus[k + 1], rtol=1e-14))

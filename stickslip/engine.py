@@ -6,78 +6,29 @@ import contextlib
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
+from stickslip.engine_clock import ROOTS_PER_SOLVER, Clock
 from stickslip.engine_sundials import CVODE
 from stickslip.linear_solver import LinearSolver, band_order
+from stickslip.progress import Interruption, Progress
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
+from stickslip.solving import Interrupted, Reached, SolverFailure, Work, failure_of
 
-__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine", "Reached", "SolverFailure", "Work", "failure_of"]
+__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
 Array = NDArray[np.float64]
 Guard = Callable[[float, Array], float]
 
-_ROOTS_PER_SOLVER = 20
 STEPS_PER_PERIOD = 8
-_CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
+_CLOSER = 0.1
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
-
-
-class SolverFailure(Exception):
-    """The solver gave up, or what it called did.
-
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, in SUNDIALS' words where it was SUNDIALS.
-    remedy : str
-        What to try.
-    reached : Reached, optional
-        The points computed before.
-    """
-
-    def __init__(self, sentence: str, remedy: str, reached: Reached | None = None) -> None:
-        super().__init__(sentence)
-        self.sentence, self.remedy, self.reached = sentence, remedy, reached
-
-
-@dataclass
-class Work:
-    """Counts of what was done."""
-
-    steps: int = 0
-    rate_calls: int = 0
-    jacobian_calls: int = 0
-    guard_calls: int = 0
-    starts: int = 0
-    solvers: int = 0
-    fewest_states: float = np.inf
-
-
-@dataclass(frozen=True)
-class Reached:
-    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
-
-    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes.
-    """
-
-    taus: Array
-    states: Array
-    hit: bool
-    multipliers: tuple[Array, Array] | None = None
-
-    def until(self, count: int) -> Reached:
-        """Return the first `count` points."""
-        forces = self.multipliers
-        cut = None if forces is None else (forces[0][:count], forces[1][:count])
-        return Reached(self.taus[:count], self.states[:count], False, cut)
 
 
 class _Cvode:
@@ -103,18 +54,9 @@ class _Cvode:
             )
         return reached
 
-    def leap(self, guard: Guard, y: Array, tau: float) -> tuple[float, bool]:
-        """Do the same, but return only the time reached and whether it is at a root."""
-        solver = self._ready(guard)
-        solver.init_step(0.0, y)
-        solution = solver.step(tau, "normal", tau)
-        self._work.steps += 1
-        self._count(solution, None)
-        return solution.t, solution.status == 2
-
     def _ready(self, guard: Guard) -> CVODE:
         self._guard = guard
-        if self._solver is None or self._roots >= _ROOTS_PER_SOLVER:
+        if self._solver is None or self._roots >= ROOTS_PER_SOLVER:
             # scikit-sundae keeps every event's record on the guard function: a fresh one now and then
             self._solver, self._roots = self._make(self._guard_function()), 0
             self._work.solvers += 1
@@ -143,7 +85,7 @@ class Engine:
     """CVODE for the segments of one simulation.
 
     Where the motion is exactly quadratic in time there is nothing to integrate: CVODE then runs on a clock,
-    ``tau' = 1``, in as few steps as there are roots to find.
+    ``tau' = 1``, in as few steps as there are roots to find, and not at all where there are none.
 
     Parameters
     ----------
@@ -166,11 +108,13 @@ class Engine:
         self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
         self._max_step, self._merged = max_step, merged
         self.work = Work()
-        self._clock = _Cvode(self._make_clock, self.work)
+        self._clock: Clock | None = None
         self._steppers: dict[float, _Cvode] = {}
         self._linear_solver = LinearSolver()
         self._states: _States
-        self._last_tau, self._calls, self._looked_at = 0.0, 0, 0.0
+        self._progress: Progress
+        self.interruption = Interruption()
+        self.show: Callable[[float], None] | None = None
 
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
@@ -178,37 +122,32 @@ class Engine:
 
     # -- quadratic motion ---------------------------------------------------------------------------------
 
-    def _make_clock(self, guard: Callable[..., None]) -> CVODE:
-        def rate(tau: float, y: Array, out: Array) -> None:
-            out[0] = 1.0
-
-        return CVODE(
-            rate,
-            eventsfn=guard,
-            num_events=1,
-            linsolver="band",
-            lband=0,
-            uband=0,
-            first_step=0.5 * np.finfo(float).max,
-            max_step=self._max_step if np.isfinite(self._max_step) else 0.0,
-        )
-
     def _on_clock(self, segment: Segment, horizon: float) -> Reached:
-        stop = first_violation(segment, min(horizon, longest_look(segment)))
-        guard, start = segment.smallest_guard(), np.zeros(1)
-        points = np.isfinite(self._max_step)
+        clock = self._clock = self._clock or Clock.get(self.work)
+        stop = first_violation(segment, min(horizon, longest_look(segment)), self._max_step)
+        guard = segment.smallest_guard(stop)
+        if guard is None:
+            return self._in_closed_form(segment, stop, hit=False)
+        # CVODE locates roots within 1e-14 of its step: come close where none can be skipped
+        while segment.looked_over and guard(_CLOSER * stop) < 0:
+            stop *= _CLOSER
         while True:
-            if points:
-                reached = self._clock.advance(guard, start, stop)
-                taus, hit = reached.taus, reached.hit
-            else:
-                tau, hit = self._clock.leap(guard, start, stop)
-                taus = np.array([0.0, tau])
-            # CVODE locates roots within 1e-14 of its step: come closer where the step was far too long
-            if not hit or taus[-1] > 0.1 * stop:
-                break
-            stop = max(4 * float(taus[-1]), np.finfo(float).tiny)
-        return Reached(taus, segment.state(taus).T, hit)
+            tau, hit = clock.advance(guard, stop)
+            if segment.looked_over or not hit or tau > _CLOSER * stop:
+                return self._in_closed_form(segment, tau, hit)
+            stop = max(4 * tau, np.finfo(float).tiny)
+
+    def _in_closed_form(self, segment: Segment, tau: float, hit: bool) -> Reached:
+        """Return the start and the end of a quadratic motion, with points between where long steps are refused."""
+        if self._max_step == math.inf:
+            return Reached(np.array([0.0, tau]), np.array([segment.y, segment.states(tau)]), hit)
+        taus = np.linspace(0.0, tau, max(1, math.ceil(tau / self._max_step)) + 1)
+        return Reached(taus, segment.states(taus), hit)
+
+    def release(self) -> None:
+        """Leave what the next simulation can use."""
+        if self._clock is not None:
+            self._clock.put_back()
 
     # -- everything else ----------------------------------------------------------------------------------
 
@@ -216,45 +155,49 @@ class Engine:
         states = self._states = _States(segment, self._order, self._merged)
         self.work.fewest_states = min(self.work.fewest_states, states.start.size)
         stepper = self._stepper(segment)
+
+        def solve(tau: float) -> Reached:
+            try:
+                reached = stepper.advance(self._smallest_guard, states.start, tau)
+            except SolverFailure as failure:
+                if failure.reached is not None:
+                    failure.reached = states.expanded(failure.reached)
+                raise
+            return states.expanded(reached)
+
+        return self._without_dips(segment, solve, horizon)
+
+    def _without_dips(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:
+        """Advance to the first event, also where it lies between computed points."""
         while True:
-            reached = self._protected(stepper, states, horizon)
-            found = states.expand(reached.taus, reached.states)
-            missed = first_dip(segment, reached.taus, found, reached.hit)
+            reached = self._protected(segment, solve, horizon)
+            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
             if missed is None:
-                return Reached(reached.taus, found, reached.hit)
+                return reached
             horizon = missed
 
-    def _look_at_progress(self, tau: float) -> None:
-        """Give up where the end of the segment is out of reach: an answer that never comes is none."""
-        whole, done = self._states.horizon, tau - self._looked_at
-        if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * whole:
-            raise ArithmeticError(
-                f"the last {_CALLS_BETWEEN_LOOKS} evaluations took {done:.3g} s of {whole:.3g} s: "
-                "the steps have become too small"
-            )
-        self._looked_at = tau
-
-    def _protected(self, stepper: _Cvode, states: _States, horizon: float) -> Reached:
-        """Advance; where that fails, hand over what was computed before."""
-        self._calls, self._looked_at = 0, 0.0
+    def _protected(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:
+        """Advance; where that fails or is interrupted, hand over what was computed before."""
+        progress = self._progress = Progress(horizon, self.interruption, self.show)
         try:
-            return stepper.advance(states.smallest_guard, states.start, horizon)
-        except SolverFailure as failure:
-            if failure.reached is not None:
-                taus, found = failure.reached.taus, failure.reached.states
-                failure.reached = Reached(taus, states.expand(taus, found), False)
-            raise
+            reached = solve(horizon)
         except (ArithmeticError, ValueError) as fault:
             # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
-            reached = Reached(np.zeros(1), states.expand(np.zeros(1), states.start[None, :]), False)
-            if self._last_tau > 0:
-                self._calls, self._looked_at = 0, 0.0
+            reached = Reached(np.zeros(1), segment.y[None, :], False)
+            if progress.last > 0:
+                self._progress = Progress(0.9 * progress.last, self.interruption)
                 with contextlib.suppress(Exception):
-                    again = stepper.advance(states.smallest_guard, states.start, 0.9 * self._last_tau)
-                    reached = Reached(again.taus, states.expand(again.taus, again.states), False)
+                    reached = solve(0.9 * progress.last)
             raise SolverFailure(
                 str(fault), "look at the loads and laws of the scene there", reached
             ) from fault
+        if self.interruption.pressed:
+            raise Interrupted(reached)
+        return reached
+
+    def _smallest_guard(self, tau: float, y: Array) -> float:
+        # a guard that is found negative ends the segment
+        return -1.0 if self.interruption.pressed else self._states.smallest_guard(tau, y)
 
     def _stepper(self, segment: Segment) -> _Cvode:
         max_step = self._max_step
@@ -286,10 +229,7 @@ class Engine:
                 raise ArithmeticError(
                     "the step has become not a number: forces or tolerances are out of proportion"
                 )
-            self._last_tau = tau
-            self._calls += 1
-            if self._calls % _CALLS_BETWEEN_LOOKS == 0:
-                self._look_at_progress(tau)
+            self._progress.note(tau)
             out[:] = self._states.rate(tau, y)
 
         with warnings.catch_warnings():
@@ -310,7 +250,6 @@ class _States:
 
     def __init__(self, segment: Segment, order: NDArray[np.intp] | None, merged: bool) -> None:
         self._segment, mode_set = segment, segment.mode_set
-        self.horizon = segment.horizon
         size = segment.y.size
         self._order = np.arange(size) if order is None else order
         self._is_all = order is None and not merged
@@ -335,6 +274,10 @@ class _States:
         self._segment.exact_velocities(taus, full)
         return full
 
+    def expanded(self, reached: Reached) -> Reached:
+        """Return the same points with all states."""
+        return Reached(reached.taus, self.expand(reached.taus, reached.states), reached.hit)
+
     def _expand_one(self, tau: float, y: Array) -> Array:
         if self._is_all:
             return y
@@ -356,14 +299,6 @@ class _States:
         """Return the Jacobian."""
         matrix = self._segment.jacobian(tau, self._expand_one(tau, y))
         return matrix if self._is_all else matrix[self._order][:, self._order]
-
-
-def failure_of(solution: Any, reached: Reached | None) -> SolverFailure:
-    """Return SUNDIALS' failure with its own sentence."""
-    sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
-    return SolverFailure(
-        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", reached
-    )
 
 
 def _shortest(values: Array) -> float | Array:

@@ -7,7 +7,6 @@ algebraic equation for lambda, of index 1.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import warnings
 from collections.abc import Callable
@@ -17,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from stickslip.engine import STEPS_PER_PERIOD, Engine, Reached, SolverFailure, failure_of
+from stickslip.engine import STEPS_PER_PERIOD, Engine
 from stickslip.engine_sundials import IDA
 from stickslip.linear_solver import sparsity_pattern
-from stickslip.progress import Progress
-from stickslip.scan import first_dip
+from stickslip.progress import Interruption, Progress
 from stickslip.segment import Segment
+from stickslip.solving import Reached, failure_of
 
 __all__ = ["MultiplierEngine"]
 
@@ -39,29 +38,10 @@ class MultiplierEngine(Engine):
     def advance(self, segment: Segment, horizon: float) -> Reached:
         """Follow a segment to its first event or to local time `horizon`, whichever comes first."""
         equations = _Equations(segment)
-        while True:
-            reached = self._sheltered(segment, equations, horizon)
-            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
-            if missed is None:
-                return reached
-            horizon = missed
-
-    def _sheltered(self, segment: Segment, equations: _Equations, horizon: float) -> Reached:
-        """Advance; where a load or a law fails inside IDA, which forgets its points, go there again but stop short."""
-        try:
-            return self._solve(segment, equations, horizon)
-        except (ArithmeticError, ValueError) as fault:
-            reached = Reached(np.zeros(1), segment.y[None, :], False)
-            last = equations.progress.last
-            if last > 0:
-                with contextlib.suppress(Exception):
-                    reached = self._solve(segment, equations, 0.9 * last)
-            raise SolverFailure(
-                str(fault), "look at the loads and laws of the scene there", reached
-            ) from fault
+        return self._without_dips(segment, lambda tau: self._solve(segment, equations, tau), horizon)
 
     def _solve(self, segment: Segment, equations: _Equations, horizon: float) -> Reached:
-        equations.progress = Progress(horizon)
+        equations.progress = self._progress
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
@@ -95,7 +75,7 @@ class MultiplierEngine(Engine):
             "atol": atol,
             "max_step": max_step if np.isfinite(max_step) else 0.0,
             "algebraic_idx": list(range(segment.y.size, equations.start.size)) or None,
-            "eventsfn": equations.guard_function(),
+            "eventsfn": equations.guard_function(self.interruption),
             "num_events": 1,
             "jacfn": equations.jacobian,
             "max_num_steps": 100_000,
@@ -127,9 +107,9 @@ class _Equations:
         self.start_rate = np.concatenate([segment.f0, 0.5 * (slope - upper)])
         level = segment.levels(0.0)[: mode_set.stuck.size]
         self.force_scale = np.abs(level) + np.abs(force)
-        self.force_noise = segment.guard_scales()[1][segment.slips :][: mode_set.stuck.size]
+        self.force_noise = segment.guard_scales[1][segment.slips :][: mode_set.stuck.size]
         self.guard_calls = 0
-        self.progress = Progress(segment.horizon)
+        self.progress: Progress
         self._place_jacobian()
 
     def _with_null_space(self, gram: Array) -> Array:
@@ -152,12 +132,12 @@ class _Equations:
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in ``M v' - F + G_S^T lambda``, the other states' rates, and the constraint on lambda."""
-        segment, system = self._segment, self._system
         if math.isnan(tau):
             raise ArithmeticError(
                 "the step has become not a number: forces or tolerances are out of proportion"
             )
         self.progress.note(tau)
+        segment, system = self._segment, self._system
         n, size = system.n, self._first_force
         y, force = u[:size], u[size:]
         acting = self._forces(tau, y)
@@ -215,13 +195,17 @@ class _Equations:
         out[:] = 0.0
         out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data
 
-    def guard_function(self) -> Callable[..., None]:
+    def guard_function(self, interruption: Interruption) -> Callable[..., None]:
         """Return the smallest guard, read off the multipliers."""
         segment, size = self._segment, self._first_force
         slips, stuck = segment.slips, self._mode_set.stuck.size
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
             self.guard_calls += 1
+            if interruption.pressed:
+                # a guard that is found negative ends the segment
+                out[0] = -1.0
+                return
             z = segment.watched(tau, u[:size])
             z[slips : slips + stuck] = u[size:]
             smallest = segment.armed_guards(tau, z).min(initial=np.inf)

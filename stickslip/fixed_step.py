@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
-from stickslip.engine import Engine, Reached, SolverFailure
+from stickslip.engine import Engine
 from stickslip.segment import Segment
+from stickslip.solving import Interrupted, Reached, SolverFailure
 from stickslip.stability import Stability, Unstable
 
 __all__ = ["FixedStepEngine"]
@@ -51,7 +52,7 @@ class FixedStepEngine(Engine):
             ends: Array = self._step * np.arange(done, min(done + some, count) + 1, dtype=np.float64)
             if done + some >= count:
                 ends[-1] = horizon
-            ys = self._steps(segment, ends, states[-1][-1])
+            ys = self._try_steps(segment, ends, taus, states)
             kept, hit, over = self._until_a_change(segment, ends, ys)
             taus.append(ends[1 : kept + 1])
             states.append(ys[:kept])
@@ -79,6 +80,19 @@ class FixedStepEngine(Engine):
         reached = Reached(np.concatenate(taus), np.concatenate(states), False)
         sentence = f"the {self._method} step of {self._step:g} s is unstable: {reason}"
         return SolverFailure(sentence, "shorten the step, or use BDF", reached)
+
+    def _try_steps(self, segment: Segment, ends: Array, taus: list[Array], states: list[Array]) -> Array:
+        """Take some steps; where that fails or is interrupted, hand over what was computed before."""
+        if self.show is not None:
+            self.show(float(ends[0]))
+        if self.interruption.pressed:
+            raise Interrupted(Reached(np.concatenate(taus), np.concatenate(states), False))
+        try:
+            return self._steps(segment, ends, states[-1][-1])
+        except (ArithmeticError, ValueError) as fault:
+            reached = Reached(np.concatenate(taus), np.concatenate(states), False)
+            remedy = "look at the loads and laws of the scene there"
+            raise SolverFailure(str(fault), remedy, reached) from fault
 
     def _steps(self, segment: Segment, ends: Array, y: Array) -> Array:
         """Return the states (rows) at the ends of steps in fixed modes."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -135,7 +136,7 @@ class ActingForces:
         """Sort the contacts by how they act."""
         kind, mode = coefficients.kind[contacts], modes[contacts]
         self.bristles = np.flatnonzero(kind == BRISTLE)
-        self._brush = _Bristles(coefficients, contacts[self.bristles])
+        self._own = coefficients, contacts
         self._parts: list[tuple[Indices | slice, _Slipping | _Building | _Smooth | _Bristles]] = []
         for chosen, part in (
             ((kind <= LINEAR) & (mode != 0), lambda j: _Slipping(coefficients, j, modes[j].astype(float))),
@@ -146,6 +147,11 @@ class ActingForces:
             if chosen.any():
                 rows = slice(None) if chosen.all() else np.flatnonzero(chosen)
                 self._parts.append((rows, part(contacts[chosen])))
+
+    @cached_property
+    def _brush(self) -> _Bristles:
+        coefficients, contacts = self._own
+        return _Bristles(coefficients, contacts[self.bristles])
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the forces (k,) or (k, times).

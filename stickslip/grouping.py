@@ -45,6 +45,8 @@ class Groups:
         The prescribed body that its group is stuck to, -1 for a free group; of several, the first contact's.
     free : array (n,)
         Whether its group is free.
+    moves_together : bool
+        Whether any free group has more than one member.
     mass : array (n,)
         Inertia of the whole group of each body.
     redundant : bool
@@ -58,6 +60,7 @@ class Groups:
         self._is_small = self.n + self.count <= _SMALL
         (self._group_few if self._is_small else self._group_many)()
         self.free = self.holder < 0
+        self.moves_together = bool(np.any(self.free & (self.leader != np.arange(self.n))))
         self.mass = np.bincount(self.leader, weights=inertia, minlength=self.n)[self.leader]
         self._child = np.flatnonzero(self._edge >= 0)
         self._carrier = self._edge[self._child]

@@ -7,6 +7,7 @@ Guards are positive while the modes hold: relative velocity times mode of a slip
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,27 +64,32 @@ class Guarded(Motion):
         self.shifted = mode_set.has_threshold
         if self.shifted:
             self.threshold = np.where(at_rest, 0.0, system.coefficients.threshold)[mode_set.slip]
-        self._scales: tuple[Array, Array] | None = None
-        self._place_levels()
-
-    def _place_levels(self) -> None:
-        """Breakaway coefficients of the held contacts, upper levels first, then lower ones."""
-        mode_set = self.mode_set
-        levels = mode_set.levels
-        self._contact, self._mu_s, self._rise, self._rate = levels
-        both = self._contact
+        self._contact, self._mu_s, self._rise, self._rate = mode_set.levels
         self._rising = False
         if mode_set.has_dwell:
-            self._age = (self.t - self.since[both]) * self._rate
-            self._rising = bool(np.any((self._rise > 0) & (self._age < _DWELL_OVER)))
-        self._n0, self._n1 = self.q0[both], self.q1[both]
-        if mode_set.pre.size:
-            # a contact in pre-slip is held by its pre-slip velocity, whatever presses it together
-            self._n0[mode_set.is_pre], self._n1[mode_set.is_pre] = 1.0, 0.0
-        self._curved_normal = self.has_curved and bool(np.isin(both, self.system.loads.curved).any())
-        self._l0, self._l1 = self._mu_s * self._n0, self._mu_s * self._n1
-        self._near = np.zeros(self.slips + both.size)
-        self._near[self.slips :] = 1e-5 * (self.levels(0.0) if self._curved_normal else self._l0)
+            self._age = (t - since[self._contact]) * self._rate
+            self._rising = bool(np.count_nonzero((self._rise > 0) & (self._age < _DWELL_OVER)))
+
+    def with_modes(self, modes: NDArray[np.int8]) -> Self:
+        """Return the motion from the same start in other modes."""
+        mode_set = self.system.mode_set(modes.tobytes())
+        stop = self.t + self.horizon
+        return type(self)(self.system, mode_set, self.t, self.y, self.since, self.at_rest, stop)
+
+    @cached_property
+    def _pressing(self) -> tuple[Array, Array]:
+        """Normal forces of the held contacts and their slopes, for upper and lower levels, 1 for those in pre-slip."""
+        return self.q0[self.mode_set.pressed_by], self.q1[self.mode_set.pressed_by]
+
+    @cached_property
+    def _curved_normal(self) -> bool:
+        return self.has_curved and bool(np.isin(self._contact, self.system.loads.curved).any())
+
+    @cached_property
+    def near(self) -> Array:
+        """Values up to which a guard at the start deserves a closer look; 0 for velocities."""
+        q = self.inputs(0.0) if self.has_curved else self.q0
+        return self.mode_set.nearness * q[self.mode_set.guard_inputs]
 
     @property
     def dwell_times(self) -> Array:
@@ -103,13 +109,12 @@ class Guarded(Motion):
         if self._curved_normal:
             lag = self._lag(tau) if self._rising else np.zeros((self._contact.size, *np.shape(tau)))
             mu_s = self._mu_s[:, None] if lag.ndim == 2 else self._mu_s
-            normal = self.normals(tau)[self._contact]
-            if self.mode_set.pre.size:
-                normal[self.mode_set.is_pre] = 1.0
+            normal = np.maximum(self.inputs(tau)[self.mode_set.pressed_by], 0.0)
             return (mu_s - lag) * normal
-        level = line(self._l0, self._l1, tau)
+        n0, n1 = self._pressing
+        level = line(self._mu_s * n0, self._mu_s * n1, tau)
         if self._rising:
-            level -= self._lag(tau) * line(self._n0, self._n1, tau)
+            level -= self._lag(tau) * line(n0, n1, tau)
         return level
 
     def watched(self, tau: float | Array, y: Array) -> Array:
@@ -117,7 +122,8 @@ class Guarded(Motion):
         at which they are held again), the forces of the stuck ones, the relative velocities of those in pre-slip.
         """
         z = self.mode_set.E @ y
-        z += line(self.h0, self.h1, tau)
+        _, _, h0, h1 = self._responses
+        z += line(h0, h1, tau)
         if self.shifted:
             z[: self.slips] -= self.threshold if z.ndim == 1 else self.threshold[:, None]
         if self.has_curved:
@@ -140,31 +146,31 @@ class Guarded(Motion):
     @cached_property
     def taylor(self) -> tuple[Array, Array, Array]:
         """Return the guards at the start, their first derivatives and half their second ones."""
-        if self._differenced:
+        if self.curved:
             return self._taylor_by_differences(self.watched(0.0, self.y))
-        c0, c1, c2 = self._risen
+        c0, c1, c2 = self.risen
         if not self._rising:
             return c0, c1, c2
+        (n0, n1), rate = self._pressing, self._rate
         k, lag = self.slips, self._lag(0.0)
         g0, g1, g2 = c0.copy(), c1.copy(), c2.copy()
-        g0[k:] -= lag * self._n0
-        g1[k:] -= lag * (self._n1 - self._rate * self._n0)
-        g2[k:] += lag * self._rate * (self._n1 - 0.5 * self._rate * self._n0)
+        g0[k:] -= lag * n0
+        g1[k:] -= lag * (n1 - rate * n0)
+        g2[k:] += lag * rate * (n1 - 0.5 * rate * n0)
         return g0, g1, g2
 
-    @cached_property
-    def _risen(self) -> tuple[Array, Array, Array]:
-        """Return the same as if all static coefficients had risen to their final values."""
-        k = self.slips
-        c0, c1, c2 = self.mode_set.spread(self.z)
-        c0[k:] += self._l0
-        c1[k:] += self._l1
+    @property
+    def risen(self) -> tuple[Array, Array, Array]:
+        """The same as if all static coefficients had risen to their final values."""
+        c0, c1, c2 = self.expansion[-3:]
         if self.shifted:
-            c0[:k] -= self.threshold
+            c0 = c0.copy()
+            c0[: self.slips] -= self.threshold
         return c0, c1, c2
 
     @property
-    def _differenced(self) -> bool:
+    def curved(self) -> bool:
+        """Whether a load or a law bends the guards, so that their Taylor coefficients come from differences."""
         return self.curved_rates or self.has_curved
 
     def _taylor_by_differences(self, z0: Array) -> tuple[Array, Array, Array]:
@@ -189,34 +195,25 @@ class Guarded(Motion):
         """The contact of each guard."""
         return self.mode_set.guard_contacts
 
+    @cached_property
     def guard_scales(self) -> tuple[Array, Array]:
-        """Return for each guard the size of what it compares, and the roundoff it carries."""
-        if self._scales is None:
-            self._scales = self._find_scales()
-        return self._scales
+        """For each guard the size of what it compares, and the roundoff it carries."""
+        k = self.slips
+        q = self.inputs(0.0) if self.has_curved else self.q0
+        found = self.mode_set.magnitudes(np.abs(np.concatenate([self.y, q])))
+        speed, noise = found[:k], ROUNDOFF * found[k:]
+        z = np.abs(self.watched(0.0, self.y) if self.curved else self.expansion.z0)[k:]
+        if self.mode_set.pre.size:
+            noise[k:][self.mode_set.is_pre] = ROUNDOFF * np.tile(z[self.mode_set.stuck.size :], 2)
+        return np.concatenate([speed, self.levels(0.0) + np.concatenate([z, z])]), noise
 
-    def _find_scales(self) -> tuple[Array, Array]:
-        k, s = self.slips, self.helds
-        y, q = np.abs(self.y), np.abs(self.inputs(0.0))
-        system = self.system
-        body = abs(system.C) @ y + abs(system.Q) @ q
-        body += abs(system.force_of_contacts) @ (system.mu_s.max(axis=0) * q[: system.m])
-        z = np.abs(self.watched(0.0, self.y)[k:])
-        level = self.levels(0.0)
-        groups = self.mode_set.groups
-        total = np.bincount(groups.leader, weights=body, minlength=system.n)[groups.leader]
-        force_noise = self._at_ends(total, self.held)
-        force_noise[self.mode_set.stuck.size :] = z[self.mode_set.stuck.size :]
-        slip = self.mode_set.slip
-        acceleration = self._at_ends(body / system.inertia, slip)
-        if system.drives:
-            acceleration += (abs(system.D) @ abs(self.drive_acceleration(0.0)))[slip]
-        noise = np.concatenate([acceleration, force_noise, force_noise])
-        speed = self._at_ends(y[: system.n], slip)
-        size = np.concatenate([speed, level[:s] + z, level[s:] + z])
-        return size, ROUNDOFF * noise
-
-    def _at_ends(self, values: Array, contacts: Indices) -> Array:
-        system = self.system
-        wide = np.append(values, np.zeros(system.drives + 1))
-        return wide[system.a[contacts]] + wide[system.b[contacts]]
+    def raw_at(self, tau: float, y: Array) -> Array:
+        """Return the guards as they are at one time of an armed segment."""
+        if self.curved or not self.quadratic:
+            return self.raw_guards(tau, self.watched(tau, y))
+        c0, c1, c2 = self.risen
+        g = c0 + tau * (c1 + tau * c2)
+        if self._rising:
+            n0, n1 = self._pressing
+            g[self.slips :] -= self._lag(tau) * (n0 + tau * n1)
+        return g

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from stickslip import arguments
 from stickslip.assembly import System
-from stickslip.endings import at_limit, jumped, relaxed, turned_over
-from stickslip.engine import Engine, Reached, SolverFailure
+from stickslip.endings import at_limit, jumped, regained, relaxed, turned_over
+from stickslip.engine import Engine
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
 from stickslip.mode_set import FREE
@@ -21,7 +21,8 @@ from stickslip.recorder import Recorder
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scales import tolerances
 from stickslip.scene import Body, Drive, Scene
-from stickslip.transitions import Inconsistent, Settled, carry_on, settle
+from stickslip.solving import Interrupted, Reached, SolverFailure
+from stickslip.transitions import Inconsistent, Settled, carry_on, change_one, settle
 
 __all__ = ["simulate"]
 
@@ -111,6 +112,7 @@ def simulate(
     arguments.check_bristles(scene, start, stop)
     system = System.of(scene).over(start, stop, stepped=step is not None)
     wanted = tolerances(system, start, stop, rtol, atol, margin, method)
+    system.quiet = wanted.quiet
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system, method, step)
@@ -135,19 +137,26 @@ class _Run:
         self._restarts, self._idle, self._guards = 0, 0, 0
         self._hits, self._looked_at = 0, self._start
         self._relaxed: list[int] = []
+        self._regained = False
         self._now: Settled
 
     def to_end(self, progress: bool) -> Result:
         """Advance, locate, settle, repeat."""
         bar = _bar(self._stop - self._start) if progress else None
+        if bar is not None:
+            self._engine.show = lambda tau: _advance_bar(bar, self._t + tau - self._start)
         try:
-            self._begin()
-            while self._t < self._stop:
-                reached, stop = self._advance()
-                self._recorder.keep(self._now.segment, self._now.modes, reached, stop)
-                if bar is not None:
-                    bar.update(stop - self._t)
-                self._go_on(reached, stop)
+            with self._engine.interruption as interruption:
+                self._begin()
+                while self._t < self._stop:
+                    reached, stop = self._advance()
+                    self._recorder.keep(self._now.segment, self._now.modes, reached, stop)
+                    self._go_on(reached, stop)
+                    if bar is not None:
+                        _advance_bar(bar, self._t - self._start)
+                    if interruption.pressed:
+                        raise KeyboardInterrupt
+            self._engine.release()
         except SolverFailure as failure:
             raise self._error(failure.sentence, failure.remedy, failure) from failure.__cause__ or failure
         except Inconsistent as conflict:
@@ -158,8 +167,13 @@ class _Run:
             ) from conflict
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), "look at the loads and laws of the scene there") from fault
-        except KeyboardInterrupt:
-            message = f"interrupted at t = {self._t:.9g} s"
+        except KeyboardInterrupt as interruption:
+            t = (
+                self._keep_unfinished(interruption.reached)
+                if isinstance(interruption, Interrupted)
+                else self._t
+            )
+            message = f"interrupted at t = {t:.9g} s"
             raise SimulationInterrupted(message, self._result(message, -1)) from None
         finally:
             if bar is not None:
@@ -186,8 +200,12 @@ class _Run:
         self._guards = max(self._guards, segment.armed)
         segment.exact_velocities(reached.taus, reached.states)
         reached, self._relaxed = relaxed(segment, reached, self._margin)
+        regains = regained(segment, reached)
+        if regains is not None:
+            reached = self._engine.advance(segment, regains)
+        self._regained = regains is not None
         tau = float(reached.taus[-1])
-        if not (reached.hit or self._relaxed) and tau >= segment.horizon:
+        if not (reached.hit or self._relaxed or self._regained) and tau >= segment.horizon:
             # the break itself: what was added up to it has been rounded
             return reached, self._system.loads.next_break(segment.t, self._stop)
         return reached, segment.t + tau
@@ -202,25 +220,35 @@ class _Run:
         if t >= self._stop:
             return
         self._restarts += 1
-        y, stop = reached.states[-1], system.loads.next_break(t, self._stop)
-        parted = jumped(segment, float(reached.taus[-1]), t)
-        if not (reached.hit or self._relaxed or parted.any() or before is not self._now.modes):
+        y, stop, tau = reached.states[-1], system.loads.next_break(t, self._stop), float(reached.taus[-1])
+        parted = jumped(segment, tau, t)
+        changed = self._relaxed or self._regained or parted.any() or before is not self._now.modes
+        if not (reached.hit or changed):
             unchanged = carry_on(system, t, y, self._now, stop)
             if unchanged is not None:
                 self._now = unchanged
                 return
+        if reached.hit and not changed and tau < segment.horizon:
+            found = change_one(system, t, tau, y, self._now, stop)
+            if found is not None:
+                self._now, j = found
+                self._note(t, j, int(before[j]), fired=True)
+                return
         touching, fired = at_limit(segment, reached, self._relaxed)
         touching[segment.mode_set.stuck] |= ~parted[segment.mode_set.stuck]
         since = np.where(before == 0, self._now.since, t)
-        self._now = settle(system, t, y, before, since, touching, fired, stop)
+        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y)
         self._note_changes(t, before, fired)
 
     def _note_changes(self, t: float, before: NDArray[np.int8], fired: NDArray[np.bool_]) -> None:
         now = self._now
         changed = (now.modes != before) & (now.segment.mode_set.modes != FREE)
         for j in np.flatnonzero(changed).tolist():
-            modes = int(before[j]), int(now.modes[j])
-            self._recorder.note(t, j, *modes, now.segment, bool(fired[j]), j in self._relaxed)
+            self._note(t, j, int(before[j]), bool(fired[j]))
+
+    def _note(self, t: float, j: int, before: int, fired: bool) -> None:
+        after, segment = int(self._now.modes[j]), self._now.segment
+        self._recorder.note(t, j, before, after, segment, fired, j in self._relaxed)
 
     def _watch_progress(self, t: float, hit: bool) -> None:
         """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
@@ -258,18 +286,28 @@ class _Run:
         }
         return self._recorder.result(message, status, stats)
 
+    def _keep_unfinished(self, reached: Reached) -> float:
+        """Keep the points of a segment that has come to no end; return the time of the last."""
+        segment = self._now.segment
+        segment.exact_velocities(reached.taus, reached.states)
+        t = float(segment.t + reached.taus[-1])
+        self._recorder.keep(segment, self._now.modes, reached, t)
+        return t
+
     def _error(self, message: str, remedy: str, failure: SolverFailure | None = None) -> SimulationError:
         t, modes = self._t, {}
         if hasattr(self, "_now"):
-            segment, labels = self._now.segment, self._now.modes
+            labels = self._now.modes
             modes = {c.name: Mode(int(k)) for c, k in zip(self._system.scene.contacts, labels, strict=True)}
             if failure is not None and failure.reached is not None:
-                segment.exact_velocities(failure.reached.taus, failure.reached.states)
-                t = float(segment.t + failure.reached.taus[-1])
-                self._recorder.keep(segment, labels, failure.reached, t)
+                t = self._keep_unfinished(failure.reached)
         listed = ", ".join(f"{name} {mode.name}" for name, mode in list(modes.items())[:10])
         text = f"at t = {t:.9g} s: {message}; modes: {listed or 'not settled yet'}; {remedy}"
         return SimulationError(text, t, modes, self._result(text, -1))
+
+
+def _advance_bar(bar: Any, t: float) -> None:
+    bar.update(max(t - bar.n, 0.0))
 
 
 def _bar(span: float) -> Any:

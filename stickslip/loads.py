@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -38,8 +39,8 @@ class Loads:
         Entries that no straight line holds.
     period : float
         Shortest period of the curved signals in s, a tenth of the span where they tell none.
-    breaks : array
-        Times at which any signal breaks, each once.
+    breaks : list of float
+        Times at which any signal breaks, each once, in order.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Loads:
         for i, s in enumerate(() if stepped else signals):
             for t in s.breaks(start, stop):
                 self._breaking.setdefault(t, []).append(i)
-        self.breaks = np.array(sorted(self._breaking), dtype=float)
+        self.breaks = sorted(self._breaking)
         self._is_curved = np.zeros(self.size, dtype=bool)
         self._is_curved[self.curved] = True
         self._start = start
@@ -91,20 +92,20 @@ class Loads:
 
     def _turn_to(self, t: float) -> None:
         """Load what has broken up to `t`: one break further as a rule, everything after a look back."""
-        passed = int(np.searchsorted(self.breaks, t, side="right"))
+        passed = bisect_right(self.breaks, t)
         if passed == self._loaded:
             return
         if passed == self._loaded + 1:
-            last = float(self.breaks[passed - 1])
+            last = self.breaks[passed - 1]
             self._load(self._breaking[last], last)
         else:
-            self._load(range(len(self._signals)), float(self.breaks[passed - 1]) if passed else self._start)
+            self._load(range(len(self._signals)), self.breaks[passed - 1] if passed else self._start)
         self._loaded = passed
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""
-        i = int(self.breaks.searchsorted(t, side="right"))
-        return float(self.breaks[i]) if i < self.breaks.size else stop
+        i = bisect_right(self.breaks, t)
+        return self.breaks[i] if i < len(self.breaks) else stop
 
     def at(self, t: float) -> tuple[Array, Array]:
         """Return the piecewise linear entries' values and slopes at `t`, right limits, zero where curved.

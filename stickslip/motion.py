@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,19 +50,23 @@ class Motion:
         self.system, self.mode_set, self.t, self.y, self.since = system, mode_set, t, y, since
         self.horizon = stop - t
         self.q0, self.q1 = system.loads.at(t)
-        constant, slope = mode_set.respond(self.q0), mode_set.respond(self.q1)
-        size = system.size
-        self.b0, self.b1, self.h0, self.h1 = constant[:size], slope[:size], constant[size:], slope[size:]
         self._place_curved()
-        self._find_polynomial()
+        self._expand()
 
     # -- inputs -------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _responses(self) -> tuple[Array, Array, Array, Array]:
+        """Constant and slope of the rates, then of what is watched: ``B q`` and ``H q`` of the straight inputs."""
+        size = self.system.size
+        constant, slope = self.mode_set.respond(self.q0), self.mode_set.respond(self.q1)
+        return constant[:size], slope[:size], constant[size:], slope[size:]
 
     def _place_curved(self) -> None:
         """Columns of the inputs that no straight line holds, where they matter."""
         curved = self.system.loads.curved
-        self.has_curved = bool(curved.size)
-        self.has_law = bool(self.mode_set.acting.size)
+        self.has_curved = curved.size > 0
+        self.has_law = self.mode_set.acting.size > 0
         if not self.has_curved:
             self.curved_rates = self.has_law
             return
@@ -91,7 +96,8 @@ class Motion:
 
     def relative_velocity(self, tau: float | Array, y: Array) -> Array:
         """Return ``w = v_a - v_b`` of every contact."""
-        return self.system.W @ y + self.system.D @ self.inputs(tau)
+        w = self.system.W @ y
+        return w + self.system.D @ self.inputs(tau) if self.system.drives else w
 
     def acting_terms(self, tau: float | Array, y: Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting contacts."""
@@ -114,7 +120,8 @@ class Motion:
         """Return ``y' = A y + b0 + b1 tau`` and what is curved; states are columns where `tau` is an array."""
         mode_set = self.mode_set
         rate = mode_set.A @ y
-        rate += line(self.b0, self.b1, tau)
+        b0, b1, _, _ = self._responses
+        rate += line(b0, b1, tau)
         if self.has_curved:
             rate += self._b_curved @ self._curved_inputs(tau)
         if self.has_law:
@@ -155,7 +162,8 @@ class Motion:
     def second_rate(self, tau: float | Array, y: Array, rate: Array) -> Array:
         """Return ``y''``: exact where the rates are linear, by central difference along the motion elsewhere."""
         if not self.curved_rates:
-            return self.mode_set.A @ rate + (self.b1 if rate.ndim == 1 else self.b1[:, None])
+            b1 = self._responses[1]
+            return self.mode_set.A @ rate + (b1 if rate.ndim == 1 else b1[:, None])
         d = self._difference_step
         return (self.rate(tau + d, y + d * rate) - self.rate(tau - d, y - d * rate)) / (2 * d)
 
@@ -163,37 +171,35 @@ class Motion:
     def _difference_step(self) -> float:
         return 1e-4 * min(self.horizon or np.inf, self.system.loads.period, 1.0)
 
-    def _find_polynomial(self) -> None:
-        """Find out whether the motion is exactly quadratic in time, as it is wherever no spring or damper acts.
+    def _expand(self) -> None:
+        """Find the Taylor coefficients at the start, and whether the motion is exactly quadratic in time.
 
-        Kept on the way: the first rates, and what the guards watch as ``z0 + z1 tau + z2 tau^2``.
+        It is wherever no spring or damper acts.
         """
         self.quadratic = False
         if self.has_curved or self.has_law:
             self.f0 = self.rate(0.0, self.y)
             if self.curved_rates:
                 return
-        size, mode_set = self.system.size, self.mode_set
-        at_start = mode_set.apply(self.y)
-        self.f0 = at_start[:size] + self.b0
-        if self.has_curved:
-            self.f0 += self._b_curved @ self._curved_inputs(0.0)
-        rates = mode_set.apply(self.f0)
-        self.f1 = rates[:size] + self.b1
+        mode_set = self.mode_set
+        self.expansion = mode_set.expand(self.y, self.q0, self.q1)
+        self.f0, self.f1 = self.expansion.f0, self.expansion.f1
         if mode_set.follow.size:
             # identical rows may round differently within a product
             self.f0[mode_set.follow], self.f1[mode_set.follow] = (
                 self.f0[mode_set.lead],
                 self.f1[mode_set.lead],
             )
-        bends = mode_set.apply(self.f1)
-        self.quadratic = not np.any(bends[:size])
-        self.z = (at_start[size:] + self.h0, rates[size:] + self.h1, 0.5 * bends[size:])
+        self.quadratic = not np.count_nonzero(self.expansion.bends)
 
     def state(self, tau: float | Array) -> Array:
-        """Return the state of a quadratic motion."""
+        """Return the state of a quadratic motion, one column per time where `tau` is an array."""
+        return self.states(tau).T if isinstance(tau, np.ndarray) else self.states(tau)
+
+    def states(self, tau: float | Array) -> Array:
+        """Return the state of a quadratic motion, one row per time where `tau` is an array."""
         if isinstance(tau, np.ndarray):
-            return self.y[:, None] + tau * (self.f0[:, None] + 0.5 * tau * self.f1[:, None])
+            tau = tau[:, None]
         return self.y + tau * (self.f0 + (0.5 * tau) * self.f1)
 
     def relative_acceleration(self, tau: float, rates: Array) -> Array:
@@ -214,6 +220,8 @@ class Motion:
         mode_set, system = self.mode_set, self.system
         if mode_set.follow.size:
             states[:, mode_set.follow] = states[:, mode_set.lead]
+        if not mode_set.held.size:
+            return
         for body, holder in zip(mode_set.held.tolist(), mode_set.holder.tolist(), strict=True):
             if holder == system.n + system.drives:
                 states[:, body] = 0.0

@@ -127,7 +127,7 @@ class Piece:
 
 def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:
     """Return the states (rows) of a segment at local times `taus`, from its computed points."""
-    found = segment.state(taus).T.copy() if segment.quadratic else segment.between(knots, states)(taus)
+    found = segment.states(taus) if segment.quadratic else segment.between(knots, states)(taus)
     if taus.size:
         segment.exact_velocities(taus, found)
     return found

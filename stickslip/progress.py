@@ -1,10 +1,48 @@
-"""A watch on the steps of a solver: an answer that never comes is none."""
+"""A watch on the steps of a solver: an answer that never comes is none, and Ctrl-C keeps what was computed."""
 
 from __future__ import annotations
 
-__all__ = ["Progress"]
+import signal
+import threading
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, Self
+
+__all__ = ["Interruption", "Progress"]
 
 _CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
+_CALLS_BETWEEN_SIGNS, _CALLS_AFTER_INTERRUPTION = 500, 10_000
+
+
+class Interruption:
+    """Tells whether Ctrl-C has been pressed since the context was entered.
+
+    An exception that leaves a solver's callback takes all computed points with it: the first press therefore only
+    sets `pressed`, and the second raises KeyboardInterrupt. Where the program handles the signal itself, or in
+    another than the main thread, nothing is changed.
+    """
+
+    def __init__(self) -> None:
+        self.pressed = False
+        self._former: Any = None
+
+    def __enter__(self) -> Self:
+        """Take over the signal."""
+        is_main = threading.current_thread() is threading.main_thread()
+        if is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            self._former = signal.signal(signal.SIGINT, self._press)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give it back."""
+        if self._former is not None:
+            signal.signal(signal.SIGINT, self._former)
+            self._former = None
+
+    def _press(self, number: int, frame: FrameType | None) -> None:
+        if self.pressed:
+            signal.default_int_handler(number, frame)
+        self.pressed = True
 
 
 class Progress:
@@ -14,6 +52,10 @@ class Progress:
     ----------
     whole : float
         Length of the segment in s.
+    interruption : Interruption
+        Once it is pressed the guards tell the solver that the segment has ended.
+    show : callable, optional
+        Told the local time in s now and then.
 
     Attributes
     ----------
@@ -21,8 +63,11 @@ class Progress:
         Local time in s of the last evaluation.
     """
 
-    def __init__(self, whole: float) -> None:
-        self._whole, self._calls, self._looked_at = whole, 0, 0.0
+    def __init__(
+        self, whole: float, interruption: Interruption, show: Callable[[float], None] | None = None
+    ) -> None:
+        self._whole, self._interruption, self._show = whole, interruption, show
+        self._calls, self._looked_at = 0, 0.0
         self.last = 0.0
 
     def note(self, tau: float) -> None:
@@ -32,11 +77,21 @@ class Progress:
         ------
         ArithmeticError
             If the segment would take more than 1e9 evaluations at the pace of the last 50 000.
+        KeyboardInterrupt
+            If the solver goes on after an interruption.
         """
         self.last = tau
         self._calls += 1
-        if self._calls % _CALLS_BETWEEN_LOOKS:
+        if self._calls % _CALLS_BETWEEN_SIGNS:
             return
+        if self._show is not None:
+            self._show(tau)
+        if self._calls % _CALLS_BETWEEN_LOOKS == 0:
+            self._look(tau)
+        if self._interruption.pressed and self._calls % _CALLS_AFTER_INTERRUPTION == 0:
+            raise KeyboardInterrupt
+
+    def _look(self, tau: float) -> None:
         done = tau - self._looked_at
         if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * self._whole:
             raise ArithmeticError(

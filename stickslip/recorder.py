@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
-from stickslip.engine import Reached
 from stickslip.mode_set import OPEN
 from stickslip.modes import Mode
 from stickslip.pieces import Piece, interpolate
 from stickslip.result import Event, Result
 from stickslip.segment import Segment
+from stickslip.solving import Reached
 
 __all__ = ["Recorder"]
 
@@ -41,7 +41,7 @@ class Recorder:
         self._pieces: list[Piece] = []
         self._done = 0
         self._sampled: list[Array] = []
-        self._sampled_piece: list[NDArray[np.intp]] = []
+        self._sampled_piece: list[int] = []
 
     def keep(self, segment: Segment, modes: Modes, reached: Reached, stop: float) -> None:
         """Keep the points of a segment that ends at `stop`."""
@@ -57,15 +57,14 @@ class Recorder:
     def _sample(self, segment: Segment, reached: Reached, stop: float) -> tuple[Array, Array]:
         """Keep the outputs within a segment; return their local times and states."""
         assert self._outputs is not None
-        last = stop >= self._stop
-        until = int(np.searchsorted(self._outputs, stop, side="right" if last else "left"))
-        wanted = np.minimum(self._outputs[self._done : until] - segment.t, reached.taus[-1])
-        self._done = until
-        if not wanted.size:
-            return wanted, wanted
+        first = self._done
+        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._stop else "left"))
+        if self._done == first:
+            return np.empty(0), np.empty(0)
+        wanted = np.minimum(self._outputs[first : self._done] - segment.t, reached.taus[-1])
         found = interpolate(segment, reached.taus, reached.states, wanted)
         self._sampled.append(found)
-        self._sampled_piece.append(np.full(wanted.size, len(self._pieces)))
+        self._sampled_piece.append(len(self._pieces))
         return wanted, found
 
     def note(
@@ -89,7 +88,8 @@ class Recorder:
         system, pieces = self._system, self._pieces
         if self._outputs is not None:
             t = self._outputs[: self._done]
-            rows, piece_of = self._sampled, np.concatenate([np.empty(0, dtype=np.intp), *self._sampled_piece])
+            rows, numbers = self._sampled, np.array(self._sampled_piece, dtype=np.intp)
+            piece_of = np.repeat(numbers, [len(states) for states in rows])
         else:
             t = np.concatenate([np.empty(0), *(piece.times() for piece in pieces)])
             rows = [piece.states for piece in pieces]

@@ -35,6 +35,8 @@ class Tolerances:
         For each state.
     margin : float
         Relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest.
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances leave uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
     """
@@ -42,6 +44,7 @@ class Tolerances:
     rtol: float
     atol: Array
     margin: float
+    quiet: float
     speed: float
 
 
@@ -81,8 +84,8 @@ def tolerances(
     for j, state in system.bristle_state.items():
         deflection = coefficients.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
         each[state] = min(atol, _BRISTLE * max(deflection, np.finfo(float).tiny) / coefficients.sigma[j, 0])
-    known = 100.0 * (rtol * speed + atol)
-    return Tolerances(rtol, each, known if margin is None else margin, speed)
+    quiet = rtol * speed + atol
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
 
 
 def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:

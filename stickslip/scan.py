@@ -29,8 +29,11 @@ def longest_look(segment: Segment) -> float:
     return _LOOKS / _PER_PERIOD * segment.system.loads.period if segment.has_curved else np.inf
 
 
-def first_violation(segment: Segment, horizon: float) -> float:
-    """Return the first time at which a guard of a quadratic motion is seen negative, or `horizon`."""
+def first_violation(segment: Segment, horizon: float, max_step: float) -> float:
+    """Return the first time at which a guard of a quadratic motion is seen negative, or `horizon`.
+
+    Where guards are no polynomials they are looked at no further apart than `max_step`.
+    """
     if segment.looked_over:
         return _first_vertex(segment, horizon)
     looks = [np.linspace(0.0, horizon, 17)[1:]]
@@ -39,6 +42,8 @@ def first_violation(segment: Segment, horizon: float) -> float:
     if segment.has_curved:
         count = int(np.ceil(_PER_PERIOD * horizon / segment.system.loads.period))
         looks.append(np.linspace(0.0, horizon, max(count, 17) + 1)[1:])
+    if horizon > max_step:
+        looks.append(np.linspace(0.0, horizon, int(np.ceil(horizon / max_step)) + 1)[1:])
     taus = np.unique(np.concatenate(looks))
     taus = taus[taus <= horizon]
     return _first_negative(taus, segment.guards(taus), segment.guards, horizon)
@@ -46,11 +51,12 @@ def first_violation(segment: Segment, horizon: float) -> float:
 
 def _first_vertex(segment: Segment, horizon: float) -> float:
     c0, c1, c2 = segment.coefficients
-    dips = np.flatnonzero((c2 > 0) & (c1 < 0))
-    dips = dips[c1[dips] ** 2 > 4 * c0[dips] * c2[dips]]
-    if not dips.size:
+    convex = (c2 > 0).nonzero()[0]
+    if not convex.size:
         return horizon
-    return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips])))
+    c0, c1, c2 = c0[convex], c1[convex], c2[convex]
+    dips = (c1 < 0) & (c1**2 > 4 * c0 * c2)
+    return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips], initial=np.inf)))
 
 
 def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float | None:

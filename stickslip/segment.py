@@ -5,13 +5,16 @@ Time runs from 0 at the segment's start, so that events late in a long run are a
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import exp, inf
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from itertools import repeat
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.guards import ROUNDOFF, Guarded
+from stickslip.plain_guards import Term, not_positive, smallest_of
 
 __all__ = ["AT_LIMIT", "Segment"]
 
@@ -21,9 +24,13 @@ Indices = NDArray[np.intp]
 AT_LIMIT = 1e-10
 """Relative distance within which a contact force is at its breakaway level."""
 
+_AS_FIRED = 1e-6
+"""The same for a contact that an event has just found there."""
+
 _CONSTANT = 1e-7
 _DIFFERENCED = 4e-15
-_NEVER = np.iinfo(np.intp).max
+_NEVER, _DOWN = np.iinfo(np.intp).max, -1
+_TINY = np.finfo(float).tiny
 _FEW = 8
 
 
@@ -42,48 +49,58 @@ class Segment(Guarded):
         -------
         violated : array of bool
         order : array of int
-            0 where the guard is positive, k where it starts as tau^k, a huge number where it stays 0.
+            0 where the guard is positive, k where it starts as tau^k, a huge number where it stays 0, -1 where it
+            is violated just after the start.
         """
-        g0, g1, g2 = self.taylor
-        k, s = self.slips, self.helds
-        resting = self.at_rest[self.mode_set.slip]
-        order = np.zeros(k + 2 * s, dtype=np.intp)
+        g0, k = self.taylor[0], self.slips
+        violated, order = np.zeros(g0.size, dtype=bool), np.zeros(g0.size, dtype=np.intp)
         # a guard far from 0 on the scale of its level, or simply positive if it is a velocity, needs no closer look
-        if not resting.any() and (g0 > self._near).all():
-            return np.zeros(k + 2 * s, dtype=bool), order
-        size, noise = self.guard_scales()
-        closeness = np.where(fired[self.guard_contacts], 1e-6, AT_LIMIT)
-        zero = np.abs(g0) <= closeness * size + noise
-        zero[:k] = resting
-        violated = ~zero & (g0 < 0)
-        if zero.any():
-            # a slipping contact's guard is a velocity, so its slope compares with accelerations
-            horizon = max(self.horizon, np.finfo(float).tiny)
-            slipping = np.arange(g0.size) < k
-            acceleration = noise / ROUNDOFF
-            tolerance_of_bend = np.where(
-                slipping, AT_LIMIT * acceleration, (AT_LIMIT * size + noise) / horizon
-            )
-            # a force as near to its limit as an event finds it leaves as much of an acceleration
-            tolerance = np.where(slipping, closeness * acceleration, tolerance_of_bend)
-            bend = g2 * horizon
-            if self._differenced:
-                d = self._difference_step
-                rough = _DIFFERENCED * (acceleration + np.where(slipping, 0.0, size))
-                tolerance_of_bend = tolerance_of_bend + rough * horizon / np.where(slipping, d, d * d)
-                tolerance = tolerance + np.where(slipping, 0.0, rough / d)
-            down, up = g1 < -tolerance, g1 > tolerance
-            locked = self.mode_set.locked
-            down[:k] &= ~locked
-            up[:k] &= ~locked
-            bend[:k][locked] = 0.0
-            flat = ~down & ~up
-            down |= flat & (bend < -tolerance_of_bend)
-            violated |= zero & down
-            order[zero & up] = 1
-            order[zero & flat & (bend > tolerance_of_bend)] = 2
-            order[zero & flat & (np.abs(bend) <= tolerance_of_bend)] = _NEVER
+        close = ~(g0 > self.near)
+        if np.count_nonzero(self.at_rest):
+            close[:k] |= self.at_rest[self.mode_set.slip]
+        rows = close.nonzero()[0]
+        if rows.size:
+            self._look_closer(rows, fired, violated, order)
         return violated, order
+
+    def _look_closer(
+        self, rows: Indices, fired: NDArray[np.bool_], violated: NDArray[np.bool_], order: Indices
+    ) -> None:
+        """Classify the guards in `rows`, one by one: they are few as a rule."""
+        size, noise = self.guard_scales
+        contacts = self.guard_contacts[rows]
+        each = (rows, fired[contacts], self.at_rest[contacts], self.taylor[0][rows], size[rows], noise[rows])
+        for row, at_limit, resting, value, scale, rough in zip(*(x.tolist() for x in each), strict=True):
+            closeness = _AS_FIRED if at_limit else AT_LIMIT
+            if resting if row < self.slips else abs(value) <= closeness * scale + rough:
+                order[row] = self._way_out(row, closeness, scale, rough)
+                violated[row] = order[row] == _DOWN
+            else:
+                violated[row] = value < 0
+
+    def _way_out(self, row: int, closeness: float, scale: float, rough: float) -> int:
+        """Return the order with which a guard leaves 0."""
+        slipping = row < self.slips
+        if slipping and self.mode_set.locked[row]:
+            return _NEVER
+        _, slopes, bends = self.taylor
+        horizon = max(self.horizon, _TINY)
+        slope, bend = float(slopes[row]), float(bends[row]) * horizon
+        # a slipping contact's guard is a velocity, so its slope compares with accelerations
+        acceleration = rough / ROUNDOFF
+        flat = AT_LIMIT * acceleration if slipping else (AT_LIMIT * scale + rough) / horizon
+        # a force as near to its limit as an event finds it leaves as much of an acceleration
+        steep = closeness * acceleration if slipping else flat
+        if self.curved:
+            d = self._difference_step
+            error = _DIFFERENCED * (acceleration + (0.0 if slipping else scale)) / d
+            flat += error * horizon / (1.0 if slipping else d)
+            steep += 0.0 if slipping else error
+        if abs(slope) > steep:
+            return 1 if slope > 0 else _DOWN
+        if abs(bend) > flat:
+            return 2 if bend > 0 else _DOWN
+        return _NEVER
 
     def arm(self, order: Indices) -> None:
         """Prepare the guards for root finding: a zero at the start is divided out, once or twice.
@@ -91,19 +108,16 @@ class Segment(Guarded):
         CVODE neither reports a root at its start nor sees one within the first tenth of its first step; the
         deflated guard ``g / tau^k`` is positive at the start and has all the later roots.
         """
-        self._order = order
-        self._plain = not order.any()
+        self._plain = not np.count_nonzero(order)
         self.armed = order.size
         if not self._plain:
-            self._once, self._twice = np.flatnonzero(order == 1), np.flatnonzero(order == 2)
-            self._idle = np.flatnonzero(order == _NEVER)
+            self._once, self._twice, self._idle = ((order == k).nonzero()[0] for k in (1, 2, _NEVER))
             self.armed -= self._idle.size
-            self._place_zeros()
         self.exact_guards = self.quadratic and not self.has_curved
         self.polynomial_guards = self.exact_guards and not self._rising
         self.looked_over = self.polynomial_guards or (self.exact_guards and self._rises_concavely())
         if self.looked_over:
-            self.coefficients = self._deflated(*self._risen)
+            self.coefficients = self._deflated(*self.risen)
 
     @property
     def idle_slips(self) -> Indices:
@@ -118,9 +132,9 @@ class Segment(Guarded):
 
         ``N(t) exp(-t/tau)`` is convex while ``N >= 2 N' tau``, so that such a guard is smallest at one of its ends.
         """
-        rising = self._rise > 0
-        steep = self._n1[rising] * 2 > self._n0[rising] * self._rate[rising]
-        return not steep.any() and not self.z[2][self.slips :].any()
+        n0, n1 = self._pressing
+        steep = (self._rise > 0) & (2 * n1 > n0 * self._rate)
+        return not np.count_nonzero(steep) and not np.count_nonzero(self.expansion.z2[self.slips :])
 
     def _deflated(self, g0: Array, g1: Array, g2: Array) -> tuple[Array, Array, Array]:
         """Return the coefficients of polynomial guards with their zeros at the start divided out."""
@@ -132,19 +146,21 @@ class Segment(Guarded):
         c0[self._idle], c1[self._idle], c2[self._idle] = np.inf, 0.0, 0.0
         return c0, c1, c2
 
-    def _place_zeros(self) -> None:
-        """Find out until when a guard that leaves 0 is roundoff, and how far an idle one may stray from 0."""
+    @cached_property
+    def _roundoff(self) -> tuple[Array, Array]:
+        """Until when a guard that leaves 0 is roundoff, and how far an idle one may stray from 0."""
         g0, g1, g2 = self.taylor
-        size, noise = self.guard_scales()
+        size, noise = self.guard_scales
         slipping = np.arange(size.size) < self.slips
         rough = ROUNDOFF * size + np.where(slipping, 0.0, noise)
-        self._settled = np.full_like(rough, 1e-14 * self.horizon)
+        settled = np.full_like(rough, 1e-14 * self.horizon)
         once, twice = self._once, self._twice
-        self._settled[once] += rough[once] / g1[once]
-        self._settled[twice] += np.sqrt(rough[twice] / g2[twice])
+        settled[once] += rough[once] / g1[once]
+        settled[twice] += np.sqrt(rough[twice] / g2[twice])
         flat = np.where(slipping, rough + 1e2 * noise * self.horizon, AT_LIMIT * size + noise)
-        self._play = np.abs(g0) + 3 * flat + np.finfo(float).tiny
-        self._play[: self.slips][self.mode_set.locked] = np.inf
+        play = np.abs(g0) + 3 * flat + _TINY
+        play[: self.slips][self.mode_set.locked] = np.inf
+        return settled, play
 
     def guards(self, tau: float | Array, y: Array | None = None) -> Array:
         """Return the armed guards at local time `tau`; a quadratic motion needs no state."""
@@ -153,44 +169,34 @@ class Segment(Guarded):
         if self.polynomial_guards:
             c0, c1, c2 = self.coefficients
             return c0 + tau * (c1 + tau * c2)
-        c0, c1, c2 = self._risen
-        g = c0 + tau * (c1 + tau * c2)
-        g[self.slips :] -= self._lag(tau) * (self._n0 + tau * self._n1)
+        g = self.raw_at(tau, self.y)
         return g if self._plain else self._deflate(tau, g)
 
-    def smallest_guard(self) -> Callable[[float, Array], float]:
-        """Return the function of local time and state whose root ends the segment: plain arithmetic for few guards."""
+    def smallest_guard(self, tau: float) -> Callable[[float], float] | None:
+        """Return the function of local time whose root before `tau` ends the segment of a quadratic motion.
+
+        Where no guard can come back from below zero it is made of those that are not positive at `tau`; None where
+        there are none.
+        """
         few = (self.exact_guards and self._plain) or self.polynomial_guards
         if not few or self.armed > _FEW:
-            return lambda tau, y: float(self.guards(tau).min(initial=np.inf))
-        source = self.coefficients if self.polynomial_guards else self._risen
-        rows = [row for row in zip(*(c.tolist() for c in source), strict=True) if row[0] < np.inf]
-        k = 0 if not self._rising else self.slips
-        plain = rows[:k] if self._rising else rows
-        lags = (
-            zip(self._rise.tolist(), self._age.tolist(), self._rate.tolist(), strict=True)
-            if self._rising
-            else ()
-        )
-        held = (
-            list(zip(rows[k:], lags, self._n0.tolist(), self._n1.tolist(), strict=False))
-            if self._rising
-            else []
-        )
+            if self.looked_over and not np.count_nonzero(self.guards(tau) <= 0):
+                return None
+            return lambda tau: float(self.guards(tau).min(initial=inf))
+        terms = self._plain_terms()
+        if self.looked_over:
+            terms = not_positive(terms, tau)
+            if not terms:
+                return None
+        return smallest_of(terms)
 
-        def smallest(tau: float, y: Array) -> float:
-            least = inf
-            for a, b, c in plain:
-                value = a + tau * (b + tau * c)
-                if value < least:
-                    least = value
-            for (a, b, c), (rise, age, rate), n0, n1 in held:
-                value = a + tau * (b + tau * c) - rise * exp(-(age + tau * rate)) * (n0 + tau * n1)
-                if value < least:
-                    least = value
-            return least
-
-        return smallest
+    def _plain_terms(self) -> list[Term]:
+        source = self.coefficients if self.polynomial_guards else self.risen
+        rises: Iterable[Iterable[float]] = repeat(repeat(0.0), 5)
+        if self._rising:
+            lag = (self._rise, self._age, self._rate, *self._pressing)
+            rises = ([*repeat(0.0, self.slips), *values.tolist()] for values in lag)
+        return list(zip(*(c.tolist() for c in source), *rises, strict=False))
 
     def armed_guards(self, tau: float | Array, z: Array) -> Array:
         """Return the armed guards of what is watched."""
@@ -202,21 +208,24 @@ class Segment(Guarded):
             return values[:, None] if g.ndim == 2 else values
 
         g0, g1, g2 = self.taylor
-        g[self._idle] += column(self._play[self._idle])
+        settled, play = self._roundoff
+        g[self._idle] += column(play[self._idle])
         for rows, lead, power in ((self._once, g1, 1), (self._twice, g2, 2)):
             if rows.size:
                 rest = g[rows] - column(g0[rows])
                 if power == 2:
                     rest -= tau * column(g1[rows])
-                told = tau > column(self._settled[rows])
+                told = tau > column(settled[rows])
                 g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** power, column(lead[rows]))
         return g
 
-    def comes_near_rest(self, margin: float, tau: float) -> bool:
-        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest now or at `tau`."""
-        k = self.slips
-        z0, z1, z2 = (z[:k] for z in self.z)
-        return bool(np.any(z0 <= margin) or np.any(z0 + tau * (z1 + tau * z2) <= margin))
+    def stays_near_rest(self, margin: float, tau: float) -> bool:
+        """Tell whether a slipping contact of a quadratic motion is within `margin` of rest now and at `tau`."""
+        k, (c0, c1, c2) = self.slips, self.expansion[-3:]
+        near = c0[:k] <= margin
+        if not np.count_nonzero(near):
+            return False
+        return bool(np.any((c0 + tau * (c1 + tau * c2))[:k][near] <= margin))
 
     def has_come_to_rest(self, tau: float, y: Array, row: int) -> bool:
         """Tell whether a slipping contact near rest would stay there: its relative acceleration is zero at ``w = 0``.

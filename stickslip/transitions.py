@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -10,16 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.assembly import System
+from stickslip.labels import label
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import AT_LIMIT, Segment
 
-__all__ = ["Inconsistent", "Settled", "carry_on", "settle"]
+__all__ = ["Inconsistent", "Settled", "carry_on", "change_one", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _ROUNDOFF = 1e-12
+_STANDING = 1e-9
+"""A contact this slow, as a part of the largest speed, is looked at together with all others."""
+
 _ENUMERATED = 6
 
 
@@ -55,6 +60,7 @@ def settle(
     touching: Mask,
     fired: Mask,
     stop: float,
+    was: Array | None = None,
 ) -> Settled:
     """Return the modes in which the motion goes on from the state `y` at `t`.
 
@@ -77,6 +83,8 @@ def settle(
         Contacts that the event found at their limit.
     stop : float
         The next break.
+    was : array (size,), optional
+        The state when the modes before began.
 
     Raises
     ------
@@ -85,14 +93,14 @@ def settle(
     """
     q = system.loads.complete(t)
     closed = _closed(system, t, q)
-    w, speed = _relative(system, t, y, q)
+    w, speed = _relative(system, t, y, q, was)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (touching | (np.abs(w) <= limit))
     before, y = y, project(system, y, q, closed & resting)
     if y is not before:
         # contacts that share a motion come to rest together, though an event may have found only one of them
-        w, speed = _relative(system, t, y, q)
+        w, speed = _relative(system, t, y, q, was)
         also = system.hard & ~resting & (np.abs(w) <= _ROUNDOFF * speed)
         if also.any():
             resting |= also
@@ -107,7 +115,7 @@ def settle(
     segment = search.run(trial)
     result = segment.mode_set.modes
     if result.max(initial=0) >= OPEN:
-        result = _label(segment, w, resting)
+        result = label(segment, w, resting)
     locked = segment.mode_set.slip[segment.mode_set.locked]
     if locked.size:
         # at their limit, but held at rest by others: not in motion
@@ -136,31 +144,105 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     closed = _closed(system, t, q)
     mode_set = now.segment.mode_set
     modes = mode_set.modes
-    w, speed = _relative(system, t, y, q)
-    moving = np.abs(w) > 1e-9 * speed
     changed = closed != (modes != OPEN)
-    if np.any(system.hard & (modes != 0) & ~moving) or np.any(changed & ((modes == 0) | ~system.hard)):
-        return None
-    if changed.any():
-        trial = np.where(changed, np.where(closed, np.sign(w), OPEN), modes).astype(np.int8)
-        mode_set = system.mode_set(trial.tobytes())
+    if np.count_nonzero(changed):
+        if np.count_nonzero(changed & ((modes == 0) | (now.modes == 0) | ~system.hard)):
+            return None
+        # open contacts are labelled with the sign of their relative velocity
+        modes = np.where(changed, np.where(closed, now.modes, OPEN), modes).astype(np.int8)
+        mode_set = system.mode_set(modes.tobytes())
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
+    slow = _slow(system, (y, q), (now.segment.y, now.segment.q0))
+    if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_below(
+        slow, segment, 0.0, y
+    ):
+        return None
     violated, order = segment.classify(nothing)
-    if violated.any():
+    if np.count_nonzero(violated):
         return None
     segment.arm(order)
     return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
 
 
+def _slow(system: System, *states_and_inputs: tuple[Array, Array]) -> float:
+    """Return the relative velocity below which a contact is looked at together with all others."""
+    square = 0.0
+    for y, q in states_and_inputs:
+        velocity, drives = y[: system.n], q[system.first_drive : -1]
+        square += float(velocity @ velocity + drives @ drives)
+    return _STANDING * math.sqrt(square)
+
+
+def _any_loose_below(slow: float, segment: Segment, tau: float, y: Array) -> bool:
+    """Tell whether a contact that carries no force hardly has a relative velocity."""
+    loose = segment.mode_set.loose
+    if not loose.size:
+        return False
+    w = segment.relative_velocity(tau, y)[loose]
+    return bool(np.count_nonzero(segment.system.hard[loose] & (np.abs(w) <= slow)))
+
+
+def change_one(
+    system: System, t: float, tau: float, y: Array, now: Settled, stop: float
+) -> tuple[Settled, int] | None:
+    """Return how the motion goes on where the guard of one contact alone has come to 0, and this contact.
+
+    All others are far from their limits, so that nothing but the mode of this one is to be tried. None where others
+    are near theirs, or its new mode does not hold: then all must be settled together.
+
+    Parameters
+    ----------
+    system : System
+    t, tau : float
+        Time in s, and the same since the start of the segment, which ends inside its horizon.
+    y : array (size,)
+    now : Settled
+        The segment that has ended.
+    stop : float
+        The next break.
+    """
+    before, mode_set = now.segment, now.segment.mode_set
+    if not system.all_hard or before.has_curved or not before.slips + before.helds:
+        return None
+    q = before.inputs(tau)
+    # what comes to rest is slow beside what it was
+    slow = _slow(system, (y, q), (before.y, before.q0))
+    near = mode_set.nearness * q[mode_set.guard_inputs]
+    near[: before.slips] = slow
+    close = (before.raw_at(tau, y) <= near).nonzero()[0]
+    if close.size != 1:
+        return None
+    row, j = int(close[0]), int(mode_set.guard_contacts[close[0]])
+    modes, resting = mode_set.modes.copy(), mode_set.modes == 0
+    resting[j] = True
+    if row < before.slips:
+        modes[j] = 0
+        y = project(system, y, q, resting)
+    else:
+        modes[j] = 1 if row < before.slips + before.helds else -1
+    if _any_loose_below(slow, before, tau, y):
+        return None
+    since = np.where(modes == 0, now.since, t)
+    since[j] = t
+    segment = Segment(system, system.mode_set(modes.tobytes()), t, y, since, resting, stop)
+    violated, order = segment.classify(resting & (np.arange(system.m) == j))
+    if np.count_nonzero(violated) or np.count_nonzero(order > 2):
+        return None
+    segment.arm(order)
+    labels = now.modes.copy()
+    labels[j] = modes[j]
+    return Settled(labels, since, segment), j
+
+
 def project(system: System, y: Array, q: Array, joined: Mask) -> Array:
     """Return the state with the velocities across `joined` contacts exactly equal, momentum conserved."""
-    if not joined.any():
+    if not np.count_nonzero(joined):
         return y
     groups = system.groups(joined.tobytes())
     y = y.copy()
     velocity = y[: system.n]
-    if groups.free.any() and np.any(groups.leader != np.arange(system.n)):
+    if groups.moves_together:
         # the mean of the deviations from the leader: exact where the velocities are equal already
         base = velocity[groups.leader]
         velocity[:] = base + groups.mean(system.inertia * (velocity - base))
@@ -186,10 +268,11 @@ def _closed(system: System, t: float, q: Array) -> Mask:
     return closed & system.alive
 
 
-def _relative(system: System, t: float, y: Array, q: Array) -> tuple[Array, Array]:
+def _relative(system: System, t: float, y: Array, q: Array, was: Array | None = None) -> tuple[Array, Array]:
     """Return each contact's relative velocity and the larger speed of its two bodies, floored by roundoff.
 
-    Roundoff of the time is one of the velocity where a drive accelerates, whatever its speed is at the moment.
+    What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
+    drive accelerates, whatever its speed is at the moment.
     """
     drives, accelerations = (
         q[system.first_drive : system.first_acceleration],
@@ -197,6 +280,8 @@ def _relative(system: System, t: float, y: Array, q: Array) -> tuple[Array, Arra
     )
     every = np.concatenate([y[: system.n], drives, [0.0]])
     speed = np.abs(every)
+    if was is not None:
+        speed[: system.n] = np.maximum(speed[: system.n], np.abs(was[: system.n]))
     speed[system.n : -1] += np.abs(accelerations * t)
     a, b = system.a, system.b
     return every[a] - every[b], np.maximum(np.maximum(speed[a], speed[b]), _ROUNDOFF * speed.max())
@@ -264,21 +349,18 @@ class _Search:
         return segment, released, retried
 
     def _ratios(self, segment: Segment) -> Array:
-        """Return ``|lambda| / B`` for upper and lower levels, by their rates where both are 0."""
-        g0, g1, _ = segment.taylor
+        """Return ``lambda / B`` towards upper and lower levels, by their rates where both are 0."""
         k, s = segment.slips, segment.helds
-        ratios = np.empty(2 * s)
-        for g, out in ((g0, ratios), (g1, None)):
-            upper, lower = g[k : k + s], g[k + s :]
-            level, force = 0.5 * (upper + lower), 0.5 * np.abs(lower - upper)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                value = np.tile(force / level, 2)
-            if out is not None:
-                ratios[:] = value
-            else:
-                lost = ~np.isfinite(ratios)
-                ratios[lost] = np.where(np.isfinite(value[lost]), value[lost], np.finfo(float).max)
-        return ratios
+        slopes = segment.taylor[1][k:]
+        force = segment.watched(0.0, segment.y)[k:]
+        # upper and lower guards change by -+ the slope of the force, and both by that of a common level
+        rate = 0.5 * (slopes[s:] - slopes[:s]) if segment.curved else segment.expansion.z1[k:]
+        forces, rates = np.concatenate([force, -force]), np.concatenate([rate, -rate])
+        levels, noise = segment.levels(0.0), segment.guard_scales[1][k:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            both_zero = (np.abs(forces) <= noise) & (levels <= noise)
+            ratios = np.where(both_zero, rates / (slopes + rates), forces / levels)
+        return np.where(np.isfinite(ratios), ratios, np.finfo(float).max)
 
     def _enumerate(self) -> Segment:
         """Try every combination where releasing one after another ran in a circle."""
@@ -296,23 +378,3 @@ class _Search:
             trial = base.copy()
             trial[contacts] = values
             yield trial
-
-
-def _label(segment: Segment, w: Array, resting: Mask) -> Modes:
-    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
-    system = segment.system
-    modes = segment.mode_set.modes.copy()
-    acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
-    wide = np.concatenate([np.abs(segment.f0[: system.n]), np.zeros(system.drives + 1)])
-    tiny = _ROUNDOFF * (wide[system.a] + wide[system.b])
-    to_come = np.where(np.abs(acceleration) > tiny, np.sign(acceleration), 0.0)
-    modes = np.where(modes == OPEN, np.where(resting, to_come, np.sign(w)), modes)
-    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
-
-
-def _rates(system: System, segment: Segment) -> Array:
-    """Return the drives' accelerations in the places of their velocities."""
-    rates = np.zeros(system.inputs)
-    q = segment.inputs(0.0)
-    rates[system.first_drive : system.first_acceleration] = q[system.first_acceleration : -1]
-    return rates

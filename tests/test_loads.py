@@ -31,9 +31,9 @@ def loads() -> Loads:
 
 
 def test_the_breaks_of_all_signals_each_once() -> None:
-    assert loads().breaks.tolist() == [0.05, 0.10, 0.15, 0.4, 0.5, 0.6]
-    assert Loads(SIGNALS, [4], 0.1, 0.5).breaks.tolist() == [0.15, 0.4]
-    assert Loads([as_signal(1, "")], [], 0, 1).breaks.tolist() == []
+    assert loads().breaks == [0.05, 0.10, 0.15, 0.4, 0.5, 0.6]
+    assert Loads(SIGNALS, [4], 0.1, 0.5).breaks == [0.15, 0.4]
+    assert Loads([as_signal(1, "")], [], 0, 1).breaks == []
 
 
 def test_the_next_break() -> None:
@@ -124,7 +124,7 @@ def test_a_slow_sine_does_not_hide_that_a_function_is_unknown() -> None:
 
 def test_fixed_steps_read_every_load_and_stop_at_none() -> None:
     q = Loads(SIGNALS, [4], 0.0, 1.0, stepped=True)
-    assert q.breaks.size == 0
+    assert q.breaks == []
     assert q.curved.tolist() == [1, 2, 3, 4, 5]
     assert math.isfinite(q.period)
     for t in (0.6, 0.1):

@@ -467,3 +467,12 @@ def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once
         result = simulate(scene, (start, start + 3.0))
         assert [event.after for event in result.events if event.contact == "floor"][:2] == [1, 0]
         assert result.stats["restarts"] < 20
+
+
+@pytest.mark.parametrize("longest", [1.0, 0.1, 0.01])
+def test_a_longest_step_adds_points_and_changes_nothing_else(longest: float) -> None:
+    free = simulate(benchmark(), (0.0, 4.0))
+    result = simulate(benchmark(), (0.0, 4.0), max_step=longest)
+    assert result.events == free.events
+    assert np.diff(result.t).max() <= longest * (1 + 1e-12)
+    assert result.y[:, -1].tolist() == free.y[:, -1].tolist()

@@ -412,6 +412,27 @@ def test_the_most_overloaded_contact_slips_and_relieves_the_others() -> None:
     assert result.force("near")[last][-1] == pytest.approx(7.9)
 
 
+def test_the_most_overloaded_contact_is_found_by_the_level_on_its_side() -> None:
+    """All stuck: lambda_0 = -25.4 of 17 backward, lambda_1 = -13.5 of 8: c1 goes, and then c0 holds -11.9 - 4."""
+
+    def law(forward: float, backward: float) -> DryFriction:
+        return DryFriction(
+            forward, forward / 2, mu_static_backward=backward, mu_coulomb_backward=backward / 2
+        )
+
+    scene = Scene(
+        Body("b0", inertia=2.0),
+        Body("b1", inertia=1.0),
+        Body("b2", inertia=2.0),
+        Contact("c0", "b0", GROUND, law(0.1, 1.7), normal=10.0),
+        Contact("c1", "b1", "b0", law(1.3, 0.4), normal=20.0),
+        Contact("c2", "b2", "b1", law(1.0, 1.0), normal=10.0),
+        Force("b0", step(1.0, 0, -11.9)),
+        Force("b1", step(1.0, 0, -13.5)),
+    )
+    assert told(simulate(scene, (0.0, 2.0))) == [("c1", 0, -1)]
+
+
 def test_a_contact_released_by_another_at_the_same_instant() -> None:
     scene = Scene(
         Body("a", inertia=1.0),
@@ -508,6 +529,18 @@ def test_a_brake_on_a_wheel_at_rest_does_not_slip() -> None:
     )
     for contact in ("pad", "brake"):
         assert np.all(np.abs(result.force(contact)) <= result.breakaway(contact) + 1e-9)
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+def test_a_brake_that_closes_takes_its_share_as_soon_as_it_can(formulation: str) -> None:
+    # 3 N: the least norm is 1.5 N each, which the brake can hold from 3 N of normal force on, at 1.003 s
+    load = piecewise_linear([1.0, 1.1, 1.2], [0, 100, 0])
+    result = simulate(
+        braked(3.0, load), (0.0, 2.0), t_eval=[1.002, 1.004, 1.05, 1.15], formulation=formulation
+    )
+    assert not result.events
+    np.testing.assert_allclose(result.force("brake"), [0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(result.force("pad"), [3.0 - 0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
 
 
 def test_equal_contacts_between_the_same_bodies_act_as_one() -> None:

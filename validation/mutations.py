@@ -89,9 +89,14 @@ def _static_while_slipping(coefficients: Any) -> None:
     coefficients.mu_c = coefficients.mu_s.copy()
 
 
-def _frozen_normal(segment: Any) -> None:
-    segment._l1 = np.zeros_like(segment._l1)
-    segment._n1 = np.zeros_like(segment._n1)
+def _frozen_normal(original: Any) -> Any:
+    """The guards of stuck contacts do not see that their normal forces change."""
+
+    def changed(self: Any, y: Any, q0: Any, q1: Any) -> Any:
+        found = original(self, y, q0, q1)
+        return found._replace(c1=found.c1 - self.guard_levels * q1[self.guard_inputs])
+
+    return changed
 
 
 def _since_the_start(original: Any) -> Any:
@@ -187,17 +192,17 @@ def _to_the_end(original: Any) -> Any:
 
 
 def _whole_horizon(original: Any) -> Any:
-    return lambda segment, horizon: horizon
+    return lambda segment, horizon, max_step: horizon
 
 
 def _sticky(original: Any) -> Any:
     """A contact that comes to rest is tried in its old mode, not stuck."""
 
-    def changed(
-        system: Any, t: float, y: Any, modes: Any, since: Any, touching: Any, fired: Any, stop: float
-    ) -> Any:
-        return original(system, t, y, modes, since, np.zeros_like(touching), fired, stop)
+    def changed(system: Any, t: float, y: Any, modes: Any, since: Any, touching: Any, *rest: Any) -> Any:
+        return original(system, t, y, modes, since, np.zeros_like(touching), *rest)
 
+    # nor where it alone changes
+    importlib.import_module("stickslip.integrate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
     return changed
 
 
@@ -249,8 +254,8 @@ MUTATIONS = (
     Mutation(
         "normal-frozen",
         "the level keeps the old normal force",
-        "stickslip.guards:Guarded._place_levels",
-        _after(_frozen_normal),
+        "stickslip.mode_set_dense:DenseModeSet.expand",
+        _frozen_normal,
     ),
     Mutation("deflation-off", "guards start at 0 undivided", "stickslip.segment:Segment.classify", _no_zeros),
     Mutation(

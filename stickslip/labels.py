@@ -1,0 +1,59 @@
+"""How contacts without a mode of their own are named: open ones after the motion to come, free ones after theirs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.assembly import System
+from stickslip.mode_set import FREE, OPEN
+from stickslip.segment import Segment
+
+__all__ = ["label"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Modes = NDArray[np.int8]
+
+_ROUNDOFF = 1e-12
+_CALM = 1e-7
+"""A relative acceleration this small, as a part of what the single forces would cause, is none."""
+
+
+def label(segment: Segment, w: Array, resting: Mask) -> Modes:
+    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
+    system, horizon = segment.system, segment.horizon
+    acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
+    change = np.zeros(system.m) if segment.curved_rates else horizon * (system.W @ segment.f1)
+    # what the forces that add up to these leave uncertain, now and on the way
+    y, q = np.abs(segment.y), np.abs(segment.inputs(0.0))
+    push = _push(segment, np.concatenate([y, q]))
+    later = _push(
+        segment, np.concatenate([y + horizon * np.abs(segment.f0), q + horizon * np.abs(segment.q1)])
+    )
+    to_come = np.where(np.abs(change) > _ROUNDOFF * later, np.sign(change), 0.0)
+    to_come = np.where(np.abs(acceleration) > _ROUNDOFF * push, np.sign(acceleration), to_come)
+    named = np.where(resting, to_come, np.sign(w))
+    # what the solver's errors leave of a rest is a rest
+    calm = np.abs(acceleration) + np.abs(change) <= _CALM * later
+    named[calm & (np.abs(w) <= system.quiet)] = 0.0
+    modes = np.where(segment.mode_set.modes == OPEN, named, segment.mode_set.modes)
+    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
+
+
+def _push(segment: Segment, magnitudes: Array) -> Array:
+    """Return the relative accelerations that single forces would cause, from absolute values of states and inputs."""
+    system, groups = segment.system, segment.mode_set.groups
+    forces = system.magnitudes @ magnitudes
+    total = np.bincount(groups.leader, weights=forces, minlength=system.n)[groups.leader]
+    single = np.maximum(forces / system.inertia, total / groups.mass)
+    wide = np.concatenate([single, np.zeros(system.drives + 1)])
+    return wide[system.a] + wide[system.b]
+
+
+def _rates(system: System, segment: Segment) -> Array:
+    """Return the drives' accelerations in the places of their velocities."""
+    rates = np.zeros(system.inputs)
+    q = segment.inputs(0.0)
+    rates[system.first_drive : system.first_acceleration] = q[system.first_acceleration : -1]
+    return rates

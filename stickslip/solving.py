@@ -1,0 +1,85 @@
+"""What a solver hands back: computed points, counts of its work, or why it failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Interrupted", "Reached", "SolverFailure", "Work", "failure_of"]
+
+Array = NDArray[np.float64]
+
+
+class SolverFailure(Exception):
+    """The solver gave up, or what it called did.
+
+    Parameters
+    ----------
+    sentence : str
+        What went wrong, in SUNDIALS' words where it was SUNDIALS.
+    remedy : str
+        What to try.
+    reached : Reached, optional
+        The points computed before.
+    """
+
+    def __init__(self, sentence: str, remedy: str, reached: Reached | None = None) -> None:
+        super().__init__(sentence)
+        self.sentence, self.remedy, self.reached = sentence, remedy, reached
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C was pressed while a solver was at work.
+
+    Parameters
+    ----------
+    reached : Reached
+        The points computed before.
+    """
+
+    def __init__(self, reached: Reached) -> None:
+        super().__init__()
+        self.reached = reached
+
+
+@dataclass
+class Work:
+    """Counts of what was done."""
+
+    steps: int = 0
+    rate_calls: int = 0
+    jacobian_calls: int = 0
+    guard_calls: int = 0
+    starts: int = 0
+    solvers: int = 0
+    fewest_states: float = np.inf
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
+
+    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes.
+    """
+
+    taus: Array
+    states: Array
+    hit: bool
+    multipliers: tuple[Array, Array] | None = None
+
+    def until(self, count: int) -> Reached:
+        """Return the first `count` points."""
+        forces = self.multipliers
+        cut = None if forces is None else (forces[0][:count], forces[1][:count])
+        return Reached(self.taus[:count], self.states[:count], False, cut)
+
+
+def failure_of(solution: Any, reached: Reached | None) -> SolverFailure:
+    """Return SUNDIALS' failure with its own sentence."""
+    sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
+    return SolverFailure(
+        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", reached
+    )

@@ -1,0 +1,116 @@
+"""Contacts that nothing presses together: their modes are the signs of their relative velocities."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Result,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+
+DRY = DryFriction(0.3, 0.2)
+LATER = piecewise_linear([1.0, 1.1, 1.2], [0.0, 100.0, 0.0])
+FORMULATIONS = ("contact-force", "merged", "multiplier")
+
+
+def told(result: Result) -> list[tuple[str, int, int]]:
+    return sorted((e.contact, int(e.before), int(e.after)) for e in result.events)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("velocity", [1.0, 0.7, 1.3, 1.5842827116307445, 0.2148193423261883])
+def test_it_stops_with_the_closed_contact_that_stops_its_body(velocity: float, formulation: str) -> None:
+    # a = -(4.9 + 0.2 30): both are at rest at v / 10.9, whatever the roundoff of v there
+    scene = Scene(
+        Body("wheel", inertia=1.0, velocity=velocity),
+        Force("wheel", -4.9),
+        Contact("floor", "wheel", GROUND, DRY, normal=30.0),
+        Contact("brake", "wheel", GROUND, DRY, normal=LATER),
+    )
+    result = simulate(scene, (0.0, 2.0), formulation=formulation)
+    assert told(result) == [("brake", 1, 0), ("floor", 1, 0)]
+    assert [e.t for e in result.events] == pytest.approx([velocity / 10.9] * 2, abs=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_stops_with_bodies_that_lock(formulation: str) -> None:
+    # b decelerates at 2 m/s^2 on the body that the ground holds
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.0, velocity=1.3),
+        Contact("hold", "a", GROUND, DRY, normal=100.0),
+        Contact("c", "a", "b", DRY, normal=10.0),
+        Contact("brake", "b", GROUND, DRY, normal=LATER),
+    )
+    result = simulate(scene, (0.0, 4.0), formulation=formulation)
+    assert told(result) == [("brake", 1, 0), ("c", -1, 0)]
+    assert [e.t for e in result.events] == pytest.approx([0.65, 0.65], abs=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_turns_over_twice_within_one_parabola(formulation: str) -> None:
+    # w = 1 - 3 t + t^2
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Force("a", piecewise_linear([0, 4], [-3, 5])),
+        Contact("open", "a", GROUND, DRY, normal=piecewise_linear([4, 5], [0, 10])),
+    )
+    result = simulate(scene, (0.0, 4.0), t_eval=[0.1, 1.5, 3.0], formulation=formulation)
+    assert told(result) == [("open", -1, 1), ("open", 1, -1)]
+    roots = [(3 - math.sqrt(5)) / 2, (3 + math.sqrt(5)) / 2]
+    assert [e.t for e in result.events] == pytest.approx(roots, abs=1e-12)
+    assert result.mode("open").tolist() == [1, -1, 1]
+
+
+def test_it_turns_over_twice_between_computed_points() -> None:
+    # x'' + x = 0.5 sin(2 pi t / 3) sampled coarsely: the same events at every tolerance
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.3),
+        Spring("a", GROUND, stiffness=1.0),
+        Force("a", sine(0.5, 1.0 / 3.0)),
+        Contact("open", "a", GROUND, DRY, normal=piecewise_linear([50, 51], [0, 10])),
+    )
+    loose, fine = (simulate(scene, (0.0, 40.0), rtol=rtol, atol=rtol) for rtol in (1e-4, 1e-10))
+    assert told(loose) == told(fine)
+    assert len(fine.events) > 10
+    assert [e.t for e in loose.events] == pytest.approx([e.t for e in fine.events], abs=1e-2)
+
+
+def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("open", "a", GROUND, DRY, normal=piecewise_linear([4, 5], [0, 10])),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert not result.events
+    assert result.stats["steps"] == 0
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_does_not_move_on_bodies_that_preloaded_springs_leave_at_rest(formulation: str) -> None:
+    # the springs hold each other within a stuck group: what is left of their sum is roundoff
+    law, stiffness = DryFriction(0.9, 0.5), 26.1
+    scene = Scene(
+        Body("hub", inertia=3.0, position=-0.157),
+        Body("a", inertia=0.5, position=0.027),
+        Body("b", inertia=0.7, position=-0.078),
+        Spring("hub", "a", stiffness=stiffness),
+        Spring("hub", "b", stiffness=stiffness),
+        Spring("b", "a", stiffness=stiffness / 3),
+        Contact("first", "hub", "a", law, normal=100.0),
+        Contact("second", "hub", "b", law, normal=100.0),
+        Contact("brake", "a", GROUND, law, normal=piecewise_linear([0, 0.5, 0.59], [100, 100, 0])),
+    )
+    assert not simulate(scene, (0.0, 2.0), formulation=formulation).events
