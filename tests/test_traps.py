@@ -408,19 +408,20 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
     """Modes flip every 1e-8 s, which would take a day, on such a curve with the slopes that it has."""
     law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=0.5)
 
-    def scene() -> Scene:
+    def scene(belt: float) -> Scene:
         return Scene(
-            Drive("belt", velocity=0.1),
+            Drive("belt", velocity=belt),
             Body("a", inertia=1.0),
             Contact("c", "a", "belt", law, normal=10.0),
             Spring("a", GROUND, stiffness=20.0),
         )
 
-    assert len(simulate(scene(), (0.0, 4.0)).events) == 3
+    assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
     monkeypatch.setattr("stickslip.friction._STEEPEST", 0.0)
     monkeypatch.setattr("stickslip.integrate._HITS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
-        simulate(scene(), (0.0, 20.0))
+        # another scene: equal ones share their equations
+        simulate(scene(0.1), (0.0, 20.0))
 
 
 @pytest.mark.parametrize("stribeck", [None, 0.1])
