@@ -24,6 +24,8 @@ MEMORY = 0.1
 """A slipping pre-slip contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
 
 _UNDERFLOW, _TINY = 745.0, 1e-300
+_STEEPEST = 1e-3
+"""Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper."""
 _FASTEST = 1e12
 """Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
 
@@ -72,6 +74,7 @@ class _Kinetic:
         self._velocity, self._exponent = c.stribeck[contacts], c.exponent[contacts]
         # beyond this ratio of speed to Stribeck velocity the exponential is 0, and its argument may overflow
         self._gone = _UNDERFLOW ** (1.0 / self._exponent)
+        self._steepest = np.where(self._exponent < 1, _STEEPEST, 0.0)
         self._isotropic = all(np.array_equal(x[0], x[1]) for x in (self._level, self._fall))
         self._bent = bool(self._fall.any())
         self._own = [(row, c.kinetic[j]) for row, j in enumerate(contacts.tolist()) if j in c.kinetic]
@@ -90,11 +93,15 @@ class _Kinetic:
         return mu
 
     def slope(self, w: Array) -> Array:
-        """Return the derivatives with respect to speed at `w` (k,)."""
+        """Return the derivatives with respect to speed at `w` (k,), as they help a solver.
+
+        Where the exponent is below 1 they grow beyond limits towards rest. Newton's method with these is thrown across
+        the rest that a contact has just left, which ends in a storm of events: there they are cut off.
+        """
         slope = np.zeros_like(w)
         if self._bent:
-            ratio = np.minimum(np.abs(w) / self._velocity, self._gone)
-            moving = ratio > 0
+            ratio = np.clip(np.abs(w) / self._velocity, self._steepest, self._gone)
+            moving = w != 0
             ratio[~moving] = 1.0
             power = ratio**self._exponent
             slope = -self._of_side(self._fall, w) * np.exp(-power) * self._exponent * power / ratio

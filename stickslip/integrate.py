@@ -29,6 +29,7 @@ __all__ = ["simulate"]
 _METHODS = ("BDF", "Adams", *arguments.FIXED)
 _FORMULATIONS = ("contact-force", "merged", "multiplier")
 _IDLE_RESTARTS = 100
+_HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
 def simulate(
@@ -134,6 +135,7 @@ class _Run:
         self._start, self._stop = span
         self._t = self._start
         self._restarts, self._idle, self._guards = 0, 0, 0
+        self._hits, self._looked_at = 0, self._start
         self._relaxed: list[int] = []
         self._regained = False
         self._now: Settled
@@ -211,11 +213,10 @@ class _Run:
     def _go_on(self, reached: Reached, t: float) -> None:
         """Settle the modes at `t`, the end of the segment, and start the next one."""
         segment, system = self._now.segment, self._system
-        self._watch_progress(t)
+        self._watch_progress(t, reached.hit)
         before, turns = turned_over(segment, reached, self._now.modes)
         for turn in turns:
             self._recorder.note(*turn, segment, fired=False, relaxed=False)
-        self._t = t
         if t >= self._stop:
             return
         self._restarts += 1
@@ -250,13 +251,24 @@ class _Run:
         after, segment = int(self._now.modes[j]), self._now.segment
         self._recorder.note(t, j, before, after, segment, fired, j in self._relaxed)
 
-    def _watch_progress(self, t: float) -> None:
-        stands = t - self._t <= 1e-14 * (self._stop - self._start)
+    def _watch_progress(self, t: float, hit: bool) -> None:
+        """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
+        whole = self._stop - self._start
+        stands = t - self._t <= 1e-14 * whole
+        self._t = t
         self._idle = self._idle + 1 if stands else 0
         if self._idle > _IDLE_RESTARTS + 10 * self._system.m:
-            recent = sorted({event.contact for event in self._recorder.events[-20:]})
-            names = ", ".join(map(repr, recent))
-            raise ArithmeticError(f"modes flip without progress in time: contacts {names}")
+            raise ArithmeticError(f"modes flip without progress in time: contacts {self._recent()}")
+        self._hits += hit
+        if self._hits >= _HITS_BETWEEN_LOOKS * max(self._system.m, 1):
+            if (t - self._looked_at) * _HITS_AT_MOST < self._hits * whole:
+                raise ArithmeticError(
+                    f"modes flip with hardly any progress in time: contacts {self._recent()}"
+                )
+            self._hits, self._looked_at = 0, t
+
+    def _recent(self) -> str:
+        return ", ".join(map(repr, sorted({event.contact for event in self._recorder.events[-20:]})))
 
     # -- how it ends --------------------------------------------------------------------------------------
 

@@ -54,16 +54,21 @@ class DryFriction(Law):
     ``mu_st = mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)`` for a dwell time ``tau > 0`` and
     ``mu_st = mu_s`` for ``tau = 0`` (Breedveld 2000, eqs. 8 and 9).
 
+    A contact cannot stick at less than it resists slow slip: with a kinetic curve, mu_c in ``mu_st`` is ``mu_k(0)``.
+    On a Stribeck curve that is mu_s, so that a dwell time has no effect there.
+
     Parameters
     ----------
     mu_static, mu_coulomb : float
         Coefficients, ``mu_static >= mu_coulomb >= 0``; lengths in m where the normal force acts on an arm.
     dwell : float
-        Dwell time tau in s, in which the static coefficient rises after sticking.
+        Dwell time tau in s, in which the static coefficient rises after sticking; without effect beside a
+        Stribeck curve.
     stribeck_velocity : float, optional
         Velocity v_s in rad/s or m/s of the Stribeck curve.
     stribeck_exponent : float
-        Exponent delta of the Stribeck curve.
+        Exponent delta of the Stribeck curve. Below 1 the curve falls infinitely fast at rest, which takes the solver
+        several times as many steps.
     mu_static_backward, mu_coulomb_backward : float, optional
         Coefficients for ``w < 0`` of an anisotropic contact.
     kinetic : callable, optional

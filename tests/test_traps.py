@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
@@ -377,7 +378,8 @@ def test_falling_friction_on_a_belt(method: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("exponent", "velocity"), [(2.0, 0.1), (1.0, 0.1), (0.7, 0.1), (2.0, 1e-6), (2.0, 1e6)]
+    ("exponent", "velocity"),
+    [(2.0, 0.1), (1.0, 0.1), (0.7, 0.1), (0.5, 1e-3), (0.1, 0.1), (2.0, 1e-6), (2.0, 1e6)],
 )
 def test_stribeck_curves(exponent: float, velocity: float) -> None:
     law = DryFriction(0.5, 0.4, stribeck_velocity=velocity, stribeck_exponent=exponent)
@@ -386,12 +388,51 @@ def test_stribeck_curves(exponent: float, velocity: float) -> None:
     assert times(result)[0] == pytest.approx(math.asin(2.5 / 3) / (1.4 * math.pi), abs=1e-10)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="an infinite slope of friction at w = 0 is more than the solver can take"
-)
-def test_stribeck_exponent_one_half() -> None:
-    law = DryFriction(0.5, 0.4, stribeck_velocity=0.1, stribeck_exponent=0.5)
-    simulate(block(sine(3.0, 0.7), 5.0, law), (0.0, 1.5))
+@pytest.mark.parametrize("velocity", [0.1, 1e-3])
+def test_stribeck_exponent_one_half(velocity: float) -> None:
+    """Friction falls infinitely fast at rest: ``w' = 3 sin(1.4 pi t) - 5 mu_k(w)`` after breakaway, by scipy."""
+    law = DryFriction(0.5, 0.4, stribeck_velocity=velocity, stribeck_exponent=0.5)
+    first = math.asin(2.5 / 3) / (1.4 * math.pi)
+    result = simulate(block(sine(3.0, 0.7), 5.0, law), (0.0, 0.5))
+    assert told(result) == [("c", 0, 1)]
+    assert times(result)[0] == pytest.approx(first, abs=1e-10)
+
+    def rate(t: float, w: np.ndarray) -> list[float]:
+        return [3 * math.sin(1.4 * math.pi * t) - 5 * law.mu_k(max(float(w[0]), 0.0), 1)]
+
+    exact = solve_ivp(rate, (first, 0.5), [0.0], method="DOP853", rtol=1e-10, atol=1e-13).y[0, -1]
+    assert result.velocity("a")[-1] == pytest.approx(exact, rel=1e-6)
+
+
+def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modes flip every 1e-8 s, which would take a day, on such a curve with the slopes that it has."""
+    law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=0.5)
+
+    def scene(belt: float) -> Scene:
+        return Scene(
+            Drive("belt", velocity=belt),
+            Body("a", inertia=1.0),
+            Contact("c", "a", "belt", law, normal=10.0),
+            Spring("a", GROUND, stiffness=20.0),
+        )
+
+    assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
+    monkeypatch.setattr("stickslip.friction._STEEPEST", 0.0)
+    monkeypatch.setattr("stickslip.integrate._HITS_BETWEEN_LOOKS", 100)
+    with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
+        # another scene: equal ones share their equations
+        simulate(scene(0.1), (0.0, 20.0))
+
+
+@pytest.mark.parametrize("stribeck", [None, 0.1])
+def test_dwell_has_no_effect_beside_a_stribeck_curve(stribeck: float | None) -> None:
+    """Slow slip already meets mu_s there: ``mu_s N = F`` at t = 3 s; alone, dwell lets go earlier."""
+    law = DryFriction(0.3, 0.2, dwell=2.0, stribeck_velocity=stribeck)
+    (event, *_) = simulate(block(piecewise_linear([0.0, 10.0], [0.0, 10.0]), 10.0, law), (0.0, 4.0)).events
+    if stribeck is None:
+        assert event.t < 2.8
+    else:
+        assert event.t == pytest.approx(3.0, abs=1e-9)
 
 
 # Time and size

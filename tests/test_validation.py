@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,8 +13,9 @@ import pytest
 
 from validation import mutations
 from validation.__main__ import main, table
-from validation.rows import Row
+from validation.rows import Row, Tried
 from validation.runner import run
+from validation.tried import summary, try_each
 
 
 def row(name: str, check: partial, bound: float = 0.5, limit: float = 30.0) -> Row:
@@ -60,6 +62,40 @@ def test_rows_that_hang_or_crash_fail_and_the_others_go_on() -> None:
     assert [o.passed for o in outcomes] == [False, True, False, True]
     assert "no answer within 0.2 s" in outcomes[0].remark
     assert "code 3" in outcomes[2].remark
+
+
+def sleeps_or_fails(hangs: bool) -> float:
+    if hangs:
+        time.sleep(60.0)
+    raise ValueError("no")
+
+
+def tries(*items: partial) -> Tried:
+    return try_each(((f"item {i}", item) for i, item in enumerate(items)), limit=0.2)
+
+
+def test_what_is_wrong_or_hangs_among_many_is_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good, wrong, hung = partial(float, 0.25), partial(sleeps_or_fails, False), partial(sleeps_or_fails, True)
+    some = replace(row("some", partial(tries, good, wrong, hung, wrong)), tries="things")
+    all_good = replace(row("all-good", partial(tries, good, good)), tries="things")
+    lost = replace(row("lost", partial(time.sleep, 60.0), limit=0.2), tries="others")
+    assert main(["--report", str(tmp_path)], rows=[some, all_good, lost]) == 1
+    out = capsys.readouterr().out
+    assert "things: 6 tried in 6 checks, 2 wrong, 1 hung" in out
+    assert "of 4 tried 2 wrong, 1 hung; item 1: ValueError: no" in out
+    assert "others: 0 tried in 0 checks, 0 wrong, 1 hung" in out
+    text = (tmp_path / "validation.html").read_text(encoding="utf-8")
+    assert "What was tried" in text and "<td>Things</td><td class=n>6</td>" in text
+
+
+def test_an_item_over_the_bound_or_not_a_number_is_wrong() -> None:
+    big = replace(row("big", partial(tries, partial(float, 1.0))), tries="things")
+    odd = replace(row("odd", partial(tries, partial(float, "nan"), partial(float, 0.1))), tries="things")
+    outcomes = list(run([big, odd]))
+    assert not any(o.passed for o in outcomes)
+    assert summary(outcomes) == [("things", 3, 3, 2, 0)]
 
 
 def test_names_are_unique_and_every_row_says_what_it_is() -> None:

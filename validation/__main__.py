@@ -11,7 +11,17 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from validation import conservation, exact, extremes, published, random_scenes
+from validation import (
+    bad_input,
+    conservation,
+    endurance,
+    exact,
+    extremes,
+    faults,
+    published,
+    random_scenes,
+    scene_files,
+)
 from validation.report import number, write
 from validation.rows import Outcome, Row
 from validation.runner import run
@@ -27,6 +37,10 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *published.ROWS,
         *conservation.ROWS,
         *extremes.ROWS,
+        *endurance.ROWS,
+        *bad_input.ROWS,
+        *faults.ROWS,
+        *scene_files.rows(quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
     ]
     return [row for row in rows if row.quick or not quick]

@@ -21,7 +21,7 @@ from stickslip import simulate
 from validation.exact import Story, four_flywheels, pulled_block, reference, simulated, two_flywheels
 from validation.published import CLUTCH_EVENTS, coupled_clutches
 from validation.rows import FORMULATIONS, Outcome
-from validation.tried import summary
+from validation.tried import as_html
 
 COLOURS = ("#2a6f97", "#d1495b", "#66a182", "#8d6a9f")
 INK, FAINT = "#24292f", "#8c959f"
@@ -34,6 +34,10 @@ ABOUT = {
     "Conservation": "What no motion may violate, summed up from velocities and forces over all cases of "
     "the chapters above and two scenes that have everything in them.",
     "Extremes": "The ends of every scale. Each row must end in a correct answer or in a clear error, and never hang.",
+    "Long runs": "A limit cycle whose every event has a formula, for a million steps and for ten: what an event "
+    "costs at the end of the run against what it cost at its beginning.",
+    "Robustness": "What must not work: bad input, loads and laws that fail half-way, damaged scene files. Each "
+    "must end in the documented error, in words that help, and never hang.",
     "Random scenes": "One to eight bodies in trees and loops, with random laws, loads, springs and drives, "
     "from a fixed seed: what must hold for any scene, whatever its motion is.",
 }
@@ -105,7 +109,7 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
     ]
     if failed:
         parts += ["<h2>What failed</h2>", _table(failed)]
-    parts.append(_tried(outcomes))
+    parts.append(as_html(outcomes))
     parts.append(
         _figure(
             _overview(outcomes, themes),
@@ -124,27 +128,6 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
         parts.append(_table(chosen))
     parts.append(_footer(command, seconds))
     return "\n".join(parts) + "</body></html>\n"
-
-
-def _tried(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of what was tried one by one, nothing where nothing was."""
-    lines = summary(outcomes)
-    if not lines:
-        return ""
-    head = ("", "Tried", "Checks", "Wrong", "Hung")
-    titles = "".join(f"<th class={'n' if title else 'k'}>{title}</th>" for title in head)
-    rows = "".join(
-        f"<tr class={'fail' if wrong or hung else 'ok'}><td>{_sentence(kind)}</td>"
-        + "".join(f"<td class=n>{number}</td>" for number in (count, checks, wrong, hung))
-        + "</tr>"
-        for kind, count, checks, wrong, hung in lines
-    )
-    about = (
-        "Tried one by one, each within a time limit: what must end in the right answer or in the right error."
-    )
-    return (
-        f"<h2>What was tried</h2><p>{about}</p><table class=t><thead><tr>{titles}</tr></thead>{rows}</table>"
-    )
 
 
 def _anchor(theme: str) -> str:

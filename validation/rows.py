@@ -62,6 +62,8 @@ class Row:
         Time in s after which it counts as hanging.
     tries : str
         What it tries one by one, in the plural, where it does: the report counts these.
+    same : bool
+        Whether all rows that try these try the same ones.
     """
 
     theme: str
@@ -73,6 +75,7 @@ class Row:
     quick: bool = True
     limit: float = 30.0
     tries: str = ""
+    same: bool = False
 
 
 @dataclass(frozen=True)
