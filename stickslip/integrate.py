@@ -168,11 +168,9 @@ class _Run:
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), "look at the loads and laws of the scene there") from fault
         except KeyboardInterrupt as interruption:
-            t = (
-                self._keep_unfinished(interruption.reached)
-                if isinstance(interruption, Interrupted)
-                else self._t
-            )
+            t = self._t
+            if isinstance(interruption, Interrupted):
+                t = self._keep_unfinished(interruption.reached)
             message = f"interrupted at t = {t:.9g} s"
             raise SimulationInterrupted(message, self._result(message, -1)) from None
         finally:
@@ -196,19 +194,23 @@ class _Run:
     def _advance(self) -> tuple[Reached, float]:
         """Follow the segment; return its computed points and the time at which it ends."""
         segment = self._now.segment
-        reached = self._engine.advance(segment, segment.horizon)
         self._guards = max(self._guards, segment.armed)
-        segment.exact_velocities(reached.taus, reached.states)
-        reached, self._relaxed = relaxed(segment, reached, self._margin)
+        reached, self._relaxed = relaxed(segment, self._follow(segment.horizon), self._margin)
         regains = regained(segment, reached)
-        if regains is not None:
-            reached = self._engine.advance(segment, regains)
         self._regained = regains is not None
+        if regains is not None:
+            reached = self._follow(regains)
         tau = float(reached.taus[-1])
         if not (reached.hit or self._relaxed or self._regained) and tau >= segment.horizon:
             # the break itself: what was added up to it has been rounded
             return reached, self._system.loads.next_break(segment.t, self._stop)
         return reached, segment.t + tau
+
+    def _follow(self, horizon: float) -> Reached:
+        segment = self._now.segment
+        reached = self._engine.advance(segment, horizon)
+        segment.exact_velocities(reached.taus, reached.states)
+        return reached
 
     def _go_on(self, reached: Reached, t: float) -> None:
         """Settle the modes at `t`, the end of the segment, and start the next one."""
