@@ -222,14 +222,15 @@ class Motion:
             states[:, mode_set.follow] = states[:, mode_set.lead]
         if not mode_set.held.size:
             return
-        for body, holder in zip(mode_set.held.tolist(), mode_set.holder.tolist(), strict=True):
+        for holder in set(mode_set.holder.tolist()):
+            bodies = mode_set.held[mode_set.holder == holder]
             if holder == system.n + system.drives:
-                states[:, body] = 0.0
+                states[:, bodies] = 0.0
             else:
-                velocity = system.velocities[holder - system.n]
-                last = self.inputs(float(taus[-1]))[system.first_drive + holder - system.n]
-                states[:-1, body] = [velocity(self.t + tau) for tau in taus[:-1]]
-                states[-1, body] = last
+                velocity = system.velocities[holder - system.n].sampled(self.t + taus)
+                # the left limit where the velocity jumps at the end
+                velocity[-1] = self.inputs(float(taus[-1]))[system.first_drive + holder - system.n]
+                states[:, bodies] = velocity[:, None]
 
     def knots(self, taus: Array, states: Array) -> tuple[Array, Array]:
         """Return first and second derivatives at computed points (rows), for interpolation."""
