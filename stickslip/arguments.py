@@ -117,7 +117,7 @@ def outputs(
     except (TypeError, ValueError):
         raise TypeError(f"simulate: t_eval must be a sequence of times, got {t_eval!r}") from None
     good = times.ndim == 1 and (times.size == 0 or (times[0] >= start and times[-1] <= stop))
-    if not good or not np.all(np.diff(times) > 0):
+    if not good or not (times[1:] > times[:-1]).all():
         raise ValueError(
             f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s; sort and cut it"
         )

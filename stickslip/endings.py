@@ -111,9 +111,7 @@ def _open_velocity(segment: Segment, reached: Reached) -> tuple[Callable[[Array]
     """Return the relative velocities of open contacts as functions of local time, and where to look at them."""
     contacts, taus = segment.mode_set.open, reached.taus
     if segment.quadratic and not segment.has_curved:
-        w0 = segment.relative_velocity(0.0, segment.y)[contacts, None]
-        w1 = segment.relative_acceleration(0.0, segment.f0)[contacts, None]
-        w2 = 0.5 * (segment.system.W @ segment.f1)[contacts, None]
+        w0, w1, w2 = segment.open_velocity
         turning = (w1 * w2 < 0).nonzero()[0]
         looks = taus[1:]
         if turning.size:

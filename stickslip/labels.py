@@ -22,6 +22,15 @@ _CALM = 1e-7
 
 def label(segment: Segment, w: Array, resting: Mask) -> Modes:
     """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
+    system, mode_set = segment.system, segment.mode_set
+    at_rest = resting | (np.abs(w) <= system.quiet)
+    named = _to_come(segment, w, resting) if at_rest[mode_set.open].any() else np.sign(w)
+    modes = np.where(mode_set.modes == OPEN, named, mode_set.modes)
+    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
+
+
+def _to_come(segment: Segment, w: Array, resting: Mask) -> Array:
+    """Return the signs of relative velocities, or where these are 0 of what they become."""
     system, horizon = segment.system, segment.horizon
     acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
     change = np.zeros(system.m) if segment.curved_rates else horizon * (system.W @ segment.f1)
@@ -37,8 +46,7 @@ def label(segment: Segment, w: Array, resting: Mask) -> Modes:
     # what the solver's errors leave of a rest is a rest
     calm = np.abs(acceleration) + np.abs(change) <= _CALM * later
     named[calm & (np.abs(w) <= system.quiet)] = 0.0
-    modes = np.where(segment.mode_set.modes == OPEN, named, segment.mode_set.modes)
-    return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
+    return named
 
 
 def _push(segment: Segment, magnitudes: Array) -> Array:

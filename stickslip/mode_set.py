@@ -205,6 +205,11 @@ class ModeSet:
         return whole[system.a[self.slip]] == whole[system.b[self.slip]]
 
     @cached_property
+    def open_rows(self) -> Any:
+        """Rows that give the relative velocities of the open contacts."""
+        return self.system.W[self.open]
+
+    @cached_property
     def acting_rows(self) -> Any:
         """Rows that give the relative velocities of the acting contacts."""
         return self._folded(self.system.W)[self.acting]

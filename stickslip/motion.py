@@ -206,6 +206,17 @@ class Motion:
         """Return ``w'`` of every contact."""
         return self.system.W @ rates + self.system.D @ self.drive_acceleration(tau)
 
+    @property
+    def open_velocity(self) -> tuple[Array, Array, Array]:
+        """Relative velocities of the open contacts in a quadratic motion: columns of coefficients."""
+        rows, system = self.mode_set.open_rows, self.system
+        w0, w1, w2 = rows @ self.y, rows @ self.f0, 0.5 * (rows @ self.f1)
+        if system.drives:
+            contacts = self.mode_set.open
+            w0 = w0 + (system.D @ self.q0)[contacts]
+            w1 = w1 + (system.D @ self.q1)[contacts]
+        return w0[:, None], w1[:, None], w2[:, None]
+
     def drive_acceleration(self, tau: float) -> Array:
         """Return the accelerations of the drives, as inputs in the places of their velocities."""
         first, last = self.system.first_drive, self.system.first_acceleration
