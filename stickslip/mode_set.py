@@ -95,6 +95,7 @@ class ModeSet:
         self.lead = self.groups.leader[self.follow]
         self.held = np.flatnonzero(held)
         self.holder = self.groups.holder[self.held]
+        self.driven = bool(np.any(self.holder < n + system.drives))
         self.kinetic = np.zeros(system.m)
         plain = self.slip[~system.coefficients.curved[self.slip]]
         self.kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
