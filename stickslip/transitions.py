@@ -155,12 +155,9 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
     slow = _slow(system, (y, q), (now.segment.y, now.segment.q0))
-    if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_below(
-        slow, segment, 0.0, y
+    if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_at_rest(
+        segment, 0.0, y, now.modes, slow
     ):
-        return None
-    if mode_set.open.size and np.count_nonzero(now.modes[mode_set.open] == 0):
-        # at rest: named after the motion to come, which may be another from now on
         return None
     violated, order = segment.classify(nothing)
     if np.count_nonzero(violated):
@@ -178,13 +175,14 @@ def _slow(system: System, *states_and_inputs: tuple[Array, Array]) -> float:
     return _STANDING * math.sqrt(square)
 
 
-def _any_loose_below(slow: float, segment: Segment, tau: float, y: Array) -> bool:
-    """Tell whether a contact that carries no force hardly has a relative velocity."""
+def _any_loose_at_rest(segment: Segment, tau: float, y: Array, labels: Modes, slow: float) -> bool:
+    """Tell whether a contact that carries no force is at rest: it is named after the motion to come, each time."""
     loose = segment.mode_set.loose
     if not loose.size:
         return False
     w = segment.relative_velocity(tau, y)[loose]
-    return bool(np.count_nonzero(segment.system.hard[loose] & (np.abs(w) <= slow)))
+    rests = (labels[loose] == 0) | (np.abs(w) <= slow)
+    return bool(np.count_nonzero(segment.system.hard[loose] & rests))
 
 
 def change_one(
@@ -225,7 +223,7 @@ def change_one(
         y = project(system, y, q, resting)
     else:
         modes[j] = 1 if row < before.slips + before.helds else -1
-    if _any_loose_below(slow, before, tau, y):
+    if _any_loose_at_rest(before, tau, y, now.modes, slow):
         return None
     since = np.where(modes == 0, now.since, t)
     since[j] = t

@@ -148,3 +148,19 @@ def test_it_closes_on_a_body_at_rest_without_slipping(formulation: str) -> None:
         Contact("brake", "a", GROUND, law, normal=normal),
     )
     assert not simulate(scene, (0.0, 2.0), formulation=formulation).events
+
+
+def test_it_has_rested_since_it_came_to_rest_whatever_others_do() -> None:
+    """A brake that rests from the start has its full static level when it closes, though another contact let go."""
+    dwelling = DryFriction(0.3, 0.2, dwell=0.5)
+    scene = Scene(
+        Body("held", inertia=1.0),
+        Body("pulled", inertia=1.0),
+        Contact("brake", "held", GROUND, dwelling, normal=piecewise_linear([2, 2], [0, 10])),
+        Contact("floor", "pulled", GROUND, DRY, normal=10.0),
+        Force("pulled", piecewise_linear([0, 4], [0, 4])),
+    )
+    result = simulate(scene, (0.0, 4.0), t_eval=[2.5])
+    assert told(result) == [("floor", 0, 1)]
+    level = 10.0 * (0.3 - 0.1 * math.exp(-2.5 / 0.5))
+    assert result.breakaway("brake") == pytest.approx([level], rel=1e-12)
