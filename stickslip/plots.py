@@ -82,6 +82,7 @@ def overview(
         ratios = [height for height, _ in panels]
         figure = Figure(figsize=(9.0, 0.6 + sum(ratios)), layout="constrained")
         axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
+        figure.align_ylabels(axes)
     elif len(axes) != len(panels):
         raise ValueError(f"overview: {len(panels)} panels need as many axes, got {len(axes)}")
     for ax, (_, draw) in zip(axes, panels, strict=True):
