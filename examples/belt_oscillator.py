@@ -44,7 +44,8 @@ def main(figure: Path) -> None:
     left.axhline(BELT, color="0.7", linewidth=0.8, zorder=0, label="belt velocity")
     left.set(xlabel="position of the block [m]", ylabel="velocity of the block [m/s]", title="phase plane")
     left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, fontsize="small", frameon=False)
-    plots.characteristic(result, "surface", ax=right).set_title("friction force")
+    plots.characteristic(result, "surface", ax=right)
+    right.set(xlabel="relative velocity [m/s]", ylabel="friction force [N]", title="last run: friction force")
     right.legend(loc="upper left", fontsize="small")
     drawing.savefig(figure, dpi=110)
 

@@ -36,6 +36,8 @@ def main(figure: Path) -> None:
     drawing = Figure(figsize=(9.0, 9.0), layout="constrained")
     axes = drawing.subplots(5, 1, sharex=True, height_ratios=(2.2, 1.1, 1.8, 1.4, 2.0))
     plots.overview(result, axes=axes[:4])
+    axes[0].set_ylabel("velocity [rad/s]")
+    axes[2].set_ylabel("torque [N m]")
     axes[3].set_xlabel("")
     plots.energy(result, ax=axes[4])
     drawing.align_ylabels(axes)

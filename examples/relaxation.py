@@ -43,13 +43,13 @@ def main(figure: Path) -> None:
 
     drawing = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes = drawing.subplots(3, 1, sharex=True)
-    plots.velocities(result, ax=axes[0]).set_xlabel("")
+    plots.velocities(result, ax=axes[0]).set(xlabel="", ylabel="velocity [m/s]")
     times = np.linspace(0.0, 36.0, 3601)
     speed = np.abs(result(times)[0])
-    axes[1].semilogy(times, np.where(speed > 0, speed, np.nan), "k", label="velocity; blank:\nexactly 0")
+    axes[1].semilogy(times, np.where(speed > 0, speed, np.nan), "k", label="magnitude;\nblank: exactly 0")
     axes[1].set(ylabel="velocity [m/s]")
     axes[1].legend(loc="lower left", fontsize="small", frameon=False, bbox_to_anchor=(1.0, 0.8))
-    plots.contact_forces(result, "floor", ax=axes[2])
+    plots.contact_forces(result, "floor", ax=axes[2]).set_ylabel("friction force [N]")
     for event in result.events:
         axes[1].axvline(event.t, color="0.7", linewidth=0.6)
     drawing.savefig(figure, dpi=110)

@@ -1,8 +1,8 @@
 """Fifty blocks on rough ground, coupled by springs and pulled by a slowly moving plate: a model of an earthquake fault.
 
 Burridge and Knopoff (1967). The plate loads every block through a weak spring; a block that lets go pushes its
-neighbours, and a few or many go along. The friction levels differ at random by a fifth (fixed seed). The upper picture
-shows which block slips when; the lower one the size of each event, the slip summed over all blocks until all rest.
+neighbours, and a few or many go along: an event, until all rest. The friction levels differ at random by a fifth (fixed
+seed). Above: which block slips when. Below: the slip of each event, summed over all blocks. It takes about 3 s.
 """
 
 import sys
@@ -49,9 +49,9 @@ def main(figure: Path) -> None:
     above, below = drawing.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
     above.hlines(*np.array(slips).T, color="k", linewidth=4)
     above.plot([start for _, start, _ in slips], [block for block, _, _ in slips], "ks", markersize=4)
-    above.set(ylabel="block", title="which block slips when")
+    above.set(ylabel="number of the block", title="which block slips when")
     below.stem(times, slip, basefmt=" ", linefmt="k-", markerfmt="k.")
-    below.set(xlabel="time [s]", ylabel="size of event [m]", yscale="log", xlim=(0.0, STOP))
+    below.set(xlabel="time [s]", ylabel="slip of an event,\nall blocks [m]", yscale="log", xlim=(0.0, STOP))
     drawing.savefig(figure, dpi=110)
 
 

@@ -2,7 +2,8 @@
 
 Every point of the grid is a simulation of its own; its value is the part of the time, after a transient, in which the
 block sticks to the belt. `sweep` spreads the points over processes. With --dask they go to a local dask cluster; an
-executor of any other cluster would do as well, and the numbers are the same.
+executor of any other cluster would do as well, and the numbers are the same. The 256 points take about 20 s on two
+cores that have nothing else to do, the 9 of --quick a few seconds.
 """
 
 import argparse

@@ -65,6 +65,15 @@ class Named(Element):
         """How messages name the element."""
         return f"{type(self).__name__.lower()} {self.name!r}"
 
+    def _free_name(self) -> None:
+        """Check the name of a body or a drive: a contact may be called what it likes."""
+        self._identifier("name")
+        if self.name == GROUND:
+            raise ValueError(
+                f"{type(self).__name__}: the name {GROUND!r} is taken by the ground, which is always there; "
+                f"rename {self.label}, or leave it out and join to GROUND"
+            )
+
 
 class Link(Element):
     """An element between two bodies."""
@@ -100,7 +109,7 @@ class Body(Named):
     Raises
     ------
     ValueError, TypeError
-        If a number is not finite or the inertia not positive.
+        If a number is not finite, the inertia not positive, or the name that of the ground.
     """
 
     name: str
@@ -111,7 +120,7 @@ class Body(Named):
 
     def __post_init__(self) -> None:
         """Check the fields."""
-        self._identifier("name")
+        self._free_name()
         if (inertia := self._number("inertia")) < _LEAST:
             raise ValueError(
                 f"{self.label}: inertia must be positive, got {inertia:g}; "
@@ -137,7 +146,7 @@ class Drive(Named):
     Raises
     ------
     ValueError, TypeError
-        If the velocity is not a signal or the position not finite.
+        If the velocity is not a signal, the position not finite, or the name that of the ground.
     """
 
     name: str
@@ -147,7 +156,7 @@ class Drive(Named):
 
     def __post_init__(self) -> None:
         """Check the fields."""
-        self._identifier("name")
+        self._free_name()
         self._signal("velocity")
         self._number("position")
 

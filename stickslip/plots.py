@@ -21,7 +21,7 @@ from stickslip.plots_contact import (
 )
 from stickslip.plots_motion import MANY, modes, velocities
 from stickslip.plots_study import sweep_map, work_precision
-from stickslip.plots_style import TIME, beside, look, mark_events, own_axes
+from stickslip.plots_style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.result import Result
 from stickslip.sampling import refined
 
@@ -76,12 +76,13 @@ def overview(
     ValueError
         If a name is unknown, or the number of axes is not that of the panels.
     """
-    names = [contact.name for contact in result.scene.contacts] if contacts is None else list(contacts)
+    names = contact_names(result, contacts)
     panels = _panels(result, bodies, names)
     if axes is None:
         ratios = [height for height, _ in panels]
         figure = Figure(figsize=(9.0, 0.6 + sum(ratios)), layout="constrained")
         axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
+        figure.align_ylabels(axes)
     elif len(axes) != len(panels):
         raise ValueError(f"overview: {len(panels)} panels need as many axes, got {len(axes)}")
     for ax, (_, draw) in zip(axes, panels, strict=True):

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from numpy.typing import NDArray
 
 from stickslip.laws import DryFriction, Law
 from stickslip.modes import Mode
-from stickslip.plots_motion import MANY, _computed, _evenly
+from stickslip.plots_motion import MANY
+from stickslip.plots_points import computed_points, even_points
 from stickslip.plots_style import (
     DISPLACEMENT,
     FORCE,
@@ -19,6 +21,8 @@ from stickslip.plots_style import (
     VELOCITY,
     WITH_DOTS,
     beside,
+    color_bar,
+    contact_names,
     dots,
     look,
     own_axes,
@@ -32,6 +36,8 @@ from stickslip.signals import Constant
 __all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
 
 Array = NDArray[np.float64]
+
+_GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
 
 
 def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
@@ -51,7 +57,7 @@ def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
         If there is no such contact.
     """
     ax = own_axes(ax)
-    fine, computed = refined(result), _computed(result)
+    fine, computed = refined(result), computed_points(result)
     level = fine.breakaway(contact)
     grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
     ax.fill_between(fine.t, -level, level, color="0.92", linewidth=0, zorder=0)
@@ -82,12 +88,12 @@ def load_of_contacts(result: Result, contacts: Sequence[str] | None = None, *, a
     ValueError
         If there is no such contact.
     """
-    names = [contact.name for contact in result.scene.contacts] if contacts is None else list(contacts)
+    names = contact_names(result, contacts)
     ax = own_axes(ax)
-    coarse = _evenly(result)
+    coarse = even_points(result)
     rows = np.array([_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names])
-    mesh = raster(ax, coarse.t, np.ma.masked_invalid(rows), names, cmap="Greys", vmin=0.0, vmax=1.0)
-    ax.figure.colorbar(mesh, ax=ax, label="|force| / breakaway level", pad=0.01)
+    mesh = raster(ax, coarse.t, np.ma.masked_invalid(rows), names, cmap=_GREYS, vmin=0.0, vmax=1.0)
+    color_bar(ax, mesh, "|force| / breakaway level")
     ax.set(xlabel=TIME, ylabel="contact")
     return ax
 
@@ -116,9 +122,9 @@ def normal_forces(result: Result, contacts: Sequence[str] | None = None, *, ax: 
     names = varying(result) if contacts is None else list(contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
-        coarse = _evenly(result)
+        coarse = even_points(result)
         rows = np.array([coarse.normal(name) for name in names])
-        ax.figure.colorbar(raster(ax, coarse.t, rows, names, cmap="cividis"), ax=ax, label=NORMAL, pad=0.01)
+        color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), NORMAL)
         ax.set(xlabel=TIME, ylabel="contact")
         return ax
     fine = refined(result)
@@ -190,7 +196,7 @@ def characteristic(result: Result, contact: str, *, ax: Any = None) -> Any:
     """
     ax = own_axes(ax, 6.0, 4.2)
     element = _element(result, contact)
-    fine, computed = refined(result), _computed(result)
+    fine, computed = refined(result), computed_points(result)
     divided = contact in varying(result)
     normal = 1.0 if divided else float(fine.normal(contact)[:1].sum())
     reach = float(np.abs(fine.relative_velocity(contact)).max(initial=0.0)) or 1.0

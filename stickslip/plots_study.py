@@ -27,8 +27,9 @@ _NOTES = 6
 def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
     """Draw error against median wall time, both logarithmic, and return the axes.
 
-    Every family has a marker and a line of its own, so that greyscale is enough; rings mark the rows that
-    nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
+    Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
+    rows that no other row of the family beats: to join all would draw the noise of the clock. Rings mark the
+    rows that nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
 
     Parameters
     ----------
@@ -50,21 +51,13 @@ def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
         if _drawable(row):
             families.setdefault(row.family or row.name, []).append(row)
     for k, (family, rows) in enumerate(families.items()):
-        rows.sort(key=lambda row: row.error)
-        ax.plot(
-            [row.median for row in rows],
-            [row.error for row in rows],
-            marker=_MARKERS[k % len(_MARKERS)],
-            linestyle=_LINES[k % len(_LINES)],
-            linewidth=1.2,
-            label=family,
-        )
+        _family(ax, k, family, rows)
     front = [row for row in table.pareto() if _drawable(row)]
     if front:
         where = [row.median for row in front], [row.error for row in front]
         ax.scatter(*where, s=150, facecolors="none", edgecolors="black", zorder=3, label="no other beats it")
         _legend(ax)
-    ax.set(xscale="log", yscale="log", xlabel="median wall time / s", ylabel=table.error_label)
+    ax.set(xscale="log", yscale="log", xlabel="median wall time [s]", ylabel=table.error_label)
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
     notes = [f"{row.name}: {_reason(row)}" for row in table.rows if not _drawable(row)]
     if notes:
@@ -73,6 +66,16 @@ def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
         below = {"xycoords": "axes fraction", "xytext": (0, -40), "textcoords": "offset points"}
         ax.annotate(note, (0, 0), va="top", fontsize="small", annotation_clip=False, **below)
     return ax
+
+
+def _family(ax: Any, k: int, family: str, rows: list[WorkRow]) -> None:
+    """Draw all rows of a family as markers, and a line through those that no other of them beats."""
+    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": f"C{k % 10}"}
+    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": f"C{k % 10}", "linewidth": 1.2}
+    best = WorkPrecision(tuple(rows)).pareto()
+    ax.plot([row.median for row in rows], [row.error for row in rows], **marker | {"linestyle": "none"})
+    ax.plot([row.median for row in best], [row.error for row in best], **line)
+    ax.plot([], [], label=family, **marker | line)
 
 
 def tradeoff(study: Tradeoff, *, ax: Any = None) -> Any:

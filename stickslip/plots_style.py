@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ __all__ = [
     "VELOCITY",
     "WITH_DOTS",
     "beside",
+    "color_bar",
+    "contact_names",
     "dots",
     "edges",
     "look",
@@ -71,6 +74,11 @@ def mark_events(ax: Any, result: Result) -> None:
             ax.axvline(t, color="0.7", linewidth=0.6, zorder=0)
 
 
+def contact_names(result: Result, contacts: Sequence[str] | None) -> list[str]:
+    """Return the contacts to draw: those asked for, else all of the scene."""
+    return [contact.name for contact in result.scene.contacts] if contacts is None else list(contacts)
+
+
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the edges of cells around rising centres."""
     if centres.size < 2:
@@ -88,3 +96,8 @@ def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str]
     every = -(-len(names) // 20)
     ax.set_yticks(range(0, len(names), every), names[::every], fontsize="small")
     return mesh
+
+
+def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
+    """Draw the colour bar of a raster right beside its axes, whatever the panels above and below need; return it."""
+    return ax.figure.colorbar(mesh, cax=ax.inset_axes((1.015, 0.0, 0.02, 1.0)), label=label, **options)

@@ -1,10 +1,12 @@
 """Drawings: what stands on the axes is what the result says; no window, no figure left behind."""
 
+import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from references import load
@@ -21,6 +23,7 @@ from stickslip import (
     plots,
     simulate,
     sine,
+    step,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.energy import energy
@@ -150,12 +153,39 @@ def test_broad_lines_run_where_a_contact_holds(wheels):
         assert t.min() == 0.0
 
 
+def test_broad_lines_end_where_the_contact_lets_go(wheels):
+    ax = plots.velocities(wheels, ["wheel1"])
+    ax.set_xlim(0.5, 0.7)
+    figure = ax.get_figure()
+    figure.set_dpi(200)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., 0]
+    brake = [event.t for event in wheels.events if event.contact == "brake"]
+    for inside in (False, True):
+        for t, side in zip(brake, (-1, 1), strict=True):
+            x, y = ax.transData.transform((t, 0.0))
+            # just below the curve, four pixels off the end of the line that is eight points wide
+            column = round(x) + (-4 if inside else 4) * side
+            assert (pixels[-round(y - 8), column] == round(0.82 * 255)) == inside
+
+
+def test_no_broad_line_where_nothing_presses():
+    law = DryFriction(0.2, 0.1)
+    scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, law, normal=step(0.5, 0.0, 1.0)))
+    ax = plots.velocities(simulate(scene, (0.0, 1.0)))
+    (broad,) = (line for line in ax.get_lines() if line.get_linewidth() > 5 and line.get_xdata().size)
+    t, v = broad.get_data()
+    assert t[np.isfinite(v)].min() == 0.5
+
+
 def test_many_points_become_ticks_and_drives_have_none(blocks):
     ax = plots.velocities(blocks)
     assert labels(ax)[:3] == ["b0", "b1", "plate"]
-    ticks = curve(ax, "computed points")
+    every = math.ceil(blocks.t.size / 200)
+    ticks = curve(ax, f"computed points, 1 in {every}")
     assert ticks.get_marker() == "|"
-    assert ticks.get_xdata().size == blocks.t.size
+    assert np.array_equal(ticks.get_xdata(), blocks.t[::every])
     drawn(ax)
 
 
@@ -171,7 +201,8 @@ def test_many_bodies_become_a_raster(chain):
     values = raster(ax).reshape(30, -1)
     assert values[:, 0] == pytest.approx([body.velocity for body in chain.scene.bodies])
     assert values[:, -1] == pytest.approx(chain.y[:, -1])
-    assert ax.get_figure().axes[-1].get_ylabel() == VELOCITY
+    (bar,) = ax.child_axes
+    assert bar.get_ylabel() == VELOCITY
     assert ax.get_yticklabels()[0].get_text() == "w1"
     assert ax.yaxis_inverted()
     drawn(ax)
@@ -179,13 +210,17 @@ def test_many_bodies_become_a_raster(chain):
 
 def test_overview_of_many_bodies(chain):
     figure = plots.overview(chain)
-    main = [ax for ax in figure.axes if ax.get_label() != "<colorbar>"]
+    main = figure.axes
     assert [ax.get_ylabel() for ax in main] == ["body", "mode", "contact", "normal force [N]"]
     modes = raster(main[1])
     assert set(np.unique(modes)) <= {-1, 0, 1}
     load_of = raster(main[2])
     assert np.nanmin(load_of) >= 0 and np.nanmax(load_of) == pytest.approx(1.0)
     figure.draw_without_rendering()
+    for ax in main[:3]:  # the legend of the last panel is as wide as it likes
+        (bar,) = ax.child_axes
+        assert 0 < bar.get_window_extent().x0 - ax.get_window_extent().x1 < 0.03 * figure.bbox.width
+        assert bar.get_tightbbox().x1 <= figure.bbox.x1 + 1
 
 
 def test_mode_strips_are_the_modes(wheels):
@@ -201,6 +236,12 @@ def test_mode_strips_are_the_modes(wheels):
     assert [bar[2] for bar in bars[1]] == [False, True, False, True, True, True, False]
     assert bars[1][-1][:2] == pytest.approx((0.6, 4.0))
     drawn(ax)
+
+
+def test_the_legend_names_only_modes_that_occur():
+    floor = Contact("c", "a", GROUND, DryFriction(0.2, 0.1), normal=1.0)
+    ax = plots.modes(simulate(Scene(Body("a", inertia=1.0, velocity=0.05), floor), (0.0, 1.0)))
+    assert labels(ax) == ["FORWARD", "STUCK"]
 
 
 def test_force_lies_within_its_level(wheels):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from functools import partial
@@ -16,6 +18,8 @@ from validation.__main__ import main, table
 from validation.rows import Row, Tried
 from validation.runner import run
 from validation.tried import summary, try_each
+
+ROOT = Path(__file__).parents[1]
 
 
 def row(name: str, check: partial, bound: float = 0.5, limit: float = 30.0) -> Row:
@@ -48,6 +52,18 @@ def test_a_pattern_chooses_rows(capsys: pytest.CaptureFixture[str]) -> None:
 def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["no-such-row"]) == 2
     assert "no-such-row" in capsys.readouterr().err
+
+
+def test_without_mpmath_one_sentence_says_what_to_install(tmp_path: Path) -> None:
+    absent = 'raise ModuleNotFoundError("No module named mpmath", name="mpmath")'
+    (tmp_path / "mpmath.py").write_text(absent, encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    command = [sys.executable, "-m", "validation", "--list"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1
+    assert 'pip install -e ".[test]"' in done.stderr
 
 
 @pytest.mark.parametrize("failing", [BAD, NOT_A_NUMBER, RAISES], ids=lambda r: r.name)

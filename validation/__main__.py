@@ -11,17 +11,24 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from validation import (
-    bad_input,
-    conservation,
-    endurance,
-    exact,
-    extremes,
-    faults,
-    published,
-    random_scenes,
-    scene_files,
-)
+try:
+    from validation import (
+        bad_input,
+        conservation,
+        endurance,
+        exact,
+        extremes,
+        faults,
+        published,
+        random_scenes,
+        scene_files,
+    )
+except ModuleNotFoundError as missing:
+    if missing.name != "mpmath":
+        raise
+    needs = 'python -m validation needs mpmath, which comes with the extra [test]: pip install -e ".[test]"'
+    print(needs, file=sys.stderr)
+    raise SystemExit(2) from None
 from validation.report import number, write
 from validation.rows import Outcome, Row
 from validation.runner import run

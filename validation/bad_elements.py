@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stickslip import (
+    GROUND,
     Body,
     Contact,
     Dahl,
@@ -185,6 +186,16 @@ ELEMENTS: list[Case] = [
     (lambda: Body("a", inertia=1, position=NAN), ValueError, ["body 'a': position", "finite", "nan"]),
     (lambda: Body(1, inertia=1), TypeError, ["Body: name", "string", "1"]),  # type: ignore
     (lambda: Body("", inertia=1), TypeError, ["Body: name", "not empty", "''"]),
+    (
+        lambda: Body(GROUND, inertia=1),
+        ValueError,
+        ["Body", "'ground' is taken", "rename body 'ground'", "join to GROUND"],
+    ),
+    (
+        lambda: Drive(GROUND, velocity=1),
+        ValueError,
+        ["Drive", "'ground' is taken", "rename drive 'ground'", "join to GROUND"],
+    ),
     (lambda: Body("a"), TypeError, ["inertia"]),  # type: ignore
     (lambda: Body("a", 1.0), TypeError, ["positional"]),  # type: ignore
     (lambda: Body("a", inertia=1, mass=1), TypeError, ["mass"]),  # type: ignore
