@@ -74,9 +74,6 @@ class Scene:
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        for element in (*self.bodies, *self.drives):
-            if element.name == GROUND:
-                raise ValueError(f"Scene: the name {GROUND!r} is taken by the ground; rename {element.label}")
         groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.contacts)
         for named in groups:
             seen: set[str] = set()
