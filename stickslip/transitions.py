@@ -170,7 +170,7 @@ def _slow(system: System, *states_and_inputs: tuple[Array, Array]) -> float:
     """Return the relative velocity below which a contact is looked at together with all others."""
     square = 0.0
     for y, q in states_and_inputs:
-        velocity, drives = y[: system.n], q[system.first_drive : -1]
+        velocity, drives = y[: system.n], q[system.first_drive : system.first_acceleration]
         square += float(velocity @ velocity + drives @ drives)
     return _STANDING * math.sqrt(square)
 
