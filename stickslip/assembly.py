@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from stickslip.connection import unconnected_parts
 from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.grouping import Groups
 from stickslip.loads import Loads
@@ -33,6 +34,7 @@ Indices = NDArray[np.intp]
 _DENSE_LIMIT = 100
 _REMEMBERED, _REMEMBERED_LARGE = 64, 4
 _SHARED, _SHARED_LIMIT = 8, 30
+_FEW_PARTS = 8
 _COMPILED: dict[int, System] = {}
 
 
@@ -74,6 +76,9 @@ class System:
         self._place_positions(scene)
         self._place_laws(scene)
         self._join(scene)
+        parts = unconnected_parts(scene)
+        # points of many parts are no fewer in all, and each is one of the whole
+        self.parts = parts if len(parts) <= _FEW_PARTS else ()
         # mode sets hold the compiled scene, and live as long as it does
         remembered = _REMEMBERED_LARGE if self.sparse else _REMEMBERED
         self.mode_set = lru_cache(maxsize=remembered)(self._mode_set)

@@ -14,7 +14,7 @@ from stickslip.laws import DryFriction
 from stickslip.mode_set import FREE, OPEN
 from stickslip.modes import Mode
 from stickslip.result import Result
-from stickslip.scene import GROUND, Contact, Scene
+from stickslip.scene import Contact, Scene
 from stickslip.signals import Constant, as_signal
 
 __all__ = ["explain"]
@@ -76,9 +76,8 @@ def _assembled(system: System) -> list[str]:
     lines = [f"Scene: {present}", *_states(system), *_contacts(system), *_loads(system)]
     kind = "sparse" if system.sparse else "dense"
     lines.append(f"Matrices: {kind} (bodies and contacts together: {system.n + system.m}, sparse above 100)")
-    parts = _parts(scene)
-    if parts > 1:
-        lines.append(f"Parts: {parts} parts of the scene have nothing between them")
+    if system.parts:
+        lines.append(f"Parts: {len(system.parts)} parts have nothing between them and are integrated apart")
     return lines
 
 
@@ -164,22 +163,6 @@ def _loads(system: System) -> list[str]:
     elif times:
         lines.append("  piecewise linear: rates, forces and guards are affine between stops")
     return lines
-
-
-def _parts(scene: Scene) -> int:
-    """Return how many groups of bodies have no contact, spring or damper between them."""
-    leader = {body.name: body.name for body in scene.bodies}
-
-    def find(name: str) -> str:
-        while leader[name] != name:
-            leader[name] = name = leader[leader[name]]
-        return name
-
-    prescribed = {GROUND, *(drive.name for drive in scene.drives)}
-    for link in (*scene.contacts, *scene.springs, *scene.dampers):
-        if not {link.a, link.b} & prescribed:
-            leader[find(link.a)] = find(link.b)
-    return len({find(name) for name in leader})
 
 
 # -- the result -------------------------------------------------------------------------------------------

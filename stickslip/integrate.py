@@ -15,6 +15,7 @@ from stickslip.endings import at_limit, jumped, regained, relaxed, turned_over
 from stickslip.engine import Engine
 from stickslip.engine_ida import MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
+from stickslip.joining import simulate_apart
 from stickslip.mode_set import FREE
 from stickslip.modes import Mode
 from stickslip.recorder import Recorder
@@ -111,6 +112,25 @@ def simulate(
     arguments.check_dead_bands(scene)
     arguments.check_bristles(scene, start, stop)
     system = System.of(scene).over(start, stop, stepped=step is not None)
+    if system.parts:
+
+        def run(part: Scene, until: float) -> Result:
+            return simulate(
+                part,
+                (start, until),
+                formulation=formulation,
+                method=method,
+                step=step,
+                rtol=rtol,
+                atol=atol,
+                t_eval=None if outputs is None else outputs[outputs <= until],
+                velocity_margin=velocity_margin,
+                max_step=max_step,
+                dense_output=dense_output,
+                progress=progress,
+            )
+
+        return simulate_apart(system, run, outputs is not None)
     wanted = tolerances(system, start, stop, rtol, atol, margin, method)
     system.quiet = wanted.quiet
     engine: Engine

@@ -44,7 +44,8 @@ def _to_come(segment: Segment, w: Array, resting: Mask) -> Array:
     to_come = np.where(np.abs(acceleration) > _ROUNDOFF * push, np.sign(acceleration), to_come)
     named = np.where(resting, to_come, np.sign(w))
     # what the solver's errors leave of a rest is a rest
-    calm = np.abs(acceleration) + np.abs(change) <= _CALM * later
+    rise = np.abs(acceleration) + np.abs(change)
+    calm = (rise <= _CALM * later) | (rise * horizon <= system.quiet)
     named[calm & (np.abs(w) <= system.quiet)] = 0.0
     return named
 

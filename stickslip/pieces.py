@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,7 @@ from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import Segment
 
-__all__ = ["Piece", "interpolate"]
+__all__ = ["Piece", "interpolant", "interpolate"]
 
 Array = NDArray[np.float64]
 
@@ -127,7 +128,17 @@ class Piece:
 
 def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:
     """Return the states (rows) of a segment at local times `taus`, from its computed points."""
-    found = segment.states(taus) if segment.quadratic else segment.between(knots, states)(taus)
-    if taus.size:
-        segment.exact_velocities(taus, found)
-    return found
+    return interpolant(segment, knots, states)(taus)
+
+
+def interpolant(segment: Segment, knots: Array, states: Array) -> Callable[[Array], Array]:
+    """Return the states (rows) of a segment as a function of local times, from its computed points."""
+    between = segment.states if segment.quadratic else segment.between(knots, states)
+
+    def at(taus: Array) -> Array:
+        found = between(taus)
+        if taus.size:
+            segment.exact_velocities(taus, found)
+        return found
+
+    return at

@@ -1,0 +1,124 @@
+"""Parts that nothing connects are integrated apart: each moves as it does alone, to the bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    PreSlip,
+    Result,
+    Scene,
+    SimulationError,
+    Spring,
+    explain,
+    load,
+    signal,
+    simulate,
+)
+from stickslip.benchmark import flywheel_benchmark
+
+WHEELS = flywheel_benchmark()
+BLOCK = Scene(
+    Body("block", inertia=1.0, position=0.1),
+    Drive("belt", velocity=0.2),
+    Contact("c", "block", "belt", DryFriction(1.0, 0.5), normal=1.0),
+    Spring("block", GROUND, stiffness=1.0),
+)
+BOTH = Scene(*WHEELS.elements, *BLOCK.elements)
+SPAN = (0.0, 4.0)
+FORMULATIONS = [
+    {"formulation": "contact-force"},
+    {"formulation": "merged", "method": "Adams"},
+    {"formulation": "multiplier"},
+    {"method": "RK4", "step": 1e-3},
+]
+
+
+def runs(**options: Any) -> tuple[Result, Result, Result]:
+    wheels, block, both = (simulate(scene, SPAN, **options) for scene in (WHEELS, BLOCK, BOTH))
+    return wheels, block, both
+
+
+@pytest.mark.parametrize("options", FORMULATIONS)
+def test_events_are_those_of_the_parts_to_the_bit(options: dict[str, Any]) -> None:
+    wheels, block, both = runs(**options)
+    assert both.events == sorted([*wheels.events, *block.events], key=lambda event: event.t)
+    for name in ("steps", "rate_calls", "restarts", "solvers", "states"):
+        assert both.stats[name] == wheels.stats[name] + block.stats[name]
+    assert both(SPAN[1]).tolist() == pytest.approx([*wheels(4.0)[:2], *block(4.0)], abs=1e-14)
+
+
+@pytest.mark.parametrize("dense", [True, False])
+@pytest.mark.parametrize("options", FORMULATIONS[:3])
+def test_outputs_and_what_is_read_by_name(options: dict[str, Any], dense: bool) -> None:
+    outputs = np.linspace(*SPAN, 41)
+    wheels, block, both = runs(t_eval=outputs, dense_output=dense, **options)
+    np.testing.assert_array_equal(both.t, outputs)
+    for part, bodies, contacts in (
+        (wheels, ["wheel1", "wheel2"], ["interface", "brake"]),
+        (block, ["block", "belt"], ["c"]),
+    ):
+        for body in bodies:
+            np.testing.assert_array_equal(both.velocity(body), part.velocity(body))
+            if dense:
+                np.testing.assert_allclose(both.position(body), part.position(body), atol=1e-10)
+        for contact in contacts:
+            np.testing.assert_array_equal(both.mode(contact), part.mode(contact))
+            np.testing.assert_allclose(both.force(contact), part.force(contact), atol=1e-8)
+            np.testing.assert_allclose(
+                both.breakaway(contact), part.breakaway(contact), rtol=1e-12, atol=1e-12
+            )
+
+
+def test_every_point_and_both_limits_of_events_are_kept(tmp_path: Any) -> None:
+    wheels, block, both = runs()
+    assert set(wheels.t) | set(block.t) <= set(both.t)
+    for event in both.events:
+        assert np.count_nonzero(both.t == event.t) == 2
+    assert np.all(both.relative_velocity("interface")[both.mode("interface") == 0] == 0)
+    assert np.abs(both.energy().error).max() < 1e-7
+    both.save(tmp_path / "both.npz")
+    np.testing.assert_array_equal(load(tmp_path / "both.npz").force("brake"), both.force("brake"))
+    assert "2 parts have nothing between them" in explain(BOTH)
+
+
+def test_a_stiff_part_takes_its_steps_alone() -> None:
+    stiff = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("floor", "a", GROUND, PreSlip(DryFriction(0.3, 0.2), 1e-4), normal=10.0),
+        Spring("a", GROUND, stiffness=10.0),
+    )
+    alone, both = simulate(stiff, SPAN), simulate(Scene(*stiff.elements, *BLOCK.elements), SPAN)
+    assert both.stats["steps"] == alone.stats["steps"] + simulate(BLOCK, SPAN).stats["steps"]
+
+
+def test_a_part_that_fails_leaves_all_up_to_there() -> None:
+    def force(t: float) -> float:
+        if t > 2.5:
+            raise RuntimeError("no data")
+        return 0.1 * t
+
+    broken = Scene(
+        Body("broken", inertia=1.0, velocity=1.0),
+        Spring("broken", GROUND, stiffness=2.0),
+        Force("broken", signal(force)),
+    )
+    with pytest.raises(SimulationError, match="no data") as caught:
+        simulate(Scene(*BOTH.elements, *broken.elements), SPAN)
+    result = caught.value.result
+    assert 2.0 < caught.value.t <= 2.5
+    assert result.t[-1] == caught.value.t
+    assert not result.success
+    at = result.t[-1]
+    assert result.velocity("wheel1")[-1] == pytest.approx(simulate(WHEELS, SPAN)(at)[0], abs=1e-12)
+    assert result.velocity("block")[-1] == pytest.approx(simulate(BLOCK, SPAN)(at)[0], abs=1e-7)
+    assert [event.contact for event in result.events].count("interface") == 3
