@@ -51,12 +51,15 @@ class System:
         Over the time span, once it is known.
     quiet : float
         Velocity in m/s or rad/s that the tolerances of a run leave uncertain.
+    blur : float
+        Part of the forces at an event that is uncertain: roundoff, or what IDA's tolerances leave.
     """
 
     loads: Loads
     span: tuple[float, float]
     stepped: bool
     quiet: float = 0.0
+    blur: float = 1e-12
     normals: list[Signal]
     velocities: list[Signal]
 

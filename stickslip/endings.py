@@ -91,7 +91,8 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
         return
     # what is roundoff at the end is for the modes to settle
     largest = np.abs(np.column_stack([velocity(np.zeros(1)), w])).max(axis=1)
-    w[np.abs(w[:, -1]) <= _ROUNDOFF_AT_END * largest, -1] = 0.0
+    rough = np.maximum(_ROUNDOFF_AT_END * largest, 10 * segment.system.quiet)
+    w[np.abs(w[:, -1]) <= rough, -1] = 0.0
     for row, j in enumerate(contacts.tolist()):
 
         def one(tau: float, row: int = row) -> float:

@@ -23,12 +23,12 @@ from stickslip.progress import Interruption, Progress
 from stickslip.segment import Segment
 from stickslip.solving import Reached, failure_of
 
-__all__ = ["MultiplierEngine"]
+__all__ = ["OF_FORCES", "MultiplierEngine"]
 
 Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 100
-_OF_FORCES = 100.0
+OF_FORCES = 100.0
 """How much looser forces are judged than states: they follow from these, and nothing adds up their errors."""
 
 
@@ -67,7 +67,7 @@ class MultiplierEngine(Engine):
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
         # IDA tests the error of the forces too: judge them by what they are compared with, but no finer than the
         # roundoff of the forces that they balance, which a contact that is just being closed would have it do
-        of_forces = np.maximum(_OF_FORCES * self._rtol * equations.force_scale, equations.force_noise)
+        of_forces = np.maximum(OF_FORCES * self._rtol * equations.force_scale, equations.force_noise)
         of_forces[of_forces == 0] = self._atol.min()
         atol = np.concatenate([self._atol, of_forces])
         options: dict[str, Any] = {

@@ -13,7 +13,7 @@ from stickslip import arguments
 from stickslip.assembly import System
 from stickslip.endings import at_limit, jumped, regained, relaxed, turned_over
 from stickslip.engine import Engine
-from stickslip.engine_ida import MultiplierEngine
+from stickslip.engine_ida import OF_FORCES, MultiplierEngine
 from stickslip.fixed_step import FixedStepEngine
 from stickslip.joining import simulate_apart
 from stickslip.mode_set import FREE
@@ -133,6 +133,8 @@ def simulate(
         return simulate_apart(system, run, outputs is not None)
     wanted = tolerances(system, start, stop, rtol, atol, margin, method)
     system.quiet = wanted.quiet
+    if formulation == "multiplier":
+        system.blur = OF_FORCES * wanted.rtol
     engine: Engine
     if step is not None:
         engine = FixedStepEngine(system, method, step)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import Segment
 
@@ -15,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_ROUNDOFF = 1e-12
+_ROUNDOFF, _DIFFERENCED = 1e-12, 1e-9
 _CALM = 1e-7
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
@@ -32,22 +33,33 @@ def label(segment: Segment, w: Array, resting: Mask) -> Modes:
 def _to_come(segment: Segment, w: Array, resting: Mask) -> Array:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
     system, horizon = segment.system, segment.horizon
-    acceleration = system.W @ segment.f0 + system.D @ _rates(system, segment)
-    change = np.zeros(system.m) if segment.curved_rates else horizon * (system.W @ segment.f1)
-    # what the forces that add up to these leave uncertain, now and on the way
+    # what the forces that add up to an acceleration leave uncertain, now and on the way
     y, q = np.abs(segment.y), np.abs(segment.inputs(0.0))
     push = _push(segment, np.concatenate([y, q]))
     later = _push(
         segment, np.concatenate([y + horizon * np.abs(segment.f0), q + horizon * np.abs(segment.q1)])
     )
-    to_come = np.where(np.abs(change) > _ROUNDOFF * later, np.sign(change), 0.0)
-    to_come = np.where(np.abs(acceleration) > _ROUNDOFF * push, np.sign(acceleration), to_come)
+    to_come, rise = np.zeros(system.m), np.zeros(system.m)
+    for term, uncertain in _accelerations(segment, push, later):
+        to_come = np.where((to_come == 0) & (np.abs(term) > uncertain), np.sign(term), to_come)
+        rise += np.abs(term)
     named = np.where(resting, to_come, np.sign(w))
     # what the solver's errors leave of a rest is a rest
-    rise = np.abs(acceleration) + np.abs(change)
     calm = (rise <= _CALM * later) | (rise * horizon <= system.quiet)
     named[calm & (np.abs(w) <= system.quiet)] = 0.0
     return named
+
+
+def _accelerations(segment: Segment, push: Array, later: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield what relative accelerations are at the start, and become by their rates, each with its uncertainty."""
+    W, horizon = segment.system.W, segment.horizon
+    yield W @ segment.f0 + segment.system.D @ segment.drive_acceleration(0.0), segment.system.blur * push
+    if segment.curved_rates:
+        rate = segment.second_rate(0.0, segment.y, segment.f0)
+        yield horizon * (W @ rate), _DIFFERENCED * later
+    else:
+        yield horizon * (W @ segment.f1), _ROUNDOFF * later
+        yield 0.5 * horizon**2 * (W @ segment.expansion.bends), _ROUNDOFF * later
 
 
 def _push(segment: Segment, magnitudes: Array) -> Array:
@@ -58,11 +70,3 @@ def _push(segment: Segment, magnitudes: Array) -> Array:
     single = np.maximum(forces / system.inertia, total / groups.mass)
     wide = np.concatenate([single, np.zeros(system.drives + 1)])
     return wide[system.a] + wide[system.b]
-
-
-def _rates(system: System, segment: Segment) -> Array:
-    """Return the drives' accelerations in the places of their velocities."""
-    rates = np.zeros(system.inputs)
-    q = segment.inputs(0.0)
-    rates[system.first_drive : system.first_acceleration] = q[system.first_acceleration : -1]
-    return rates

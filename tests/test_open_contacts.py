@@ -164,3 +164,34 @@ def test_it_has_rested_since_it_came_to_rest_whatever_others_do() -> None:
     assert told(result) == [("floor", 0, 1)]
     level = 10.0 * (0.3 - 0.1 * math.exp(-2.5 / 0.5))
     assert result.breakaway("brake") == pytest.approx([level], rel=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_moves_with_a_contact_that_lets_go_without_a_jump(formulation: str) -> None:
+    """Stribeck friction starts at its static level: the acceleration is 0 at breakaway, and rises."""
+    law = DryFriction(0.3, 0.2, stribeck_velocity=0.3)
+    scene = Scene(
+        Body("w", inertia=1.0),
+        Force("w", piecewise_linear([0, 2], [0, 6])),
+        Contact("floor", "w", GROUND, law, normal=10.0),
+        Contact("open", "w", GROUND, DRY, normal=piecewise_linear([5, 6], [0, 1])),
+    )
+    result = simulate(scene, (0.0, 1.2), formulation=formulation)
+    assert told(result) == [("floor", 0, 1), ("open", 0, 1)]
+    assert [e.t for e in result.events] == pytest.approx([1.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_moves_with_a_body_that_a_spring_pulls_along(formulation: str) -> None:
+    """q is at rest with all its rates up to the second: the third decides."""
+    scene = Scene(
+        Body("p", inertia=1.0),
+        Body("q", inertia=1.0),
+        Spring("p", "q", stiffness=5.0),
+        Contact("floor", "p", GROUND, DRY, normal=10.0),
+        Contact("open", "q", GROUND, DRY, normal=piecewise_linear([5, 6], [0, 1])),
+        Force("p", piecewise_linear([0, 1, 2], [0, 3, 6])),
+    )
+    result = simulate(scene, (0.0, 1.2), formulation=formulation)
+    assert told(result) == [("floor", 0, 1), ("open", 0, 1)]
+    assert [e.t for e in result.events] == pytest.approx([1.0, 1.0], abs=1e-9)
