@@ -15,11 +15,13 @@ try:
     from validation import (
         bad_input,
         conservation,
+        edges,
         endurance,
         exact,
         extremes,
         faults,
         published,
+        random_oracle,
         random_scenes,
         scene_files,
     )
@@ -35,20 +37,25 @@ from validation.runner import run
 from validation.tried import summary
 
 QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 16, 6, 500
+QUICK_FAMILY, FAMILY = 2, 100
+"""Scenes of each family against the oracle; in proportion where another number of random scenes is asked for."""
 
 
 def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
     """Return the rows, chapter by chapter."""
+    family = QUICK_FAMILY if quick else max(1, scenes * FAMILY // SCENES)
     rows = [
         *exact.ROWS,
         *published.ROWS,
         *conservation.ROWS,
         *extremes.ROWS,
+        *edges.ROWS,
         *endurance.ROWS,
         *bad_input.ROWS,
         *faults.ROWS,
         *scene_files.rows(quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
+        *random_oracle.rows(min(scenes, family)),
     ]
     return [row for row in rows if row.quick or not quick]
 

@@ -1,0 +1,282 @@
+"""A second simulator of dry friction, slow and plain, that implements the model to the letter and nothing else.
+
+It shares no line with the package. Scenes are plain data; motion between events is a matrix exponential or a
+Runge-Kutta integration of order 8; the forces of stuck contacts come from a pseudo-inverse; events are bracketed on a
+grid and found by Brent's method. Where the model leaves more than one answer, or double precision cannot tell which it
+is, it says so and stops. What it returns up to there should be right to about 1e-12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+
+from validation.oracle_motion import Exponential, Integrated, State
+from validation.oracle_settling import Instant, settle
+from validation.oracle_signals import just_after
+from validation.oracle_system import Array, Data, Doubt, System
+
+Event = tuple[float, str, int, int]
+"""Time in s, contact, mode before, mode after."""
+MOST_EVENTS, MOST_STALLS = 5000, 20
+PARTS = 20
+"""Into which a motion that is integrated is divided at least: beyond an event it would be in vain."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Motion between two events or breaks of loads."""
+
+    start: float
+    stop: float
+    motion: Exponential | Integrated
+    modes: tuple[int, ...]
+    stuck: tuple[int, ...]
+    since: Mapping[int, float]
+
+
+@dataclass
+class Solution:
+    """What the oracle found: right up to the time `known`, which is the end unless `doubt` says why not."""
+
+    system: System
+    known: float
+    initial: tuple[int, ...] = ()
+    events: list[Event] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    doubt: str = ""
+
+    def velocity(self, t: float) -> Array:
+        """Return the velocities of all bodies at a time in s."""
+        piece = self._piece(t)
+        return piece.motion.at(t - piece.start)[1]
+
+    def friction(self, t: float) -> Array | None:
+        """Return the friction forces of all contacts at a time in s; None where those of stuck ones are not unique."""
+        piece = self._piece(t)
+        if not self.system.independent(piece.stuck):
+            return None
+        x, v = piece.motion.at(t - piece.start)
+        slipping = {j: mode for j, mode in enumerate(piece.modes) if mode}
+        balance = self.system.balance(piece.start, t - piece.start, x, v, slipping, piece.stuck)
+        w = self.system.incidence @ v
+        force = np.zeros(len(piece.modes))
+        for j, mode in slipping.items():
+            force[j] = mode * self.system.slipping(j, mode, w[j]) * balance.normal[j]
+        for j, held in balance.held.items():
+            force[j] = held
+        return force
+
+    def _piece(self, t: float) -> Piece:
+        starts = [piece.start for piece in self.pieces]
+        return self.pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)]
+
+
+def solve(data: Data) -> Solution:
+    """Return the motion of a scene given as plain data, see `System`."""
+    system = System(data)
+    run = _Run(system)
+    try:
+        run.to_the_end()
+    except Doubt as doubt:
+        run.solution.known, run.solution.doubt = run.settled, doubt.reason
+    return run.solution
+
+
+class _Run:
+    """A simulation under way: time, state, modes, and how long each stuck contact has been so."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._t, self._x, self._v = system.start, system.x0.copy(), system.v0.copy()
+        self._modes: list[int] = []
+        self._since: dict[int, float] = {}
+        self._reached: set[int] = set()
+        self._speed = max(1e-300, 1e-5 * system.force_scale * system.mobility.max() * system.span)
+        self.solution = Solution(system, system.stop)
+
+    @property
+    def settled(self) -> float:
+        """The time up to which there is no doubt."""
+        return self._t
+
+    def to_the_end(self) -> None:
+        """Settle, move, settle, ... until the end."""
+        system, stalls = self._system, 0
+        while self._t < system.stop:
+            before = self._t
+            settled = self._settle()
+            following = next((b for b in system.breaks if b > just_after(self._t)), system.stop)
+            self._move(settled, following if system.linear else min(following, self._t + system.span / PARTS))
+            stalls = stalls + 1 if self._t - before < 1e-14 * max(1.0, self._t) else 0
+            if stalls > MOST_STALLS or len(self.solution.events) > MOST_EVENTS:
+                raise Doubt(self._t, "events without end")
+
+    # Settling
+
+    def _settle(self) -> dict[int, int | None]:
+        """Return the modes of all contacts just after now; None where one at rest is open."""
+        system, first = self._system, not self._modes
+        self._v = system.driven(self._v, system.loads(self._t, 0.0))
+        resting = self._resting()
+        self._v = system.joined(self._v, resting)
+        w = system.incidence @ self._v
+        moving = {j: 1 if w[j] > 0 else -1 for j in range(len(w)) if j not in resting}
+        if first:
+            since = {j: system.start - system.contacts[j].get("rested", 0.0) for j in resting}
+        else:
+            since = {j: self._since.get(j, self._t) for j in resting}
+        instant = Instant(
+            self._t, self._later(resting), self._x, self._v, moving, resting, since, self._reached
+        )
+        settled = {**moving, **settle(system, instant)}
+        self._since = since
+        return settled
+
+    def _resting(self) -> list[int]:
+        """Return the contacts with w = 0: within roundoff, or because this is what ended the last piece."""
+        w = np.abs(self._system.incidence @ self._v)
+        now = float(np.abs(self._v).max(initial=1e-300))
+        self._speed = max(self._speed, now)
+        zero = 1e-10 * self._speed if self._modes else 1e-12 * now
+        return [
+            j for j in range(len(w)) if w[j] <= zero or (j in self._reached and w[j] <= 1e-6 * self._speed)
+        ]
+
+    def _later(self, resting: Sequence[int]) -> float:
+        """Return when to look at the loads: just after now where a contact at rest is pressed from 0 on."""
+        system = self._system
+        rising = system.loads(self._t, 1e-9 * system.span).normal > 0
+        zero = system.loads(self._t, 0.0).normal == 0
+        if any(zero[j] and rising[j] for j in resting):
+            return 1e-9 * system.span
+        return 0.0
+
+    # Moving
+
+    def _move(self, settled: Mapping[int, int | None], stop: float) -> None:
+        """Go on to the first event, or to `stop`."""
+        system, length = self._system, stop - self._t
+        stuck = tuple(j for j, mode in sorted(settled.items()) if mode == 0)
+        slipping = {j: mode for j, mode in settled.items() if mode}
+        kind = Exponential if system.linear else Integrated
+        motion = kind(system, self._t, length, (self._x, self._v), slipping, stuck)
+        start = length * 10.0 ** np.arange(-9.0, -2.4, 0.5)
+        grid = np.unique(np.concatenate([[0.0], start, np.linspace(0.0, length, motion.count + 1)]))
+        states = [motion.at(tau) for tau in grid]
+        self._speed = max(self._speed, *(float(np.abs(v).max(initial=0.0)) for _, v in states))
+        modes = [self._to_come(j, states) if mode is None else mode for j, mode in sorted(settled.items())]
+        self._note(modes)
+        self._since = {j: t for j, t in self._since.items() if modes[j] == 0}
+        watch = _Watch(system, motion, self._t, modes, stuck, self._since, self._speed)
+        tau, self._reached = watch.first(grid, states, length)
+        end = stop if tau >= length else self._t + tau
+        self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since))
+        self._x, self._v = (part.copy() for part in motion.at(tau))
+        self._t = end
+
+    def _to_come(self, j: int, states: Sequence[State]) -> int:
+        """Return the mode of an open contact at rest: where it goes next."""
+        for _, v in states[1:]:
+            w = float(self._system.incidence[j] @ v)
+            if abs(w) > 1e-12 * self._speed:
+                return 1 if w > 0 else -1
+        return 0
+
+    def _note(self, modes: list[int]) -> None:
+        if not self._modes:
+            self.solution.initial = tuple(modes)
+        else:
+            for name, before, after in zip(self._system.names, self._modes, modes, strict=True):
+                if before != after:
+                    self.solution.events.append((self._t, name, before, after))
+        self._modes = modes
+
+
+class _Watch:
+    """What must stay positive: w times the mode of slipping contacts, B - lambda and B + lambda of stuck ones."""
+
+    def __init__(
+        self,
+        system: System,
+        motion: Exponential | Integrated,
+        start: float,
+        modes: Sequence[int],
+        stuck: Sequence[int],
+        since: Mapping[int, float],
+        speed: float,
+    ) -> None:
+        self._system, self._motion, self._start = system, motion, start
+        self._slipping, self._stuck, self._since = {j: m for j, m in enumerate(modes) if m}, stuck, since
+        self._owners = [*self._slipping, *stuck, *stuck]
+        slips = len(self._slipping)
+        self._zero = np.full(len(self._owners), 1e-13 * system.force_scale)
+        self._zero[:slips] = 1e-14 * speed
+
+    def _guards(self, tau: float, state: State) -> Array:
+        x, v = state
+        balance = self._system.balance(self._start, tau, x, v, self._slipping, self._stuck)
+        w = self._system.incidence @ v
+        found = [mode * w[j] for j, mode in self._slipping.items()]
+        for sign in (1, -1):
+            for j in self._stuck:
+                dwelt = self._start + tau - self._since[j]
+                level = self._system.breakaway(j, sign, dwelt) * balance.normal[j]
+                found.append(level - sign * balance.held[j])
+        return np.array(found)
+
+    def first(self, grid: Array, states: Sequence[State], length: float) -> tuple[float, set[int]]:
+        """Return when the first of them falls to 0, the end where none does, and the contacts that it belongs to."""
+        guards = np.array([self._guards(tau, y) for tau, y in zip(grid, states, strict=True)])
+        zeros: dict[int, float] = {}
+        for k in range(len(self._owners)):
+            zero = self._zero_of(k, grid, guards[:, k], min(zeros.values(), default=length))
+            if zero is not None:
+                zeros[k] = zero
+        if zeros:
+            tau = min(zeros.values())
+            together = 1e-12 * max(1.0, length)
+            return tau, {self._owners[k] for k, zero in zeros.items() if zero - tau <= together}
+        last = length * (1 - 1e-15)
+        at_end = np.abs(self._guards(last, self._motion.at(last))) <= 1e3 * self._zero
+        was_not = np.abs(guards).max(axis=0) > 1e5 * self._zero
+        return length, {j for j, reached in zip(self._owners, at_end & was_not, strict=True) if reached}
+
+    def _zero_of(self, k: int, grid: Array, values: Array, before: float) -> float | None:
+        """Return where a guard first falls through 0, unless that is later than `before`."""
+        zero, last = self._zero[k], len(grid) - 1
+        away = np.flatnonzero(np.abs(values) > 100 * zero)
+        if not away.size:
+            return None  # it stays at 0
+        if values[away[0]] < 0:
+            raise Doubt(self._start, "a contact that leaves its mode at once")
+        guard = lambda tau: float(self._guards(tau, self._motion.at(tau))[k])  # noqa: E731
+        for i in range(away[0], last):
+            if grid[i] > before:
+                return None
+            if values[i + 1] < 0:
+                if i + 1 == last and values[last] > -zero:
+                    return None  # it comes to 0 at the end
+                return _root(guard, grid[i], grid[i + 1])
+            if i > away[0] and _dips(*values[i - 1 : i + 2]):
+                lowest = minimize_scalar(
+                    guard,
+                    bounds=(grid[i - 1], grid[i + 1]),
+                    method="bounded",
+                    options={"xatol": 1e-12 * grid[-1]},
+                )
+                if lowest.fun < 0:
+                    return _root(guard, grid[i - 1], float(lowest.x))
+        return None
+
+
+def _dips(left: float, middle: float, right: float) -> bool:
+    """Whether a guard turns so low that it may have crossed 0 between points."""
+    return middle < min(left, right) and middle < 0.5 * max(left - middle, right - middle)
+
+
+def _root(guard: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(guard, low, high, xtol=1e-16 * max(1.0, high), rtol=8.9e-16))
