@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -49,6 +50,7 @@ class Motion:
     ) -> None:
         self.system, self.mode_set, self.t, self.y, self.since = system, mode_set, t, y, since
         self.horizon = stop - t
+        self._before_stop = math.nextafter(stop, -math.inf)
         self.q0, self.q1 = system.loads.at(t)
         self._place_curved()
         self._expand()
@@ -77,7 +79,9 @@ class Motion:
         self.curved_rates = bool(self._b_curved.any()) or self.has_law
 
     def _curved_inputs(self, tau: float | Array) -> Array:
-        return self.system.loads.curved_at(self.t + tau)
+        # at the end of the segment a load may jump: what counts is its left limit
+        times = np.minimum(self.t + tau, self._before_stop)
+        return self.system.loads.curved_at(times if isinstance(tau, np.ndarray) else float(times))
 
     def inputs(self, tau: float | Array) -> Array:
         """Return the whole input vector at local time `tau`, one column per time where that is an array."""
@@ -160,12 +164,26 @@ class Motion:
         )
 
     def second_rate(self, tau: float | Array, y: Array, rate: Array) -> Array:
-        """Return ``y''``: exact where the rates are linear, by central difference along the motion elsewhere."""
+        """Return ``y''``: exact where the rates are linear, by differences along the motion elsewhere."""
         if not self.curved_rates:
             b1 = self._responses[1]
             return self.mode_set.A @ rate + (b1 if rate.ndim == 1 else b1[:, None])
+        if not isinstance(tau, np.ndarray):
+            return self.second_rate(np.array([tau]), y[:, None], rate[:, None])[:, 0]
         d = self._difference_step
-        return (self.rate(tau + d, y + d * rate) - self.rate(tau - d, y - d * rate)) / (2 * d)
+        # central, but never across the ends of the segment, where loads turn
+        first, last = tau < d, tau > self.horizon - d
+        middle = np.where(first, d, np.where(last, -d, 0.0))
+        ahead, behind = (self.rate(tau + step, y + step * rate) for step in (middle + d, middle - d))
+        found = (ahead - behind) / (2 * d)
+        for ends, side in ((first, d), (last & ~first, -d)):
+            if ends.any():
+                near, far = (
+                    self.rate(tau[ends] + step, y[:, ends] + step * rate[:, ends])
+                    for step in (side, 2 * side)
+                )
+                found[:, ends] = (-3 * rate[:, ends] + 4 * near - far) / (2 * side)
+        return found
 
     @property
     def _difference_step(self) -> float:

@@ -476,3 +476,16 @@ def test_a_longest_step_adds_points_and_changes_nothing_else(longest: float) -> 
     assert result.events == free.events
     assert np.diff(result.t).max() <= longest * (1 + 1e-12)
     assert result.y[:, -1].tolist() == free.y[:, -1].tolist()
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+def test_outputs_before_a_break_do_not_see_the_loads_behind_it(formulation: str) -> None:
+    """Far above the Stribeck velocity v = 20 - 10 (t - t^2/2), until the normal force has fallen to 0 at 1 s."""
+    law = DryFriction(0.3, 0.2, stribeck_velocity=0.05)
+    scene = Scene(
+        Body("w", inertia=1.0, velocity=20.0),
+        Contact("c", "w", GROUND, law, normal=piecewise_linear([0, 1], [50, 0])),
+    )
+    t = np.linspace(0, 1, 401)
+    result = simulate(scene, (0.0, 2.0), t_eval=t, rtol=1e-10, atol=1e-13, formulation=formulation)
+    np.testing.assert_allclose(result.velocity("w"), 20 - 10 * (t - t * t / 2), atol=2e-9)

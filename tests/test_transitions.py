@@ -291,6 +291,16 @@ def test_drive_velocity_jumps_while_stuck() -> None:
     assert times(result) == near(1.0, 1.5, 2.0, 2.5, abs=1e-12)
 
 
+def test_jump_of_a_drive_whose_velocity_is_curved() -> None:
+    """The drive jumps ahead by 0.5 at t = 1; the body follows at 4 m/s^2 until it has caught up with the sine."""
+    wave = sine(0.1, 0.2)
+    result = simulate(on_drive(wave + step(1.0, 0.0, 0.5), normal=20.0), (0.0, 3.0))
+    assert told(result) == [("c", 0, -1), ("c", -1, 0)]
+    caught_up = times(result)[1]
+    assert times(result)[0] == 1.0
+    assert wave(1.0) + 4.0 * (caught_up - 1.0) == pytest.approx(wave(caught_up) + 0.5, abs=1e-7)
+
+
 def test_drive_velocity_jump_within_roundoff_is_none() -> None:
     assert not simulate(on_drive(piecewise_linear([1, 1], [1, 1 + 1e-13]), 1.0), (0.0, 3.0)).events
     assert len(simulate(on_drive(piecewise_linear([1, 1], [1, 1 + 1e-9]), 1.0), (0.0, 3.0)).events) == 2
