@@ -15,6 +15,7 @@ import pytest
 
 from validation import oracle
 from validation.oracle import solve
+from validation.oracle_scenes import FAMILIES
 from validation.oracle_signals import Lines, Sine, read
 
 HERE = Path(__file__).parent
@@ -135,6 +136,37 @@ def test_equal_contacts_go_together() -> None:
     assert [e[1:] for e in found.events] == [("floor", 0, 1), ("other", 0, 1)]
     assert [e[0] for e in found.events] == pytest.approx([1.0, 1.0], abs=1e-14)
     assert found.friction(0.5) is None
+
+
+def test_an_open_contact_at_rest_keeps_the_time_since_which_it_rests() -> None:
+    # B = 3 - exp(-t/0.5) N/10 N under 2.5 N from 1 s on: at rest for 1 s it holds, just become stuck it would not
+    normal = [[0, 10], [0.4, 10], [0.4, -1], [0.5, -1], [0.5, 10]]
+    found = solve(block([[1, 0], [1, 2.5]], normal=normal, tau=0.5))
+    assert not found.events and found.velocity(2.0) == pytest.approx([0.0], abs=0.0)
+    assert solve(block([[1, 0], [1, 2.9]], normal=normal, tau=0.5)).events == [(1.0, "floor", 0, 1)]
+
+
+def test_slipping_friction_that_starts_at_the_level_lets_go() -> None:
+    # m v' = 3 t - 2 - exp(-(v/0.5)^2) starts at 0 at 1 s
+    found = solve(block([[0, 0], [2, 6]], vs=0.5, delta=2.0))
+    assert not found.doubt
+    ((t, *modes),) = found.events
+    assert t == pytest.approx(1.0, abs=1e-14) and modes == ["floor", 0, 1]
+    assert found.velocity(1.01)[0] == pytest.approx(1.5e-4, rel=1e-3)
+
+
+def test_breaks_a_last_digit_apart_are_one() -> None:
+    late = 0.1 + 0.2
+    assert late > 0.3
+    found = solve(block([[0.3, 0], [0.3, 2.5]], normal=[[late, 10], [late, 20], [1, 0]]))
+    ((t, *_),) = found.events
+    assert t == pytest.approx(1 - 0.7 * 2.5 / 6, abs=1e-14)
+
+
+def test_where_nothing_moves_roundoff_is_no_motion() -> None:
+    found = solve(FAMILIES["symmetric"][0](42))
+    assert found.known > 0.95
+    assert found.events[0][0] == pytest.approx(0.94845981, abs=1e-8)
 
 
 def test_it_says_where_there_is_no_telling() -> None:

@@ -86,6 +86,13 @@ def test_a_scene_in_doubt_is_compared_up_to_there_and_counted() -> None:
     assert "events" in tried.remark and "no longer unique" in tried.remark
 
 
+def test_a_scene_without_loops_has_one_answer() -> None:
+    for number in range(4):
+        answer = truth("trees", number)
+        assert not answer.doubt
+        assert not np.isnan(answer.friction).any()
+
+
 def test_rows_say_how_many() -> None:
     table = rows(7)
     assert len(table) == len(FAMILIES) * len(GROUPS)

@@ -106,7 +106,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="leave out what is long; under a minute")
     parser.add_argument("--list", action="store_true", help="show the rows and end")
     parser.add_argument(
-        "--scenes", type=int, metavar="N", help=f"number of random scenes ({SCENES}, quick {QUICK_SCENES})"
+        "--scenes",
+        type=int,
+        metavar="N",
+        help=f"number of random scenes ({SCENES}, quick {QUICK_SCENES}); a fifth as many in each family of the oracle",
     )
     parser.add_argument(
         "--report", type=Path, metavar="DIR", help="write a page with tables and figures into DIR"

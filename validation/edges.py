@@ -17,6 +17,7 @@ from stickslip import (
     Force,
     Scene,
     Signal,
+    Spring,
     piecewise_linear,
     simulate,
 )
@@ -250,7 +251,30 @@ def _turns() -> list[Edge]:
     ]
 
 
-EDGES = (*_levels(), *_normals(), *_drives(), *_dwells(), *_turns())
+def _opened() -> list[Edge]:
+    """Open contacts whose acceleration starts at 0: they leave rest with the contact that lets go."""
+    falling = DryFriction(0.3, 0.2, stribeck_velocity=0.3)
+    ramp, later = _load((0, 0), (2, 6)), _lines((5, 0), (6, 1))
+    idle = Contact("idle", "q", GROUND, DRY, normal=later)
+    events = [(1.0, "c", 0, 1), (1.0, "idle", 0, 1)]
+    return [
+        Edge(
+            "open, beside a contact that lets go",
+            Scene(_body(), ramp, _floor(falling), _floor(normal=later, name="idle")),
+            events,
+            {},
+        ),
+        Edge(
+            "open, behind a spring",
+            Scene(_body(), Body("q", inertia=1.0), Spring("b", "q", stiffness=5.0), _floor(), ramp, idle),
+            events,
+            {},
+            1.2,
+        ),
+    ]
+
+
+EDGES = (*_levels(), *_normals(), *_drives(), *_dwells(), *_turns(), *_opened())
 
 
 def _checked(edge: Edge, formulation: str, method: str) -> float:

@@ -282,12 +282,12 @@ def tree(draw: Callable[[int], Scene], seed: int) -> Scene:
 
 FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "wheels": (wheels, "wheels in chains, stars and trees, with brakes and drives"),
-    "dampers": (partial(wheels, dampers=True), "the same with dampers"),
-    "opened": (partial(wheels, opened=True), "the same with contacts that open"),
-    "loops": (partial(wheels, loops=True), "the same with contacts in loops and side by side"),
+    "dampers": (partial(wheels, dampers=True), "wheels with dampers beside the contacts"),
+    "opened": (partial(wheels, opened=True), "wheels with contacts that open"),
+    "loops": (partial(wheels, loops=True), "wheels with contacts in loops and side by side"),
     "everything": (
         partial(wheels, loops=True, dampers=True, opened=True),
-        "the same with dampers, loops, and contacts that open",
+        "wheels with dampers, loops, and contacts that open",
     ),
     "blocks": (blocks, "blocks pulled over the floor through springs"),
     "mixed": (mixed, "wheels with springs, dampers, and contacts that open"),

@@ -104,10 +104,10 @@ def _load(system: System, now: Instant, balance: Balance, j: int) -> float:
 def _against(system: System, now: Instant, balance: Balance, slipping: dict[int, int]) -> list[int]:
     """Return the contacts let go that accelerate against their modes; one that never accelerates is in doubt."""
     relative = system.incidence @ balance.acceleration
-    largest = np.abs(balance.acceleration).max(initial=1e-300)
-    against = [j for j, mode in slipping.items() if relative[j] * mode < -1e-9 * largest]
     roundoff = 1e-12 * system.force_scale * system.mobility.max()
-    still = [j for j in slipping if abs(relative[j]) <= 1e-9 * largest + roundoff]
+    nothing = 1e-9 * np.abs(balance.acceleration).max(initial=0.0) + roundoff
+    against = [j for j, mode in slipping.items() if relative[j] * mode < -nothing]
+    still = [j for j in slipping if abs(relative[j]) <= nothing]
     if against or not still:
         return against
     # where slipping friction starts at the breakaway level, acceleration starts at 0: its rate decides
