@@ -34,7 +34,7 @@ Indices = NDArray[np.intp]
 _DENSE_LIMIT = 100
 _REMEMBERED, _REMEMBERED_LARGE = 64, 4
 _SHARED, _SHARED_LIMIT = 8, 30
-_FEW_PARTS = 8
+_FEW_PARTS, _SPANS = 8, 4
 _COMPILED: dict[int, System] = {}
 
 
@@ -65,6 +65,7 @@ class System:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
+        self._spans: dict[tuple[float, float, bool], tuple[list[Signal], Loads]] = {}
         self.names = [body.name for body in scene.bodies]
         n, drives = len(scene.bodies), len(scene.drives)
         self.n, self.drives, self.m = n, drives, len(scene.contacts)
@@ -123,10 +124,17 @@ class System:
     def over(self, start: float, stop: float, stepped: bool = False) -> System:
         """Return the same system with its loads over a time span, read as a fixed-step method does if `stepped`."""
         system = copy(self)
-        system.normals = [s.clipped(start, stop) for s in self._normals]
+        known = self._spans.get((start, stop, stepped))
+        if known is None:
+            normals = [s.clipped(start, stop) for s in self._normals]
+            signals = [*normals, *self._others]
+            loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
+            if len(self._spans) >= _SPANS:
+                self._spans.clear()
+            known = self._spans[start, stop, stepped] = normals, loads
+        system.normals, loads = known
         system.velocities = self._others[len(self._others) - self.drives :]
-        signals = [*system.normals, *self._others]
-        system.loads = Loads(signals, range(self.first_drive, len(signals)), start, stop, stepped)
+        system.loads = loads.anew()
         system.span, system.stepped = (start, stop), stepped
         return system
 

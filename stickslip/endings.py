@@ -70,16 +70,17 @@ def turned_over(
     mode_set, system = segment.mode_set, segment.system
     if not mode_set.loose.size or not reached.taus[-1] > 0:
         return modes, []
-    turned = modes.copy()
-    turns = []
+    turned, turns = modes, []
     if mode_set.free.size:
+        turned = modes.copy()
         w = segment.relative_velocity(float(reached.taus[-1]), reached.states[-1])
         turned[mode_set.free] = system.sign_of(w)[mode_set.free]
     if mode_set.open.size:
-        for tau, j, before, after in _turns(segment, reached, modes):
-            turns.append((segment.t + tau, j, before, after))
+        turns = [(segment.t + tau, j, old, new) for tau, j, old, new in _turns(segment, reached, modes)]
+        turned = turned.copy() if turns else turned
+        for _, j, _, after in turns:
             turned[j] = after
-    return (turned if np.any(turned != modes) else modes), turns
+    return (turned if turned is not modes and np.any(turned != modes) else modes), turns
 
 
 def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[float, int, int, int]]:
@@ -87,7 +88,7 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
     contacts = segment.mode_set.open
     velocity, taus = _open_velocity(segment, reached)
     w = velocity(taus)
-    if (w * modes[contacts, None] > 0).all():
+    if not np.count_nonzero(w * modes[contacts, None] <= 0):
         return
     # what is roundoff at the end is for the modes to settle
     largest = np.abs(np.column_stack([velocity(np.zeros(1)), w])).max(axis=1)
@@ -113,8 +114,8 @@ def _open_velocity(segment: Segment, reached: Reached) -> tuple[Callable[[Array]
     contacts, taus = segment.mode_set.open, reached.taus
     if segment.quadratic and not segment.has_curved:
         w0, w1, w2 = segment.open_velocity
-        turning = (w1 * w2 < 0).nonzero()[0]
         looks = taus[1:]
+        turning = (w1 * w2 < 0).nonzero()[0]
         if turning.size:
             vertices = -0.5 * w1[turning, 0] / w2[turning, 0]
             looks = np.union1d(looks, vertices[vertices < taus[-1]])

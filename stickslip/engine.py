@@ -140,9 +140,11 @@ class Engine:
     def _in_closed_form(self, segment: Segment, tau: float, hit: bool) -> Reached:
         """Return the start and the end of a quadratic motion, with points between where long steps are refused."""
         if self._max_step == math.inf:
-            return Reached(np.array([0.0, tau]), np.array([segment.y, segment.states(tau)]), hit)
-        taus = np.linspace(0.0, tau, max(1, math.ceil(tau / self._max_step)) + 1)
-        return Reached(taus, segment.states(taus), hit)
+            taus, states = np.array([0.0, tau]), np.array([segment.y, segment.states(tau)])
+        else:
+            taus = np.linspace(0.0, tau, max(1, math.ceil(tau / self._max_step)) + 1)
+            states = segment.states(taus)
+        return Reached(taus, states, hit, joined=not segment.mode_set.driven)
 
     def release(self) -> None:
         """Leave what the next simulation can use."""

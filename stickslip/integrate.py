@@ -231,7 +231,8 @@ class _Run:
     def _follow(self, horizon: float) -> Reached:
         segment = self._now.segment
         reached = self._engine.advance(segment, horizon)
-        segment.exact_velocities(reached.taus, reached.states)
+        if not reached.joined:
+            segment.exact_velocities(reached.taus, reached.states)
         return reached
 
     def _go_on(self, reached: Reached, t: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,13 @@ class Loads:
         self._loaded = 0
         self._last = (math.nan, self._value, self._slope)
         self._load(range(count), start)
+
+    def anew(self) -> Loads:
+        """Return the same loads for another simulation, as they are at the start."""
+        other = copy(self)
+        other._value, other._slope, other._since = self._value.copy(), self._slope.copy(), self._since.copy()
+        other._last = (math.nan, other._value, other._slope)
+        return other
 
     def _load(self, entries: Sequence[int] | range, t: float) -> None:
         for i in entries:

@@ -62,13 +62,15 @@ class Work:
 class Reached:
     """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
 
-    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes.
+    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes. In a closed form
+    the velocities of stuck bodies are `joined` to the last bit.
     """
 
     taus: Array
     states: Array
     hit: bool
     multipliers: tuple[Array, Array] | None = None
+    joined: bool = False
 
     def until(self, count: int) -> Reached:
         """Return the first `count` points."""
