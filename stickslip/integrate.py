@@ -247,7 +247,8 @@ class _Run:
         self._restarts += 1
         y, stop, tau = reached.states[-1], system.loads.next_break(t, self._stop), float(reached.taus[-1])
         parted = jumped(segment, tau, t)
-        changed = self._relaxed or self._regained or parted.any() or before is not self._now.modes
+        jumps = system.drives > 0 and parted.any()
+        changed = self._relaxed or self._regained or jumps or before is not self._now.modes
         if not (reached.hit or changed):
             unchanged = carry_on(system, t, y, self._now, stop)
             if unchanged is not None:

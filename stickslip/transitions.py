@@ -154,7 +154,7 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
         mode_set = system.mode_set(modes.tobytes())
     nothing = np.zeros(system.m, dtype=bool)
     segment = Segment(system, mode_set, t, y, now.since, nothing, stop)
-    slow = _slow(system, (y, q), (now.segment.y, now.segment.q0))
+    slow = _slow(system, y, now.segment.y, q)
     if np.count_nonzero(segment.taylor[0][: segment.slips] <= slow) or _any_loose_at_rest(
         segment, 0.0, y, now.modes, slow
     ):
@@ -166,12 +166,16 @@ def carry_on(system: System, t: float, y: Array, now: Settled, stop: float) -> S
     return Settled(now.modes, np.where(now.modes == 0, now.since, t), segment)
 
 
-def _slow(system: System, *states_and_inputs: tuple[Array, Array]) -> float:
-    """Return the relative velocity below which a contact is looked at together with all others."""
-    square = 0.0
-    for y, q in states_and_inputs:
-        velocity, drives = y[: system.n], q[system.first_drive : system.first_acceleration]
-        square += float(velocity @ velocity + drives @ drives)
+def _slow(system: System, y: Array, was: Array, q: Array) -> float:
+    """Return the relative velocity below which a contact is looked at together with all others.
+
+    What comes to rest is slow beside what it was.
+    """
+    now, before = y[: system.n], was[: system.n]
+    square = float(now @ now + before @ before)
+    if system.drives:
+        drives = q[system.first_drive : system.first_acceleration]
+        square += float(drives @ drives)
     return _STANDING * math.sqrt(square)
 
 
@@ -208,8 +212,7 @@ def change_one(
     if not system.all_hard or before.has_curved or not before.slips + before.helds:
         return None
     q = before.inputs(tau)
-    # what comes to rest is slow beside what it was
-    slow = _slow(system, (y, q), (before.y, before.q0))
+    slow = _slow(system, y, before.y, q)
     near = mode_set.nearness * q[mode_set.guard_inputs]
     near[: before.slips] = slow
     close = (before.raw_at(tau, y) <= near).nonzero()[0]
@@ -261,7 +264,7 @@ def _closed(system: System, t: float, q: Array) -> Mask:
     normal = q[: system.m]
     closed = normal > 0
     edge = (normal == 0) & system.alive
-    if edge.any():
+    if np.count_nonzero(edge):
         rising = system.loads.at(t)[1][: system.m] > 0
         for i in system.loads.curved:
             if i < system.m and edge[i]:
