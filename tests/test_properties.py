@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from stickslip import (
@@ -29,6 +29,7 @@ from stickslip import (
     sine,
     triangle,
 )
+from stickslip.connection import unconnected_parts
 
 STOP = 2.0
 SCENES = settings(
@@ -343,3 +344,21 @@ def test_reruns_are_bit_identical(seed: int) -> None:
     first, second = simulate(scene, (0.0, STOP)), simulate(scene, (0.0, STOP))
     assert first.t.tobytes() == second.t.tobytes() and first.y.tobytes() == second.y.tobytes()
     assert first.events == second.events and first.stats == second.stats
+
+
+@FEWER
+@given(seeds)
+def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:
+    scene = make(seed)
+    assume(len(unconnected_parts(scene)) < 8)
+    other = (
+        Body("unconnected", inertia=1.0, velocity=1.0),
+        Spring("unconnected", GROUND, stiffness=100.0),
+        Contact("beside", "unconnected", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+    )
+    times = np.linspace(0.0, STOP, 31)
+    alone = simulate(scene, (0.0, STOP), t_eval=times)
+    beside = simulate(Scene(*scene.elements, *other), (0.0, STOP), t_eval=times)
+    assert [e for e in beside.events if e.contact != "beside"] == alone.events
+    n = len(scene.bodies)
+    assert beside.y[:n].tobytes() == alone.y[:n].tobytes()
