@@ -222,6 +222,17 @@ class System:
         matrix.eliminate_zeros()
         return matrix
 
+    def drive_accelerations(self, inputs: Array) -> Array:
+        """Return the drives' accelerations in the places of their velocities, among inputs (rows) that are else 0."""
+        rates = np.zeros_like(inputs)
+        rates[self.first_drive : self.first_acceleration] = inputs[self.first_acceleration : -1]
+        return rates
+
+    def at_ends(self, values: Array, contacts: Indices | slice = slice(None)) -> Array:
+        """Return the sums of bodies' values (rows) over both ends of contacts; prescribed bodies count nothing."""
+        wide = np.concatenate([values, np.zeros((self.drives + 1, *values.shape[1:]))])
+        return wide[self.a[contacts]] + wide[self.b[contacts]]
+
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
         limit = self.coefficients.velocity

@@ -144,11 +144,7 @@ class _Equations:
         out[:n] = system.inertia * rate[:n] - acting + self._G.T @ force
         if size > n:
             out[n:size] = rate[n:size] - segment.rate(tau, y)[n:]
-        q = segment.inputs(tau)
-        held = np.zeros_like(q)
-        drives = slice(system.first_drive, system.first_acceleration)
-        held[drives] = q[system.first_acceleration : system.first_acceleration + system.drives]
-        out[size:] = self._gram @ force - self._GM @ acting - self._D @ held
+        out[size:] = self._gram @ force - self._GM @ acting - self._D @ segment.drive_acceleration(tau)
 
     def _place_jacobian(self) -> None:
         self.pattern: Any = None

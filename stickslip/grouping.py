@@ -61,7 +61,7 @@ class Groups:
         (self._group_few if self._is_small else self._group_many)()
         self.free = self.holder < 0
         self.moves_together = bool(np.any(self.free & (self.leader != np.arange(self.n))))
-        self.mass = np.bincount(self.leader, weights=inertia, minlength=self.n)[self.leader]
+        self.mass = self.totals(inertia)
         self._child = np.flatnonzero(self._edge >= 0)
         self._carrier = self._edge[self._child]
         self.redundant = self._child.size < self.count
@@ -199,12 +199,16 @@ class Groups:
 
     def mean(self, forces: Array) -> Array:
         """Return each body's group acceleration ``sum F / sum m``, zero where the group is held."""
-        if forces.ndim == 1:
-            total = np.bincount(self.leader, weights=forces, minlength=self.n)
-            return np.where(self.free, total[self.leader] / self.mass, 0.0)
-        total = np.zeros_like(forces)
-        np.add.at(total, self.leader, forces)
-        return np.where(self.free[:, None], total[self.leader] / self.mass[:, None], 0.0)
+        wide = (slice(None), None) if forces.ndim == 2 else slice(None)
+        return np.where(self.free[wide], self.totals(forces) / self.mass[wide], 0.0)
+
+    def totals(self, values: Array) -> Array:
+        """Return for each body the sum of values (rows) over its group."""
+        if values.ndim == 1:
+            return np.bincount(self.leader, weights=values, minlength=self.n)[self.leader]
+        total = np.zeros_like(values)
+        np.add.at(total, self.leader, values)
+        return total[self.leader]
 
     def contact_forces(self, forces: Array, held_acceleration: Array, parting: Array | None = None) -> Array:
         """Return the stuck contacts' forces by eq. (1), least norm where they are not unique.

@@ -66,7 +66,5 @@ def _push(segment: Segment, magnitudes: Array) -> Array:
     """Return the relative accelerations that single forces would cause, from absolute values of states and inputs."""
     system, groups = segment.system, segment.mode_set.groups
     forces = system.magnitudes @ magnitudes
-    total = np.bincount(groups.leader, weights=forces, minlength=system.n)[groups.leader]
-    single = np.maximum(forces / system.inertia, total / groups.mass)
-    wide = np.concatenate([single, np.zeros(system.drives + 1)])
-    return wide[system.a] + wide[system.b]
+    single = np.maximum(forces / system.inertia, groups.totals(forces) / groups.mass)
+    return system.at_ends(single)

@@ -143,29 +143,14 @@ class ModeSet:
         Their roundoff is that of the guards. The first rows are the speeds of both ends, of slipping contacts
         only; then follow, for each guard, the accelerations of both ends or the forces on both groups.
         """
-        system, groups = self.system, self.groups
-        body = system.magnitudes @ values
-        total = np.zeros_like(body)
-        np.add.at(total, groups.leader, body)
-        acceleration = self._at_ends((body.T / system.inertia).T, self.slip)
-        if system.drives:
-            acceleration += (abs(system.D) @ self._drive_accelerations(values[system.size :]))[self.slip]
-        speed = self._at_ends(values[: system.n], self.slip)
-        force = self._at_ends(total[groups.leader], self.held_contacts)
-        return np.concatenate([speed, acceleration, force, force])
-
-    def _drive_accelerations(self, inputs: Array) -> Array:
-        """Return the drives' accelerations in the places of their velocities."""
-        first, last = self.system.first_drive, self.system.first_acceleration
-        rates = np.zeros_like(inputs)
-        rates[first:last] = inputs[last : 2 * last - first]
-        return rates
-
-    def _at_ends(self, values: Array, contacts: Indices) -> Array:
-        """Return the sums over both ends of contacts; prescribed bodies count nothing."""
         system = self.system
-        wide = np.concatenate([values, np.zeros((system.drives + 1, *values.shape[1:]))])
-        return wide[system.a[contacts]] + wide[system.b[contacts]]
+        body = system.magnitudes @ values
+        acceleration = system.at_ends((body.T / system.inertia).T, self.slip)
+        if system.drives:
+            acceleration += (abs(system.D) @ system.drive_accelerations(values[system.size :]))[self.slip]
+        speed = system.at_ends(values[: system.n], self.slip)
+        force = system.at_ends(self.groups.totals(body), self.held_contacts)
+        return np.concatenate([speed, acceleration, force, force])
 
     def _assemble(self) -> None:
         raise NotImplementedError

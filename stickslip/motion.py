@@ -237,10 +237,7 @@ class Motion:
 
     def drive_acceleration(self, tau: float) -> Array:
         """Return the accelerations of the drives, as inputs in the places of their velocities."""
-        first, last = self.system.first_drive, self.system.first_acceleration
-        rates = np.zeros(self.system.inputs)
-        rates[first:last] = self.inputs(tau)[last : 2 * last - first]
-        return rates
+        return self.system.drive_accelerations(self.inputs(tau))
 
     # -- many times at once -------------------------------------------------------------------------------
 
