@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stickslip.pieces import interpolate
+from stickslip.scan import between_points
 from stickslip.segment import Segment
 from stickslip.solving import Reached
 
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_BETWEEN = np.array([0.25, 0.5, 0.75, 1.0])
-_PER_PERIOD = 16
 _ROUNDOFF_AT_END, _TIE = 1e-9, 1e-7
 _LOOKS, _CLOSE = 64, 1e-9
 
@@ -125,11 +124,9 @@ def _open_velocity(segment: Segment, reached: Reached) -> tuple[Callable[[Array]
         states = interpolate(segment, taus, reached.states, x)
         return segment.relative_velocity(x, states.T)[contacts]
 
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _BETWEEN).ravel()
     if segment.quadratic:
-        count = int(np.ceil(_PER_PERIOD * taus[-1] / segment.system.loads.period))
-        looks = np.linspace(0.0, taus[-1], max(count, 16) + 1)[1:]
-    return velocity, looks
+        return velocity, segment.looks(float(taus[-1]), 16)[1:]
+    return velocity, between_points(taus)
 
 
 def _turn_time(w: Callable[[float], float], left: float, right: float) -> float:
@@ -203,10 +200,7 @@ def _regains(segment: Segment, reached: Reached, j: int) -> float:
         guards = trial.raw_guards(taus, trial.watched(taus, states.T))
         return np.minimum(guards[row], guards[row + trial.helds])
 
-    taus = np.linspace(0.0, reached.taus[-1], _LOOKS + 1)
-    if segment.has_curved:
-        count = int(np.ceil(_PER_PERIOD * taus[-1] / segment.system.loads.period))
-        taus = np.linspace(0.0, taus[-1], max(count, _LOOKS) + 1)
+    taus = segment.looks(float(reached.taus[-1]), _LOOKS)
     values, limit = spare(taus), trial.levels(0.0).max() + np.abs(trial.watched(0.0, segment.y)).max()
     crossing = (values[:-1] < -_CLOSE * limit) & (values[1:] > 0)
     if not crossing.any():

@@ -15,9 +15,12 @@ from scipy.interpolate import CubicSpline
 from stickslip.assembly import System
 from stickslip.mode_set import ModeSet
 
-__all__ = ["Motion", "hermite", "line"]
+__all__ = ["PER_PERIOD", "Motion", "hermite", "line"]
 
 Array = NDArray[np.float64]
+
+PER_PERIOD = 16
+"""Times per period at which curved loads are looked at."""
 
 _STIFF, _SPLINE_POINTS = 100.0, 4
 
@@ -82,6 +85,11 @@ class Motion:
         # at the end of the segment a load may jump: what counts is its left limit
         times = np.minimum(self.t + tau, self._before_stop)
         return self.system.loads.curved_at(times if isinstance(tau, np.ndarray) else float(times))
+
+    def looks(self, tau: float, fewest: int) -> Array:
+        """Return times from 0 to `tau` so close that no turn of a curved load hides between them."""
+        count = math.ceil(PER_PERIOD * tau / self.system.loads.period) if self.has_curved else 0
+        return np.linspace(0.0, tau, max(count, fewest) + 1)
 
     def inputs(self, tau: float | Array) -> Array:
         """Return the whole input vector at local time `tau`, one column per time where that is an array."""

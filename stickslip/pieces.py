@@ -17,8 +17,6 @@ __all__ = ["Piece", "interpolant", "interpolate"]
 
 Array = NDArray[np.float64]
 
-_POINTS_PER_PERIOD = 16
-
 
 @dataclass(frozen=True)
 class Piece:
@@ -107,8 +105,7 @@ class Piece:
         knots, system = self.taus, self.system
         if segment.has_curved:
             # a quadratic motion has few computed points, whatever a curved drive does between them
-            count = int(np.ceil(_POINTS_PER_PERIOD * knots[-1] / system.loads.period))
-            knots = np.union1d(knots, np.linspace(0.0, knots[-1], max(count, 1) + 1))
+            knots = np.union1d(knots, segment.looks(float(knots[-1]), 1))
         nodes, weights = np.polynomial.legendre.leggauss(3)
 
         def integral(left: Array, right: Array) -> Array:

@@ -12,21 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from stickslip.motion import PER_PERIOD
 from stickslip.segment import Segment
 
-__all__ = ["first_dip", "first_violation", "longest_look"]
+__all__ = ["between_points", "first_dip", "first_violation", "longest_look"]
 
 Array = NDArray[np.float64]
 
-_PER_PERIOD = 16
 _LOOKS = 4096
+_FRACTIONS = np.array([0.25, 0.5, 0.75, 1.0])
 _SUSPICION = 5e-2
 _FEW_TURNS = 3
 
 
 def longest_look(segment: Segment) -> float:
     """Return the time that can be looked over at once in a segment that is not integrated."""
-    return _LOOKS / _PER_PERIOD * segment.system.loads.period if segment.has_curved else np.inf
+    return _LOOKS / PER_PERIOD * segment.system.loads.period if segment.has_curved else np.inf
 
 
 def first_violation(segment: Segment, horizon: float, max_step: float) -> float:
@@ -40,8 +41,7 @@ def first_violation(segment: Segment, horizon: float, max_step: float) -> float:
     if segment.dwell_times.size:
         looks.append(np.multiply.outer(segment.dwell_times, np.geomspace(0.02, 40.0, 24)).ravel())
     if segment.has_curved:
-        count = int(np.ceil(_PER_PERIOD * horizon / segment.system.loads.period))
-        looks.append(np.linspace(0.0, horizon, max(count, 17) + 1)[1:])
+        looks.append(segment.looks(horizon, 17)[1:])
     if horizon > max_step:
         looks.append(np.linspace(0.0, horizon, int(np.ceil(horizon / max_step)) + 1)[1:])
     taus = np.unique(np.concatenate(looks))
@@ -69,8 +69,7 @@ def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float 
         Computed points; the last one is at a root where `hit` is true.
     """
     between = segment.between(taus, states)
-    fractions = np.array([0.25, 0.5, 0.75, 1.0])
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * fractions).ravel()
+    looks = between_points(taus)
     if segment.dwell_times.size:
         extra = np.multiply.outer(segment.dwell_times, np.geomspace(0.02, 40.0, 24)).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
@@ -84,6 +83,11 @@ def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float 
         return None
     found = _first_negative(looks, guards(looks), guards, np.inf)
     return found if np.isfinite(found) else None
+
+
+def between_points(taus: Array) -> Array:
+    """Return where to look on the way: four times within each step, its end among them."""
+    return (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS).ravel()
 
 
 def _first_negative(taus: Array, values: Array, guards: Callable[[Array], Array], otherwise: float) -> float:
