@@ -18,7 +18,15 @@ from stickslip.linear_solver import LinearSolver, band_order
 from stickslip.progress import Interruption, Progress
 from stickslip.scan import first_dip, first_violation, longest_look
 from stickslip.segment import Segment
-from stickslip.solving import Interrupted, Reached, SolverFailure, Work, failure_of
+from stickslip.solving import (
+    LOOK_AT_SCENE,
+    Interrupted,
+    Reached,
+    SolverFailure,
+    Work,
+    failure_of,
+    guard_value,
+)
 
 __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
@@ -73,10 +81,7 @@ class _Cvode:
     def _guard_function(self) -> Callable[..., None]:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self._work.guard_calls += 1
-            smallest = self._guard(tau, y)
-            if math.isnan(smallest):
-                raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
-            out[0] = smallest if smallest < np.inf else 1.0
+            out[0] = guard_value(self._guard(tau, y), tau)
 
         return smallest_guard
 
@@ -190,9 +195,7 @@ class Engine:
                 self._progress = Progress(0.9 * progress.last, self.interruption)
                 with contextlib.suppress(Exception):
                     reached = solve(0.9 * progress.last)
-            raise SolverFailure(
-                str(fault), "look at the loads and laws of the scene there", reached
-            ) from fault
+            raise SolverFailure(str(fault), LOOK_AT_SCENE, reached) from fault
         if self.interruption.pressed:
             raise Interrupted(reached)
         return reached
@@ -226,11 +229,6 @@ class Engine:
 
     def _make_stepper(self, guard: Callable[..., None], options: dict[str, Any]) -> CVODE:
         def rate(tau: float, y: Array, out: Array) -> None:
-            if math.isnan(tau):
-                # CVODE's own tests let a step pass that is not a number, for ever
-                raise ArithmeticError(
-                    "the step has become not a number: forces or tolerances are out of proportion"
-                )
             self._progress.note(tau)
             out[:] = self._states.rate(tau, y)
 

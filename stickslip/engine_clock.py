@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from stickslip.engine_sundials import CVODE
 from stickslip.plain_guards import smallest_of
-from stickslip.solving import Work, failure_of
+from stickslip.solving import Work, failure_of, guard_value
 
 __all__ = ["ROOTS_PER_SOLVER", "Clock"]
 
@@ -85,10 +84,7 @@ class Clock:
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self._calls += 1
-            smallest = self._guard(tau)
-            if math.isnan(smallest):
-                raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
-            out[0] = smallest if smallest < math.inf else 1.0
+            out[0] = guard_value(self._guard(tau), tau)
 
         return CVODE(
             rate,

@@ -7,7 +7,6 @@ algebraic equation for lambda, of index 1.
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -21,7 +20,7 @@ from stickslip.engine_sundials import IDA
 from stickslip.linear_solver import sparsity_pattern
 from stickslip.progress import Interruption, Progress
 from stickslip.segment import Segment
-from stickslip.solving import Reached, failure_of
+from stickslip.solving import Reached, failure_of, guard_value
 
 __all__ = ["OF_FORCES", "MultiplierEngine"]
 
@@ -132,10 +131,6 @@ class _Equations:
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in ``M v' - F + G_S^T lambda``, the other states' rates, and the constraint on lambda."""
-        if math.isnan(tau):
-            raise ArithmeticError(
-                "the step has become not a number: forces or tolerances are out of proportion"
-            )
         self.progress.note(tau)
         segment, system = self._segment, self._system
         n, size = system.n, self._first_force
@@ -204,9 +199,6 @@ class _Equations:
                 return
             z = segment.watched(tau, u[:size])
             z[slips : slips + stuck] = u[size:]
-            smallest = segment.armed_guards(tau, z).min(initial=np.inf)
-            if np.isnan(smallest):
-                raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
-            out[0] = smallest if smallest < np.inf else 1.0
+            out[0] = guard_value(float(segment.armed_guards(tau, z).min(initial=np.inf)), tau)
 
         return smallest_guard

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stickslip.assembly import System
 from stickslip.engine import Engine
 from stickslip.segment import Segment
-from stickslip.solving import Interrupted, Reached, SolverFailure
+from stickslip.solving import LOOK_AT_SCENE, Interrupted, Reached, SolverFailure
 from stickslip.stability import Stability, Unstable
 
 __all__ = ["FixedStepEngine"]
@@ -61,7 +61,7 @@ class FixedStepEngine(Engine):
                 raise self._failure("the states grow without limit", taus, states)
             self._check(segment, min(self._step, horizon), taus, states)
             done, some = done + kept, min(2 * some, _MOST)
-        return Reached(np.concatenate(taus), np.concatenate(states), hit)
+        return _joined(taus, states, hit)
 
     def _check(self, segment: Segment, h: float, taus: list[Array], states: list[Array]) -> None:
         """Raise an error where the step is too long for the points computed last."""
@@ -77,22 +77,19 @@ class FixedStepEngine(Engine):
             raise self._failure(str(reason), taus, states) from reason
 
     def _failure(self, reason: str, taus: list[Array], states: list[Array]) -> SolverFailure:
-        reached = Reached(np.concatenate(taus), np.concatenate(states), False)
         sentence = f"the {self._method} step of {self._step:g} s is unstable: {reason}"
-        return SolverFailure(sentence, "shorten the step, or use BDF", reached)
+        return SolverFailure(sentence, "shorten the step, or use BDF", _joined(taus, states, hit=False))
 
     def _try_steps(self, segment: Segment, ends: Array, taus: list[Array], states: list[Array]) -> Array:
         """Take some steps; where that fails or is interrupted, hand over what was computed before."""
         if self.show is not None:
             self.show(float(ends[0]))
         if self.interruption.pressed:
-            raise Interrupted(Reached(np.concatenate(taus), np.concatenate(states), False))
+            raise Interrupted(_joined(taus, states, hit=False))
         try:
             return self._steps(segment, ends, states[-1][-1])
         except (ArithmeticError, ValueError) as fault:
-            reached = Reached(np.concatenate(taus), np.concatenate(states), False)
-            remedy = "look at the loads and laws of the scene there"
-            raise SolverFailure(str(fault), remedy, reached) from fault
+            raise SolverFailure(str(fault), LOOK_AT_SCENE, _joined(taus, states, hit=False)) from fault
 
     def _steps(self, segment: Segment, ends: Array, y: Array) -> Array:
         """Return the states (rows) at the ends of steps in fixed modes."""
@@ -123,6 +120,10 @@ class FixedStepEngine(Engine):
             first = int(changed.argmax())
             return first + 1, bool(violated[first]), True
         return sound, False, False
+
+
+def _joined(taus: list[Array], states: list[Array], hit: bool) -> Reached:
+    return Reached(np.concatenate(taus), np.concatenate(states), hit)
 
 
 class _Rates:

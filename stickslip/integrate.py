@@ -22,7 +22,7 @@ from stickslip.recorder import Recorder
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scales import tolerances
 from stickslip.scene import Body, Drive, Scene
-from stickslip.solving import Interrupted, Reached, SolverFailure
+from stickslip.solving import LOOK_AT_SCENE, Interrupted, Reached, SolverFailure
 from stickslip.transitions import Inconsistent, Settled, carry_on, change_one, settle
 
 __all__ = ["simulate"]
@@ -188,7 +188,7 @@ class _Run:
                 message, "their laws contradict each other: look at their coefficients"
             ) from conflict
         except (ArithmeticError, ValueError) as fault:
-            raise self._error(str(fault), "look at the loads and laws of the scene there") from fault
+            raise self._error(str(fault), LOOK_AT_SCENE) from fault
         except KeyboardInterrupt as interruption:
             t = self._t
             if isinstance(interruption, Interrupted):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 from collections.abc import Callable
@@ -76,10 +77,15 @@ class Progress:
         Raises
         ------
         ArithmeticError
-            If the segment would take more than 1e9 evaluations at the pace of the last 50 000.
+            If the segment would take more than 1e9 evaluations at the pace of the last 50 000, or the time is not a
+            number: SUNDIALS' own tests let such steps pass, for ever.
         KeyboardInterrupt
             If the solver goes on after an interruption.
         """
+        if math.isnan(tau):
+            raise ArithmeticError(
+                "the step has become not a number: forces or tolerances are out of proportion"
+            )
         self.last = tau
         self._calls += 1
         if self._calls % _CALLS_BETWEEN_SIGNS:

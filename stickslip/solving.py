@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Interrupted", "Reached", "SolverFailure", "Work", "failure_of"]
+__all__ = ["LOOK_AT_SCENE", "Interrupted", "Reached", "SolverFailure", "Work", "failure_of", "guard_value"]
 
 Array = NDArray[np.float64]
+
+LOOK_AT_SCENE = "look at the loads and laws of the scene there"
+"""The remedy where what the solver calls fails."""
 
 
 class SolverFailure(Exception):
@@ -77,6 +81,19 @@ class Reached:
         forces = self.multipliers
         cut = None if forces is None else (forces[0][:count], forces[1][:count])
         return Reached(self.taus[:count], self.states[:count], False, cut)
+
+
+def guard_value(smallest: float, tau: float) -> float:
+    """Return the smallest guard as a solver is to see it: 1 where nothing is watched.
+
+    Raises
+    ------
+    FloatingPointError
+        If it is not a number: root finding would see no event, for ever.
+    """
+    if math.isnan(smallest):
+        raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
+    return smallest if smallest < math.inf else 1.0
 
 
 def failure_of(solution: Any, reached: Reached | None) -> SolverFailure:
