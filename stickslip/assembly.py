@@ -34,7 +34,7 @@ Indices = NDArray[np.intp]
 _DENSE_LIMIT = 100
 _REMEMBERED, _REMEMBERED_LARGE = 64, 4
 _SHARED, _SHARED_LIMIT = 8, 30
-_FEW_PARTS, _SPANS = 8, 4
+_SPANS = 4
 _COMPILED: dict[int, System] = {}
 
 
@@ -80,9 +80,7 @@ class System:
         self._place_positions(scene)
         self._place_laws(scene)
         self._join(scene)
-        parts = unconnected_parts(scene)
-        # points of many parts are no fewer in all, and each is one of the whole
-        self.parts = parts if len(parts) <= _FEW_PARTS else ()
+        self.parts = unconnected_parts(scene)
         # mode sets hold the compiled scene, and live as long as it does
         remembered = _REMEMBERED_LARGE if self.sparse else _REMEMBERED
         self.mode_set = lru_cache(maxsize=remembered)(self._mode_set)

@@ -9,21 +9,26 @@ from scipy.sparse.csgraph import connected_components
 from stickslip.elements import Contact, Damper, Element, Spring
 from stickslip.scene import Scene
 
-__all__ = ["unconnected_parts"]
+__all__ = ["MOST_PARTS", "unconnected_parts"]
+
+MOST_PARTS = 8
+"""Scenes of more parts are integrated as one."""
 
 
 def unconnected_parts(scene: Scene) -> tuple[Scene, ...]:
-    """Return the parts of a scene as scenes of their own, in the order of their first bodies; none if it is one."""
+    """Return the parts of a scene as scenes of their own, in the order of their first bodies.
+
+    A drive that touches nothing is in none of them. None if the scene is one part, or if they are many: their points
+    are no fewer in all, and each is one of the whole.
+    """
     index = {body.name: i for i, body in enumerate(scene.bodies)}
     links: tuple[Contact | Spring | Damper, ...] = (*scene.contacts, *scene.springs, *scene.dampers)
     pairs = [(index[link.a], index[link.b]) for link in links if link.a in index and link.b in index]
-    if len(pairs) + 1 < len(index) or pairs:
-        ends = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        graph = sparse.coo_array((np.ones(len(pairs)), tuple(ends)), shape=(len(index), len(index)))
-        count, part_of = connected_components(graph, directed=False)
-    else:
-        count, part_of = len(index), np.arange(len(index))
-    if count == 1:
+    ends = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    graph = sparse.coo_array((np.ones(len(pairs)), tuple(ends)), shape=(len(index), len(index)))
+    count, part_of = connected_components(graph, directed=False)
+    touched = {end for link in links for end in (link.a, link.b)}
+    if count > MOST_PARTS or (count == 1 and all(drive.name in touched for drive in scene.drives)):
         return ()
     elements: list[list[Element]] = [[] for _ in range(count)]
     drives: list[set[str]] = [set() for _ in range(count)]

@@ -69,22 +69,21 @@ def turned_over(
     mode_set, system = segment.mode_set, segment.system
     if not mode_set.loose.size or not reached.taus[-1] > 0:
         return modes, []
-    turned, turns = modes, []
+    turned = modes.copy()
     if mode_set.free.size:
-        turned = modes.copy()
         w = segment.relative_velocity(float(reached.taus[-1]), reached.states[-1])
         turned[mode_set.free] = system.sign_of(w)[mode_set.free]
-    if mode_set.open.size:
-        turns = [(segment.t + tau, j, old, new) for tau, j, old, new in _turns(segment, reached, modes)]
-        turned = turned.copy() if turns else turned
-        for _, j, _, after in turns:
-            turned[j] = after
-    return (turned if turned is not modes and np.any(turned != modes) else modes), turns
+    turns = [(segment.t + tau, *turn) for tau, turn in _turns(segment, reached, modes)]
+    for _, j, _, after in turns:
+        turned[j] = after
+    return (turned if np.any(turned != modes) else modes), turns
 
 
-def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[float, int, int, int]]:
-    """Yield when the relative velocities of open contacts change their signs: local time, contact, modes."""
+def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[float, tuple[int, int, int]]]:
+    """Yield when the relative velocities of open contacts change their signs: local time, contact and its modes."""
     contacts = segment.mode_set.open
+    if not contacts.size:
+        return
     velocity, taus = _open_velocity(segment, reached)
     w = velocity(taus)
     if not np.count_nonzero(w * modes[contacts, None] <= 0):
@@ -102,7 +101,7 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
         for tau, value in zip(taus.tolist(), w[row].tolist(), strict=True):
             if value * mode < 0 or (mode == 0 and abs(value) > segment.system.quiet):
                 after = 1 if value > 0 else -1
-                yield _turn_time(one, left, tau), j, mode, after
+                yield _turn_time(one, left, tau), (j, mode, after)
                 mode = after
             if value != 0:
                 left = tau

@@ -96,8 +96,7 @@ def settle(
     w, speed = _relative(system, t, y, q, was)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(_ROUNDOFF * speed, system.coefficients.threshold)
-    resting = touching | (np.abs(w) <= limit)
-    resting &= system.hard
+    resting = system.hard & (touching | (np.abs(w) <= limit))
     before, y = y, project(system, y, q, closed & resting)
     if y is not before:
         # contacts that share a motion come to rest together, though an event may have found only one of them

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Force, Scene, Spring
-from stickslip.connection import unconnected_parts
+from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Force, Scene, Spring, simulate
+from stickslip.connection import MOST_PARTS, unconnected_parts
 
 LAW = DryFriction(0.3, 0.2)
 
@@ -46,3 +46,18 @@ def test_drives_and_the_ground_do_not() -> None:
 def test_bodies_that_nothing_touches_are_parts() -> None:
     assert names(Scene(*bodies("a", "b"))) == [["a"], ["b"]]
     assert names(Scene(*bodies("a"))) == []
+
+
+def test_many_parts_are_one_scene() -> None:
+    few, many = ([f"b{i}" for i in range(count)] for count in (MOST_PARTS, MOST_PARTS + 1))
+    assert names(Scene(*bodies(*few))) == [[name] for name in few]
+    assert names(Scene(*bodies(*many))) == []
+
+
+def test_a_drive_that_touches_nothing_is_in_no_part() -> None:
+    scene = Scene(*bodies("a"), Drive("idle", velocity=1.0), Contact("1", "a", GROUND, LAW, normal=1.0))
+    (part,) = unconnected_parts(scene)
+    assert not part.drives
+    assert unconnected_parts(part) == ()
+    result = simulate(scene, (0.0, 1.0))
+    assert result.velocity("idle").tolist() == [1.0] * result.t.size
