@@ -1,0 +1,1 @@
+"""Advance a motion to its first event."""

@@ -1,0 +1,103 @@
+"""The first roots of polynomials on [0, 1], with proof: where Bernstein coefficients are positive there is none."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["first_root", "may_vanish"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_DEEPEST = 60
+
+
+@lru_cache(maxsize=64)
+def _to_bernstein(order: int) -> Array:
+    """Return the matrix from powers to Bernstein coefficients of the same order."""
+    rows = [[comb(i, k) / comb(order, k) if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)]
+    return np.array(rows)
+
+
+@lru_cache(maxsize=64)
+def _halves(order: int) -> tuple[Array, Array]:
+    """Return the matrices from Bernstein coefficients to those of the left and of the right half."""
+    left = np.array([[comb(i, k) / 2.0**i if k <= i else 0.0 for k in range(order + 1)] for i in range(order + 1)])
+    return left, left[::-1, ::-1].copy()
+
+
+def may_vanish(coefficients: Array) -> Indices:
+    """Return the columns of power coefficients (rows by order) that may have a root in (0, 1].
+
+    A polynomial is not below its smallest Bernstein coefficient, nor below its first coefficient less the sizes of
+    the others.
+    """
+    reach = np.abs(coefficients[1:]).sum(axis=0)
+    close = (coefficients[0] <= reach).nonzero()[0]
+    if not close.size:
+        return close
+    bernstein = _to_bernstein(coefficients.shape[0] - 1) @ coefficients[:, close]
+    return close[bernstein.min(axis=0) <= 0]
+
+
+def first_root(coefficients: Array) -> float | None:
+    """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
+
+    Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
+    else is halved. A root at which the polynomial only touches 0 is none.
+    """
+    order = coefficients.size - 1
+    bernstein = _to_bernstein(order) @ coefficients
+    left, right = _halves(order)
+    stack = [(bernstein, 0.0, 1.0, 0)]
+    noise = 1e-16 * float(np.abs(coefficients).sum())
+    while stack:
+        b, low, high, depth = stack.pop()
+        if b.min() >= -noise:
+            continue
+        if b[-1] < 0 <= b[0] and _changes(b) == 1:
+            return _bracketed(coefficients.tolist(), low, high)
+        if b[0] < -noise and depth:
+            return low
+        if depth >= _DEEPEST:
+            if b[-1] < -noise:
+                return high
+            continue
+        middle = 0.5 * (low + high)
+        stack.append((right @ b, middle, high, depth + 1))
+        stack.append((left @ b, low, middle, depth + 1))
+    return None
+
+
+def _changes(b: Array) -> int:
+    signs = np.sign(b)
+    signs = signs[signs != 0]
+    return int(np.count_nonzero(signs[1:] != signs[:-1]))
+
+
+def _bracketed(c: list[float], low: float, high: float) -> float:
+    """Return the one root between `low` and `high`, by Newton's method within the bracket."""
+    c = c[::-1]
+    s = 0.5 * (low + high)
+    for _ in range(200):
+        value = slope = 0.0
+        for a in c:
+            slope = slope * s + value
+            value = value * s + a
+        if value == 0:
+            return s
+        if value < 0:
+            high = s
+        else:
+            low = s
+        following = s - value / slope if slope else 0.5 * (low + high)
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - s) <= 4e-16 * high or high - low <= 4e-16 * high:
+            return following
+        s = following
+    return s

@@ -1,0 +1,83 @@
+"""What engines count and hand back, and why they fail."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stickslip.equations.path import Path
+from stickslip.progress import Interruption, Progress
+
+__all__ = ["LOOK_AT_SCENE", "Interrupted", "Interruption", "Progress", "SolverFailure", "Work", "failure_of", "sound"]
+
+LOOK_AT_SCENE = "look at the loads and laws of the scene there"
+"""The remedy where what the solver calls fails."""
+
+
+@dataclass
+class Work:
+    """Counts of what was done."""
+
+    steps: int = 0
+    rate_calls: int = 0
+    jacobian_calls: int = 0
+    guard_calls: int = 0
+    starts: int = 0
+    solvers: int = 0
+    guards_excluded: int = 0
+    guards_isolated: int = 0
+    fewest_states: float = np.inf
+
+
+class SolverFailure(Exception):
+    """The solver gave up, or what it called did.
+
+    Parameters
+    ----------
+    sentence : str
+        What went wrong, in SUNDIALS' words where it was SUNDIALS.
+    remedy : str
+        What to try.
+    path : Path, optional
+        What was computed before.
+    """
+
+    def __init__(self, sentence: str, remedy: str, path: Path | None = None) -> None:
+        super().__init__(sentence)
+        self.sentence, self.remedy, self.path = sentence, remedy, path
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C was pressed while a solver was at work.
+
+    Parameters
+    ----------
+    path : Path
+        What was computed before.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+
+
+def sound(smallest: float, tau: float) -> float:
+    """Return the smallest guard as a solver is to see it: 1 where nothing is watched.
+
+    Raises
+    ------
+    FloatingPointError
+        If it is not a number: root finding would see no event, for ever.
+    """
+    if math.isnan(smallest):
+        raise FloatingPointError(f"a guard is not a number at local time {tau:g}")
+    return smallest if smallest < math.inf else 1.0
+
+
+def failure_of(solution: Any, path: Path | None) -> SolverFailure:
+    """Return SUNDIALS' failure with its own sentence."""
+    sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
+    return SolverFailure(sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", path)

@@ -1,0 +1,1 @@
+"""How a scene moves while its modes hold."""

@@ -1,0 +1,382 @@
+"""Accelerations and held forces: the balance of all forces while some rows are held.
+
+With H the held rows, ``M v' + G_H^T lambda = F`` and ``G_H v' + D_H u' = 0``. Elimination with one dependent velocity
+per row, the lightest bodies first, gives ``v = T v_ind + U u``; then
+
+    T^T M T v_ind' = T^T (F - M U u'),    lambda = S^T (F - M v')_dep.
+
+For two bodies that is eq. (1) of Breedveld (2000), ``lambda = F_a - m_a a``, summed over the lighter side of each cut.
+Rows that lock the same motion leave lambda undetermined; the forces of least norm are returned.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+
+__all__ = ["Balance"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SMALL = 60
+"""Connected rows up to which a component is eliminated densely."""
+
+_ZERO = 1e-11
+_RIGID = 1e10
+"""Force between prescribed bodies that part, as a multiple of inertia times relative acceleration."""
+
+
+class Balance:
+    """Accelerations and held forces of one set of held rows.
+
+    Parameters
+    ----------
+    inertia : array (n,)
+        Inertias of the free bodies in kg or kg m^2.
+    G : array or sparse (h, n)
+        Coefficients of the held rows on the free bodies.
+    D : array or sparse (h, d)
+        Coefficients of the held rows on the drives.
+
+    Attributes
+    ----------
+    T : array or sparse (n, n)
+        Velocities of all bodies from those of the independent ones; the columns of dependent ones are 0.
+    U : array or sparse (n, d)
+        What the drives' velocities add.
+    dependent : array of int
+        Bodies whose velocities follow.
+    redundant : array (h,) of bool
+        Rows whose forces are not unique.
+    singular : array of int
+        Independent bodies without inertia: nothing decides their motion.
+    """
+
+    def __init__(self, inertia: Array, G: Any, D: Any) -> None:
+        self._inertia, self._is_sparse = inertia, sparse.issparse(G)
+        self._n, self.count = inertia.size, G.shape[0]
+        self.redundant = np.zeros(self.count, dtype=bool)
+        if not self.count:
+            self._nothing(D.shape[1])
+            return
+        if self._is_sparse:
+            self._eliminate_many(G.tocsr(), D.tocsr())
+        else:
+            part = _Component(inertia, G, D)
+            self.T, self.U, self.dependent = part.T, part.U, part.dependent
+            self._S = part.S
+            self._parting, self.redundant = part.parting, part.redundant
+            self._large: list[tuple[Indices, _Tree]] = []
+        self._finish()
+
+    def _nothing(self, drives: int) -> None:
+        self.dependent = np.empty(0, dtype=np.intp)
+        self._parting = None
+        self._large = []
+        n = self._n
+        self.T = sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
+        self.U = sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
+        self._S = sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
+        self._finish()
+
+    def _finish(self) -> None:
+        T, inertia = self.T, self._inertia
+        independent = np.ones(self._n, dtype=bool)
+        independent[self.dependent] = False
+        self._independent = np.flatnonzero(independent)
+        if self._is_sparse:
+            reduced = (T.T @ (sparse.diags_array(inertia) @ T)).tocsr()
+            self._reduced = _inverse_of_blocks(reduced, self._independent)
+        else:
+            some = self._independent
+            part = T[:, some]
+            reduced = (part.T * inertia) @ part
+            self._reduced = np.zeros((self._n, self._n))
+            diagonal = reduced.diagonal()
+            self.singular = some[diagonal <= 0]
+            if self.singular.size:
+                reduced[np.diag_indices(some.size)] = np.where(diagonal > 0, diagonal, 1.0)
+            if np.count_nonzero(reduced) == np.count_nonzero(diagonal):
+                self._reduced[some, some] = 1.0 / reduced.diagonal()
+            else:
+                self._reduced[np.ix_(some, some)] = np.linalg.inv(reduced)
+            # accelerations of all bodies from the forces on all bodies
+            self._mobility = T @ self._reduced @ T.T
+            return
+        diagonal = reduced.diagonal()[self._independent]
+        self.singular = self._independent[diagonal <= 0]
+
+    def _eliminate_many(self, G: Any, D: Any) -> None:
+        """Eliminate each connected component of the held rows for itself."""
+        n, h, d = self._n, self.count, D.shape[1]
+        held = (G != 0).astype(float)
+        graph = sparse.block_array([[None, held], [held.T, None]], format="csr")
+        _, label = connected_components(graph, directed=False)
+        order = np.argsort(label[:h], kind="stable")
+        ends = np.flatnonzero(np.diff(label[:h][order])) + 1
+        T, U, S = _Entries(), _Entries(), _Entries()
+        dependent: list[Indices] = []
+        parting: list[tuple[Indices, Array]] = []
+        self._large = []
+        first = 0
+        for rows in np.split(order, ends):
+            block = G[rows]
+            bodies = np.unique(block.indices)
+            if rows.size > _SMALL and (tree := _Tree.of(self._inertia, block, D[rows], bodies)) is not None:
+                T.add(tree.T), U.add(tree.U)
+                own = tree.dependent
+                self._large.append((rows, tree))
+                S.block(rows, first + np.arange(own.size), np.zeros((rows.size, own.size)))
+            else:
+                part = _Component(self._inertia[bodies], block[:, bodies].toarray(), D[rows].toarray())
+                T.block(bodies, bodies, part.T), U.block(bodies, np.arange(d), part.U)
+                own = bodies[part.dependent]
+                S.block(rows, first + np.arange(own.size), part.S)
+                self.redundant[rows] = part.redundant
+                if part.parting is not None:
+                    parting.append((rows, part.parting))
+            first += own.size
+            dependent.append(own)
+        alone = np.setdiff1d(np.arange(n), np.unique(G.indices))
+        T.add((alone, alone, np.ones(alone.size)))
+        self.T, self.U = T.matrix((n, n)), U.matrix((n, d))
+        self.dependent = np.concatenate(dependent)
+        self._S = S.matrix((h, self.dependent.size))
+        self._parting = _stacked(parting, h, d) if parting else None
+
+    def consistent(self, v: Array, u: Array) -> Array:
+        """Return velocities with dependent ones written through T, the independent ones as they are."""
+        return self.T @ v + self.U @ u
+
+    def project(self, v: Array, u: Array) -> Array:
+        """Return velocities that satisfy the held rows exactly, momentum conserved (MODEL rule 7)."""
+        if not self.count:
+            return v
+        off = v - self.consistent(v, u)
+        push = self.T.T @ (self._inertia * off)
+        return self.consistent(v + self._reduced @ push, u)
+
+    def accelerations(self, forces: Array, drives: Array | None = None) -> Array:
+        """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""
+        if drives is not None and self.count:
+            led = self.U @ drives
+            return self._respond(forces - _rows(self._inertia, led) * led) + led
+        return self._respond(forces)
+
+    def _respond(self, forces: Array) -> Array:
+        if not self._is_sparse:
+            return self._mobility @ forces
+        return self.T @ (self._reduced @ (self.T.T @ forces))
+
+    def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:
+        """Return the forces of the held rows; of least norm where they are not unique."""
+        if not self.count:
+            return np.zeros((0, *forces.shape[1:]))
+        rest = forces - _rows(self._inertia, forces) * acceleration
+        found = self._S @ rest[self.dependent]
+        for rows, tree in self._large:
+            found[rows] = tree.forces(rest)
+        if self._parting is not None and drives is not None:
+            found = found + self._parting @ drives
+        return found
+
+    def force_magnitudes(self, forces: Array) -> Array:
+        """Return what adds up in the held forces, from absolute values of the forces on the bodies."""
+        spread = self.acceleration_magnitudes(forces)
+        rest = forces + _rows(self._inertia, forces) * spread
+        found = abs(self._S) @ rest[self.dependent]
+        for rows, tree in self._large:
+            found[rows] = tree.magnitude(rest)
+        return found
+
+    def acceleration_magnitudes(self, forces: Array) -> Array:
+        """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
+        if not self._is_sparse:
+            return np.abs(self._mobility) @ forces
+        T = abs(self.T)
+        return T @ (abs(self._reduced) @ (T.T @ forces))
+
+
+class _Component:
+    """Gauss-Jordan elimination of some rows, columns of light bodies first."""
+
+    def __init__(self, inertia: Array, G: Array, D: Array) -> None:
+        h, n = G.shape
+        scale = np.abs(G).max(axis=1)
+        scale = np.maximum(scale, np.abs(D).max(axis=1, initial=0.0))
+        scale[scale == 0] = 1.0
+        order = np.argsort(inertia, kind="stable")
+        work = np.concatenate([G, D, np.eye(h)], axis=1)
+        work /= scale[:, None]
+        done, pivots = 0, []
+        for column in order.tolist():
+            if done == h:
+                break
+            below = np.abs(work[done:, column])
+            row = done + int(below.argmax())
+            if below[row - done] <= _ZERO:
+                continue
+            if row != done:
+                work[[done, row]] = work[[row, done]]
+            if work[done, column] != 1.0:
+                work[done] /= work[done, column]
+            others = work[:, column].nonzero()[0]
+            others = others[others != done]
+            if others.size:
+                work[others] -= work[others, column][:, None] * work[done]
+            pivots.append(column)
+            done += 1
+        self.dependent = np.array(pivots, dtype=np.intp)
+        reduced, drives, combine = work[:done, :n], work[:done, n : n + D.shape[1]], work[:done, n + D.shape[1] :]
+        self.T = np.eye(n)
+        self.T[self.dependent] = -reduced
+        self.T[:, self.dependent] = 0.0
+        self.U = np.zeros((n, D.shape[1]))
+        self.U[self.dependent] = -drives
+        self.S = combine.T
+        self.redundant = np.zeros(h, dtype=bool)
+        self.parting: Array | None = None
+        if done < h:
+            self._least_norm(inertia, D, work[done:, n + D.shape[1] :], scale)
+
+    def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
+        """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
+        self.redundant = np.abs(null).max(axis=0) > _ZERO
+        # forces of unit rows: lambda * scale
+        unit = null * (1.0 / scale)
+        gram = np.linalg.pinv(unit @ unit.T)
+        free = unit.T @ gram @ unit
+        self.S = self.S - (free @ (scale[:, None] * self.S)) / scale[:, None]
+        if D.any():
+            off = null @ D
+            off[np.abs(off) <= _ZERO] = 0.0
+            if off.any():
+                stiff = _RIGID * max(inertia.sum(), np.finfo(float).tiny)
+                self.parting = stiff * (null.T @ gram @ off) / scale[:, None] ** 2
+
+
+class _Tree:
+    """A large component without loops: triangular once its bodies are in order from the root out."""
+
+    def __init__(
+        self, T: tuple[Any, ...], U: tuple[Any, ...], dependent: Indices, solver: Any, order: Indices
+    ) -> None:
+        self.T, self.U, self.dependent = T, U, dependent
+        self._solver, self._order = solver, order
+        self._size = dependent.size
+
+    @classmethod
+    def of(cls, inertia: Array, G: Any, D: Any, bodies: Indices) -> _Tree | None:
+        """Return the tree that rows of at most two bodies each form, None where they form none."""
+        h = G.shape[0]
+        per_row = np.diff(G.indptr)
+        driven = np.flatnonzero(np.diff(D.indptr))
+        fixed = np.flatnonzero(per_row == 1)
+        if per_row.max() > 2 or h > bodies.size or fixed.size > 1 or h != bodies.size - 1 + fixed.size:
+            return None
+        place = np.full(int(bodies.max()) + 1, -1)
+        place[bodies] = np.arange(bodies.size)
+        root = int(place[G.indices[G.indptr[fixed[0]]]]) if fixed.size else int(inertia[bodies].argmax())
+        two = np.flatnonzero(per_row == 2)
+        ends = place[np.stack([G.indices[G.indptr[two]], G.indices[G.indptr[two] + 1]])]
+        size = bodies.size
+        graph = sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
+        order, parent = sparse.csgraph.breadth_first_order(graph, root, directed=False)
+        rank = np.empty(size, dtype=np.intp)
+        rank[order] = np.arange(size)
+        # each row belongs to the one of its bodies that is further from the root
+        outer = np.where(rank[ends[0]] > rank[ends[1]], ends[0], ends[1])
+        row_of = np.full(size, -1)
+        row_of[outer] = two
+        if fixed.size:
+            row_of[root] = fixed[0]
+        del parent
+        some = order if fixed.size else order[1:]
+        rows = row_of[some]
+        dependent = bodies[some]
+        square = G[rows][:, dependent].tocsc()
+        solver = splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+        right: list[Array] = []
+        if not fixed.size:
+            right.append(-G[rows][:, [bodies[root]]].toarray()[:, 0])
+        U: tuple[Any, ...] = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        if driven.size:
+            drives = D[rows]
+            columns = np.unique(drives.indices)
+            solved = [solver.solve(-drives[:, [c]].toarray()[:, 0], "T") for c in columns]
+            U = (
+                np.tile(dependent, columns.size),
+                np.repeat(columns, dependent.size),
+                np.concatenate(solved),
+            )
+        if right:
+            along = solver.solve(right[0], "T")
+            top = bodies[root]
+            T = (np.append(dependent, top), np.full(size, top), np.append(along, 1.0))
+        else:
+            T = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        back = np.empty(h, dtype=np.intp)
+        back[rows] = np.arange(rows.size)
+        return cls(T, U, dependent, solver, back)
+
+    def forces(self, rest: Array) -> Array:
+        """Return the forces of the rows from what is left of the forces on the bodies."""
+        return self._solver.solve(rest[self.dependent])[self._order]
+
+    def magnitude(self, rest: Array) -> Array:
+        """Return a bound of what adds up in them."""
+        total = rest[self.dependent].sum(axis=0)
+        return np.broadcast_to(total, (self._size, *rest.shape[1:]))
+
+
+class _Entries:
+    """Entries of a sparse matrix under construction."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Any, Any, Any]] = []
+
+    def add(self, part: tuple[Any, ...]) -> None:
+        self._parts.append(part)  # type: ignore[arg-type]
+
+    def block(self, rows: Indices, columns: Indices, values: Array) -> None:
+        i, j = values.nonzero()
+        self._parts.append((rows[i], columns[j], values[i, j]))
+
+    def matrix(self, shape: tuple[int, int]) -> Any:
+        rows, columns, values = (np.concatenate(x) for x in zip(*self._parts, strict=True))
+        return sparse.csr_array((values, (rows, columns)), shape=shape)
+
+
+def _stacked(parts: list[tuple[Indices, Array]], h: int, d: int) -> Any:
+    entries = _Entries()
+    for rows, values in parts:
+        entries.block(rows, np.arange(d), values)
+    return entries.matrix((h, d))
+
+
+def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
+    """Return the inverse of a block diagonal matrix on some of its rows, 0 elsewhere."""
+    diagonal = matrix.diagonal()
+    size = matrix.shape[0]
+    if matrix.nnz == np.count_nonzero(diagonal):
+        values = np.zeros(size)
+        safe = some[diagonal[some] > 0]
+        values[safe] = 1.0 / diagonal[safe]
+        return sparse.diags_array(values, format="csr")
+    _, label = connected_components(matrix, directed=False)
+    entries = _Entries()
+    order = np.argsort(label[some], kind="stable")
+    for own in np.split(some[order], np.flatnonzero(np.diff(label[some][order])) + 1):
+        block = matrix[own][:, own].toarray()
+        entries.block(own, own, np.linalg.inv(block) if block.any() else np.zeros_like(block))
+    return entries.matrix((size, size))
+
+
+def _rows(values: Array, like: Array) -> Array:
+    return values[:, None] if like.ndim == 2 else values

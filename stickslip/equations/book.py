@@ -1,0 +1,112 @@
+"""Where the elements of a scene place themselves: bodies, rows, couplings, forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from stickslip.laws import Law
+from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
+from stickslip.signals import Constant, Signal
+
+__all__ = ["Book", "Coupling", "Row"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """``w = sum c_i v_i`` over bodies and drives; its force r acts with ``-c_i r`` on body i.
+
+    Attributes
+    ----------
+    name : str
+    coefficients : dict of int to float
+        By index of the body or drive.
+    law : Law or None
+        The friction law; None for a row of another kind.
+    kind : str
+        "friction", "tie" (always held) or "one-way" (held while its force is positive).
+    normal : Signal
+        In N.
+    rested : float
+        How long in s it has been held at the start.
+    """
+
+    name: str
+    coefficients: Mapping[int, float]
+    law: Law | None
+    kind: str
+    normal: Signal
+    rested: float
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A spring and damper along ``stretch = sum c_i x_i``: force ``-c_i (k (stretch - rest) + c stretch')``."""
+
+    coefficients: Mapping[int, float]
+    stiffness: float
+    damping: float
+    rest: float
+
+
+class Book:
+    """The entries of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.bodies: list[Body] = []
+        self.drives: list[Drive] = []
+        self.rows: list[Row] = []
+        self.couplings: list[Coupling] = []
+        self.forces: list[tuple[int, Signal]] = []
+        self.index: dict[str, int] = {}
+        self.bodies = list(scene.bodies)
+        self.drives = list(scene.drives)
+        for i, body in enumerate((*self.bodies, *self.drives)):
+            self.index[body.name] = i
+        self.index[GROUND] = len(self.bodies) + len(self.drives)
+        for element in scene.elements:
+            _place(element, self)
+
+    def row(
+        self,
+        name: str,
+        coefficients: Mapping[str, float],
+        *,
+        law: Law | None = None,
+        kind: str = "friction",
+        normal: Signal | float = 0.0,
+        rested: float = 0.0,
+    ) -> None:
+        """Enter a row."""
+        self.rows.append(Row(name, self._by_index(coefficients), law, kind, _signal(normal), rested))
+
+    def couple(self, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float) -> None:
+        """Enter a spring and damper."""
+        self.couplings.append(Coupling(self._by_index(coefficients), stiffness, damping, rest))
+
+    def push(self, body: str, force: Signal | float) -> None:
+        """Enter a force on a body."""
+        self.forces.append((self.index[body], _signal(force)))
+
+    def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
+        ground = self.index[GROUND]
+        return {i: c for name, c in coefficients.items() if (i := self.index[name]) != ground}
+
+
+def _place(element: Any, book: Book) -> None:
+    match element:
+        case Contact():
+            ends = {element.a: 1.0, element.b: -1.0}
+            book.row(element.name, ends, law=element.law, normal=element.normal, rested=element.rested)
+        case Spring():
+            ends = {element.a: 1.0, element.b: -1.0}
+            book.couple(ends, element.stiffness, element.damping, element.rest)
+        case Damper():
+            book.couple({element.a: 1.0, element.b: -1.0}, 0.0, element.damping, 0.0)
+        case Force():
+            book.push(element.body, element.signal)
+
+
+def _signal(value: Signal | float) -> Signal:
+    return value if isinstance(value, Signal) else Constant(float(value))

@@ -1,0 +1,312 @@
+"""Guards: what has to stay positive while the modes hold, and what is violated at the start.
+
+``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one. A guard that is 0 at the start has its
+zero divided out: what is left is positive there and has all the later roots.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.motion import Expansion, Motion
+
+__all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+ROUNDOFF = 1e-12
+"""Part of what adds up in a quantity that is uncertain."""
+
+AT_LIMIT = 1e-10
+"""Part of its level within which a force is at it."""
+
+_AS_FIRED = 1e-6
+"""The same for a row that an event has just found there."""
+
+_NEAR = 1e-5
+"""A held row this near to its level, as a part of it, deserves a closer look."""
+
+_DIFFERENCED = 1e-6
+NEVER, _DOWN = np.iinfo(np.intp).max, -1
+_TINY = np.finfo(float).tiny
+_HIGHEST = 8
+
+
+class Guards:
+    """The guards of a motion, ready when constructed.
+
+    Parameters
+    ----------
+    motion : Motion
+    labels : array (m,)
+        Signs of the relative velocities of rows that carry no force: these are watched, too.
+    at_rest : array (m,) of bool
+        Rows whose relative velocity is 0 at the start.
+    fired : array (m,) of bool
+        Rows that an event has just found at their limit.
+
+    Attributes
+    ----------
+    row : array of int
+        The row of each guard.
+    violated : array of bool
+        Guards that are negative at the start or just after it.
+    order : array of int
+        0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
+    """
+
+    def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
+        self.motion, self.at_rest = motion, at_rest
+        equations = motion.equations
+        loose = equations.open[labels[equations.open] != 0]
+        self._row, self._turn = equations.guard_row, equations.guard_turn
+        self._source, self._mu = equations.guard_source, equations.guard_mu
+        self._constant = equations.guard_constant
+        self.is_velocity, self.direction = equations.is_velocity, equations.direction
+        self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
+        self._dwell = equations.guard_dwell[equations.rising]
+        if equations.has_threshold:
+            self._constant = self._constant.copy()
+            slips = equations.slips
+            self._constant[:slips] = np.where(at_rest[equations.slip], 0.0, equations.threshold)
+        if loose.size:
+            none = np.zeros(loose.size)
+            self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
+            self._turn = np.append(self._turn, labels[loose])
+            self._mu, self._constant, self.direction = (
+                np.append(x, none) for x in (self._mu, self._constant, self.direction)
+            )
+            self.is_velocity = np.append(self.is_velocity, none == 0)
+        self.row = self._row
+        self._has_levels = bool(self._mu.any())
+        self._has_constant = bool(self._constant.any())
+        self.size = self._row.size
+        self.violated = np.zeros(self.size, dtype=bool)
+        self.order = np.zeros(self.size, dtype=np.intp)
+        if self.size:
+            self._classify(fired)
+        self.is_plain = not self.order.any()
+        self.armed = self.size - np.count_nonzero(self.order == NEVER)
+
+    # -- values ----------------------------------------------------------------------------------------------
+
+    def raw(self, z: Array, q: Array) -> Array:
+        """Return the guards as they are, one column per time where `z` and `q` have columns."""
+        many = z.ndim == 2
+        if not many:
+            g = self._turn * z[self._source]
+            if self._has_levels:
+                g += self._mu * q[self._row]
+            if self._has_constant:
+                g += self._constant
+            if self._rising.size:
+                g[self._rising] -= self._rise * q[self._dwell]
+            return g
+        g = self._turn[:, None] * z[self._source] + self._mu[:, None] * q[self._row]
+        g += self._constant[:, None]
+        if self._rising.size:
+            g[self._rising] -= self._rise[:, None] * q[self._dwell]
+        return g
+
+    def series(self, expansion: Expansion) -> Array:
+        """Return the Taylor coefficients of the guards as they are, one row per order."""
+        g = expansion.z[:, self._source]
+        g *= self._turn
+        for k, q in enumerate(expansion.q):
+            if q is None:
+                continue
+            if self._has_levels:
+                g[k] += self._mu * q[self._row]
+            if self._rising.size:
+                g[k, self._rising] -= self._rise * q[self._dwell]
+        if self._has_constant:
+            g[0] += self._constant
+        return g
+
+    def levels(self, q: Array) -> Array:
+        """Return the limits of the guards' forces: breakaway levels, 0 for velocities."""
+        level = self._mu * q[self._row]
+        level[self._rising] -= self._rise * q[self._dwell]
+        return np.abs(level)
+
+    @cached_property
+    def start(self) -> Array:
+        """Taylor coefficients of the guards at the start, orders 0 to 2."""
+        return self.series(self.motion.start)
+
+    # -- the start -------------------------------------------------------------------------------------------
+
+    def _classify(self, fired: Mask) -> None:
+        g0 = self.start[0]
+        q = self.motion.start.q[0]
+        assert q is not None
+        near = np.where(self.is_velocity, 0.0, _NEAR * self.levels(q) + _NEAR * self._constant)
+        close = ~(g0 > near)
+        if self.at_rest.any():
+            close |= self.is_velocity & self.at_rest[self.row]
+        rows = close.nonzero()[0]
+        if rows.size:
+            self._look_closer(rows, fired)
+
+    def _look_closer(self, rows: Indices, fired: Mask) -> None:
+        coefficients, majorant = self.start, self.majorant
+        size = self.scale
+        horizon = max(self.motion.horizon, _TINY)
+        for i in rows.tolist():
+            closeness = _AS_FIRED if fired[self.row[i]] else AT_LIMIT
+            rough = ROUNDOFF * majorant[0, i]
+            if self.is_velocity[i] and not self._constant[i]:
+                if not self.at_rest[self.row[i]]:
+                    self.violated[i] = coefficients[0, i] < 0
+                    continue
+                limits = [closeness * majorant[1, i], *(AT_LIMIT * majorant[2:, i])]
+            else:
+                if not abs(coefficients[0, i]) <= closeness * size[i] + rough:
+                    self.violated[i] = coefficients[0, i] < 0
+                    continue
+                flat = AT_LIMIT * size[i] + rough
+                limits = [max(flat / horizon**k, ROUNDOFF * majorant[k, i]) for k in (1, 2)]
+            if not self.motion.is_linear:
+                differenced = _DIFFERENCED * majorant[2, i]
+                limits[1] += differenced
+            order = self._way_out(i, limits)
+            self.order[i] = 0 if order == _DOWN else order
+            self.violated[i] = order == _DOWN
+
+    def _way_out(self, i: int, limits: list[float]) -> int:
+        """Return the order with which a guard leaves 0."""
+        if self._never[i]:
+            return NEVER
+        for k, limit in enumerate(limits, start=1):
+            value = self.start[k, i]
+            if abs(value) > limit:
+                return k if value > 0 else _DOWN
+        if not self.motion.is_linear:
+            return NEVER
+        # higher orders, which only springs and oscillating loads have
+        coefficients, majorant = self._higher
+        for k in range(3, _HIGHEST + 1):
+            value = coefficients[k, i]
+            if abs(value) > 10 * AT_LIMIT * majorant[k, i]:
+                return k if value > 0 else _DOWN
+        return NEVER
+
+    @cached_property
+    def _never(self) -> Mask:
+        """Guards of rows that cannot move because held rows lock the same motion."""
+        equations, system = self.motion.equations, self.motion.system
+        never = np.zeros(self.size, dtype=bool)
+        if not equations.held.size:
+            return never
+        rows = (self.is_velocity & self.at_rest[self.row]).nonzero()[0]
+        for i in rows.tolist():
+            c = system.G[[int(self.row[i])]]
+            free = c @ equations.balance.T
+            off = free.toarray() if hasattr(free, "toarray") else free
+            never[i] = np.abs(off).max(initial=0.0) <= 1e-11 * abs(c).max()
+            if never[i] and system.drives:
+                led = c @ equations.balance.U + system.D[[int(self.row[i])]]
+                led = led.toarray() if hasattr(led, "toarray") else led
+                never[i] = np.abs(led).max(initial=0.0) <= 1e-11 * abs(c).max()
+        return never
+
+    @cached_property
+    def _higher(self) -> tuple[Array, Array]:
+        expansion = self.motion.expand(0.0, self.motion.y, _HIGHEST)
+        return self.series(expansion), self._majorant(expansion)
+
+    @cached_property
+    def majorant(self) -> Array:
+        """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
+        return self._majorant(self.motion.start)
+
+    def _majorant(self, expansion: Expansion) -> Array:
+        equations = self.motion.equations
+        y = np.abs(expansion.y[0])
+        found = np.zeros((expansion.y.shape[0], self.size))
+        zero = np.zeros(self.motion.inputs(0.0).size)
+        for k in range(found.shape[0]):
+            q = expansion.q[k]
+            q = zero if q is None else np.abs(q)
+            rate, z = equations.magnitudes(y, q)
+            found[k] = z[self._source] + np.abs(self._mu) * q[self._row]
+            if self._rising.size:
+                found[k, self._rising] += self._rise * q[self._dwell]
+            y = rate / (k + 1)
+        return found
+
+    @cached_property
+    def scale(self) -> Array:
+        """For each guard the size of what it compares at the start: level and force, or velocities."""
+        q, z = self.motion.start.q[0], self.motion.start.z[0]
+        assert q is not None
+        size = self.levels(q) + np.abs(z[self._source])
+        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
+
+    @property
+    def idle(self) -> Indices:
+        """Moving rows at rest whose relative velocity stays 0."""
+        rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
+        modes = self.motion.equations.modes
+        found = self.row[rows]
+        return found[np.abs(modes[found]) == 1]
+
+    # -- values with zeros divided out -----------------------------------------------------------------------
+
+    @cached_property
+    def _roundoff(self) -> tuple[Array, Array]:
+        """Until when a guard that leaves 0 is roundoff, and how far one that stays 0 may stray from it."""
+        g = self.start
+        noise = ROUNDOFF * self.majorant
+        rough = ROUNDOFF * self.scale + noise[0]
+        settled = np.full(self.size, 1e-14 * self.motion.horizon)
+        for k, rows in ((1, (self.order == 1).nonzero()[0]), (2, self._bent)):
+            settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
+        settled = np.minimum(settled, 1e-3 * self.motion.horizon)
+        flat = np.where(
+            self.is_velocity,
+            rough + 1e2 * noise[1] * self.motion.horizon,
+            AT_LIMIT * self.scale + noise[0],
+        )
+        stray = np.abs(g[0]) + 3 * flat + _TINY
+        stray[self._never] = math.inf
+        return settled, stray
+
+    @cached_property
+    def _bent(self) -> Indices:
+        """Guards that leave 0 without a slope."""
+        return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
+
+    def values(self, tau: float | Array, z: Array) -> Array:
+        """Return the guards at local time `tau` from what is watched, zeros at the start divided out."""
+        g = self.raw(z, self.motion.inputs(tau))
+        if self.is_plain:
+            return g
+
+        def column(values: Array) -> Array:
+            return values[:, None] if g.ndim == 2 else values
+
+        settled, stray = self._roundoff
+        stays = (self.order == NEVER).nonzero()[0]
+        g[stays] += column(stray[stays])
+        for k in (1, 2):
+            rows = (self.order == 1).nonzero()[0] if k == 1 else self._bent
+            if not rows.size:
+                continue
+            rest = g[rows] - column(self.start[0, rows])
+            if k == 2:
+                rest -= tau * column(self.start[1, rows])
+            told = tau > column(settled[rows])
+            lead = column(np.maximum(self.start[k, rows], _TINY))
+            g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
+        return g
+
+    def smallest(self, tau: float, y: Array) -> float:
+        """Return the smallest guard at a state."""
+        return float(self.values(tau, self.motion.watched(tau, y)).min(initial=math.inf))

@@ -1,0 +1,236 @@
+"""All the signals of a scene as one input vector ``q(t)``: straight lines, sines, and functions of the user's.
+
+Between two breaks every signal is a line plus sines, or a function. Lines and sines have Taylor series.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.signals import Clipped, Constant, Function, PiecewiseLinear, Signal, Sine, Sum, time_scale
+
+__all__ = ["Loads", "Stretch"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+class Loads:
+    """The input vector over a time span, stretch by stretch.
+
+    Parameters
+    ----------
+    signals : sequence of Signal
+        One per entry of the vector.
+    rates : sequence of int
+        Signals whose slopes follow the values as further entries (the accelerations of drives); a last entry is 1.
+    start, stop : float
+        The time span in s.
+    stepped : bool
+        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks.
+
+    Attributes
+    ----------
+    size : int
+        Number of entries.
+    period : float
+        Shortest period in s of the signals that oscillate, a tenth of the span where a function tells none.
+    breaks : list of float
+        Times at which any signal breaks, each once, in order.
+    has_functions : bool
+        Whether any signal is a function without a known Taylor series.
+    """
+
+    def __init__(
+        self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float, stepped: bool = False
+    ) -> None:
+        self._signals = [signal.within(start, stop) for signal in signals]
+        self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
+        self.size = len(signals) + len(rates) + 1
+        self.period = min((time_scale(s, stop - start) for s in self._signals), default=math.inf)
+        self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
+        if stepped and self._changing and math.isinf(self.period):
+            self.period = (stop - start) / 10
+        breaks = () if stepped else (b for s in self._signals for b in s.breaks(start, stop))
+        self.breaks = sorted(set(breaks))
+        self.has_functions = stepped or any(_has_function(s) for s in self._signals)
+        self._constant = np.zeros(self.size)
+        self._constant[-1] = 1.0
+        for i, s in enumerate(self._signals):
+            if isinstance(s, Constant):
+                self._constant[i] = s.value
+        self._last: tuple[int, Stretch] | None = None
+
+    def next_break(self, t: float, stop: float) -> float:
+        """Return the first break after `t`, or `stop`."""
+        i = bisect_right(self.breaks, t)
+        return self.breaks[i] if i < len(self.breaks) else stop
+
+    def after(self, t: float) -> Stretch:
+        """Return the stretch that begins at `t` or goes on there."""
+        number = bisect_right(self.breaks, t)
+        if self._last is not None and self._last[0] == number:
+            return self._last[1]
+        found = self._stretch(self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop))
+        self._last = (number, found)
+        return found
+
+    def _stretch(self, t: float, stop: float) -> Stretch:
+        value, slope = self._constant.copy(), np.zeros(self.size)
+        waves: list[tuple[int, float, float, float]] = []
+        functions: list[tuple[int, Callable[[float], float]]] = []
+        count = len(self._signals)
+        place_of_rate = {i: count + k for k, i in enumerate(self._rates)}
+        for i in self._changing:
+            signal = self._signals[i]
+            rate = place_of_rate.get(i)
+            if self._stepped:
+                functions.append((i, signal))
+                if rate is not None:
+                    functions.append((rate, signal.slope))
+                continue
+            for term in _terms(signal, t):
+                if isinstance(term, Sine):
+                    value[i] += term.offset
+                    waves.append((i, term.amplitude, term.frequency, term.phase))
+                    if rate is not None:
+                        turn = 2 * math.pi * term.frequency
+                        waves.append((rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi))
+                elif isinstance(term, (Constant, PiecewiseLinear)):
+                    value[i] += term(t)
+                    slope[i] += term.slope(t)
+                    if rate is not None:
+                        value[rate] += term.slope(t)
+                else:
+                    functions.append((i, term))
+                    if rate is not None:
+                        functions.append((rate, term.slope))
+        return Stretch(t, stop, value, slope, waves, functions)
+
+
+class Stretch:
+    """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
+
+    Attributes
+    ----------
+    start, stop : float
+        Times in s.
+    value, slope : array (size,)
+        The straight part at the start.
+    is_straight : bool
+        Whether there is nothing else.
+    has_functions : bool
+    bent : array of int
+        Entries that are not straight.
+    """
+
+    def __init__(
+        self,
+        start: float,
+        stop: float,
+        value: Array,
+        slope: Array,
+        waves: Sequence[tuple[int, float, float, float]],
+        functions: Sequence[tuple[int, Callable[[float], float]]],
+    ) -> None:
+        self.start, self.stop, self.value, self.slope = start, stop, value, slope
+        self.is_steady = not slope.any()
+        self.has_waves, self.has_functions = bool(waves), bool(functions)
+        self.is_straight = not waves and not functions
+        self._before_stop = math.nextafter(stop, -math.inf)
+        self._functions = functions
+        if waves:
+            entries, amplitude, frequency, phase = zip(*waves, strict=True)
+            self._entry = np.array(entries, dtype=np.intp)
+            self._amplitude, self._frequency, self._phase = (np.array(x) for x in (amplitude, frequency, phase))
+            self._turn = 2 * math.pi * self._frequency
+        bent = {i for i, *_ in waves} | {i for i, _ in functions}
+        self.bent = np.array(sorted(bent), dtype=np.intp)
+        self.of_functions = np.array(sorted({i for i, _ in functions}), dtype=np.intp)
+
+    def at(self, t: float) -> Array:
+        """Return the inputs at `t`; functions count with their left limit at the end of the stretch."""
+        q = self.value + (t - self.start) * self.slope
+        if not self.is_straight:
+            if self.has_waves:
+                np.add.at(q, self._entry, self._amplitude * np.sin(self._angle(t)))
+            for i, function in self._functions:
+                q[i] += function(min(t, self._before_stop))
+        return q
+
+    def sampled(self, times: Array) -> Array:
+        """Return the inputs at many times, one column each."""
+        q = self.value[:, None] + np.multiply.outer(self.slope, times - self.start)
+        if self.has_waves:
+            angle = 2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
+            np.add.at(q, self._entry, self._amplitude[:, None] * np.sin(angle))
+        for i, function in self._functions:
+            q[i] += _sample(function, np.minimum(times, self._before_stop))
+        return q
+
+    def rate(self, t: float) -> Array:
+        """Return the slopes of the inputs at `t`, by differences where the signal of a user tells none."""
+        rate = self.slope.copy()
+        if self.has_waves:
+            np.add.at(rate, self._entry, self._turn * self._amplitude * np.cos(self._angle(t)))
+        for i, function in self._functions:
+            rate[i] += self._slope_of(function, t)
+        return rate
+
+    def _slope_of(self, function: Callable[[float], float], t: float) -> float:
+        if isinstance(function, Signal):
+            return function.slope(min(t, self._before_stop))
+        # the slope of a slope: a difference within the stretch
+        d = 1e-5 * min(1.0, self.stop - self.start)
+        left, right = max(t - d, self.start), min(t + d, self._before_stop)
+        return (function(right) - function(left)) / (right - left) if right > left else 0.0
+
+    def taylor(self, t: float, order: int, scale: float = 1.0) -> list[Array | None]:
+        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, None where all are 0; functions count nothing."""
+        found: list[Array | None] = [self.value + (t - self.start) * self.slope]
+        found.append(None if self.is_steady else scale * self.slope)
+        found += [None] * (order - 1)
+        if self.has_waves:
+            angle, size = self._angle(t), self._amplitude
+            for k in range(order + 1):
+                part = found[k]
+                if part is None:
+                    part = found[k] = np.zeros(self.value.size)
+                np.add.at(part, self._entry, size * np.sin(angle))
+                angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
+        return found
+
+    def _angle(self, t: float) -> Array:
+        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
+        return 2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase
+
+
+def _terms(signal: Signal, t: float) -> Iterator[Signal]:
+    """Yield lines, sines and functions that add up to a signal from `t` on, up to its next break."""
+    if isinstance(signal, Sum):
+        for term in signal.terms:
+            yield from _terms(term, t)
+    elif isinstance(signal, Clipped):
+        if signal.positive[bisect_right(signal.kinks, t)]:
+            yield from _terms(signal.base, t)
+    else:
+        yield signal
+
+
+def _has_function(signal: Signal) -> bool:
+    if isinstance(signal, Sum):
+        return any(_has_function(term) for term in signal.terms)
+    if isinstance(signal, Clipped):
+        return _has_function(signal.base)
+    return isinstance(signal, Function) or not isinstance(signal, (Constant, PiecewiseLinear, Sine))
+
+
+def _sample(function: Callable[[float], float], times: Array) -> Array:
+    if isinstance(function, Signal):
+        return function.sampled(times)
+    return np.array([function(float(t)) for t in times])

@@ -1,0 +1,309 @@
+"""The equations of a scene in one set of modes: rates, relative velocities and held forces, linear in states and inputs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.friction import LINEAR, ActingForces
+
+if TYPE_CHECKING:
+    from stickslip.equations.system import System
+
+__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+OPEN, FREE, AT_HIGH, AT_LOW = 2, 3, 4, 5
+"""Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
+upper or lower level (MODEL rule 8)."""
+
+
+class ModeEquations:
+    """The equations in one set of modes.
+
+    With ``v = T v_ind + U u`` the rates are ``y' = A y + B q + K e`` and what is watched is ``z = E y + H q + L e``:
+    the relative velocities of all rows, the forces of the held ones, and what rows at their level would carry if
+    they had none. ``e`` are the friction forces that depend on velocity. `q` are the inputs of the system, followed by
+    ``exp(-age / dwell) N`` of the rows with a dwell time.
+
+    Parameters
+    ----------
+    system : System
+    modes : array (m,)
+        For each row -1, 0, +1, OPEN, FREE, AT_HIGH or AT_LOW.
+    """
+
+    def __init__(self, system: System, modes: NDArray[np.int8]) -> None:
+        self.system, self.modes = system, modes
+        c = system.coefficients
+        kind_linear = c.kind == LINEAR
+        self.is_held = (modes == 0) & system.hard
+        self.held = self.is_held.nonzero()[0]
+        self.pre = ((modes == 0) & kind_linear).nonzero()[0]
+        self.slip = (np.abs(modes) == 1).nonzero()[0]
+        self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
+        self.at_level = (modes >= AT_HIGH).nonzero()[0]
+        curved = c.curved & (np.abs(modes) == 1)
+        self.acting = (curved | (modes == FREE) | ((modes == 0) & kind_linear)).nonzero()[0]
+        self.law = ActingForces(c, self.acting, modes)
+        self.bristle_places = np.array(
+            [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
+        )
+        self.balance = system.balance(self.is_held.tobytes())
+        self.dependent = self.balance.dependent
+        self.T_dependent = self.balance.T[self.dependent]
+        self.U_dependent = self.balance.U[self.dependent]
+        self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
+        self._place_friction()
+        self._place_guards()
+        self._shares = self._place_shares() if self.at_level.size else None
+        self.rows = system.m + self.held.size + self.at_level.size
+        self.feeds_back = system.has_couplings
+        if not system.sparse:
+            self._assemble()
+
+    # -- friction that is linear in the inputs ---------------------------------------------------------------
+
+    def _place_friction(self) -> None:
+        """Coulomb friction of slipping rows, and the levels of rows that carry theirs, from the inputs."""
+        system, modes = self.system, self.modes
+        side = (modes < 0).astype(np.intp)
+        side[modes == AT_LOW] = 1
+        self.side = side
+        plain = self.slip[~system.coefficients.curved[self.slip]]
+        total = system.inputs + system.dwelling.size
+        friction = np.zeros((system.m, total)) if not system.sparse else None
+        rows, columns, values = [], [], []
+        for j in plain.tolist():
+            rows.append(j), columns.append(j), values.append(float(modes[j]) * system.mu_c[side[j], j])
+        for j in self.at_level.tolist():
+            sign = 1.0 if modes[j] == AT_HIGH else -1.0
+            rows.append(j), columns.append(j), values.append(sign * system.mu_s[side[j], j])
+            if (place := system.dwell_place[j]) >= 0:
+                rows.append(j), columns.append(system.inputs + place)
+                values.append(-sign * system.rise[side[j], j])
+        if friction is not None:
+            friction[rows, columns] = values
+            self.friction: Any = friction
+        else:
+            entries = (np.array(values), (np.array(rows, int), np.array(columns, int)))
+            self.friction = sparse.csr_array(entries, shape=(system.m, total))
+
+    # -- guards ----------------------------------------------------------------------------------------------
+
+    def _place_guards(self) -> None:
+        """Each guard is ``turn z[source] + level``, with a level from a normal force, a dwell and a velocity.
+
+        First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the
+        rows that carry their level.
+        """
+        system, c = self.system, self.system.coefficients
+        m, h = system.m, self.held.size
+        held_place = np.full(m, -1)
+        held_place[self.held] = m + np.arange(h)
+        friction = self.held[system.is_friction[self.held]]
+        lower = self.held[~system.is_tie[self.held]]
+        pre, top = self.pre, self.at_level
+        first = m + h
+        none = np.zeros
+        self.slips = self.slip.size
+        contacts = [self.slip, friction, lower, pre, pre, top]
+        source = [self.slip, held_place[friction], held_place[lower], pre, pre, first + np.arange(top.size)]
+        ones = [np.ones(x.size) for x in contacts]
+        sign_top = np.where(self.modes[top] == AT_HIGH, 1.0, -1.0)
+        turn = [self.modes[self.slip].astype(float), -ones[1], ones[2], -ones[3], ones[4], sign_top]
+        side_top = self.side[top]
+        friction_lower = system.is_friction[lower]
+        mu = [
+            none(self.slips),
+            system.mu_s[0, friction],
+            np.where(friction_lower, system.mu_s[1, lower], 0.0),
+            none(pre.size),
+            none(pre.size),
+            -system.mu_s[side_top, top],
+        ]
+        rise = [
+            none(self.slips),
+            system.rise[0, friction],
+            np.where(friction_lower, system.rise[1, lower], 0.0),
+            none(pre.size),
+            none(pre.size),
+            -system.rise[side_top, top],
+        ]
+        banded = c.velocity[pre]
+        constant = [none(self.slips), none(friction.size), none(lower.size), banded, banded, none(top.size)]
+        self.guard_row = np.concatenate(contacts).astype(np.intp)
+        self.guard_source = np.concatenate(source).astype(np.intp)
+        self.guard_turn, self.guard_mu = np.concatenate(turn), np.concatenate(mu)
+        self.guard_rise, self.guard_constant = np.concatenate(rise), np.concatenate(constant)
+        self.guard_dwell = system.inputs + system.dwell_place[self.guard_row]
+        self.rising = (self.guard_rise != 0).nonzero()[0]
+        self.threshold = -c.threshold[self.slip]
+        self.has_threshold = bool(self.threshold.any())
+        sizes = np.cumsum([0, *(x.size for x in contacts)])
+        self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
+        self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
+        self.direction = np.concatenate([none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5]])
+
+    def _place_shares(self) -> Array:
+        """Return the map from forces on the bodies to what rows at their level would carry if they had none.
+
+        With the scaled rows g of the others, ``share = g_row nu`` and ``(sum g^T g) nu = F - M v'`` (the dual of the
+        bounded least norm).
+        """
+        system = self.system
+        G = system.G.toarray() if system.sparse else system.G
+        D = system.D.toarray() if system.sparse else system.D
+        scale = np.maximum(np.abs(G).max(axis=1, initial=0.0), np.abs(D).max(axis=1, initial=0.0))
+        held = G[self.held] / scale[self.held][:, None]
+        bodies = np.abs(held).any(axis=0).nonzero()[0]
+        dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
+        found = np.zeros((self.at_level.size, system.n))
+        rows = G[self.at_level][:, bodies] / scale[self.at_level][:, None] ** 2
+        found[:, bodies] = rows @ dual
+        return found
+
+    # -- the maps --------------------------------------------------------------------------------------------
+
+    def _assemble(self) -> None:
+        system = self.system
+        size, total = system.size, system.inputs + system.dwelling.size
+        self.A, self.E = np.split(self._of_states(np.eye(size)), [size])
+        self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
+        self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
+        self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
+        self.feeds_back = bool(self.A[: system.n].any())
+
+    def apply(self, y: Array) -> Array:
+        """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
+        return self._AE @ y if not self.system.sparse else self._of_states(y)
+
+    def respond(self, q: Array) -> Array:
+        """Return ``B q`` and ``H q`` in one array."""
+        return self._BH @ q if not self.system.sparse else self._of_inputs(q)
+
+    def push(self, e: Array) -> Array:
+        """Return ``K e`` and ``L e`` in one array."""
+        if not self.system.sparse:
+            return np.concatenate([self.K @ e, self.L @ e])
+        wide = np.zeros((self.system.m, *e.shape[1:]))
+        wide[self.acting] = e
+        return self._of_friction(wide)
+
+    def _of_states(self, y: Array) -> Array:
+        system, balance = self.system, self.balance
+        n = system.n
+        moved = np.array(y)
+        moved[:n] = balance.T @ y[:n]
+        return self._out(system.C @ moved, moved[:n], None, None)
+
+    def _of_inputs(self, q: Array) -> Array:
+        system, balance = self.system, self.balance
+        n = system.n
+        u = system.drive_velocities(q)
+        led = balance.U @ u
+        moved = np.zeros((system.size, *q.shape[1:]))
+        moved[:n] = led
+        forces = system.C @ moved + system.Q @ q[: system.inputs] - system.GT @ (self.friction @ q)
+        return self._out(forces, led, u, system.drive_accelerations(q))
+
+    def _of_friction(self, r: Array) -> Array:
+        system = self.system
+        return self._out(-(system.GT @ r), None, None, None)
+
+    def _out(self, forces: Array, v: Array | None, u: Array | None, rate: Array | None) -> Array:
+        """Return rates and watched quantities from forces on the bodies and velocities."""
+        system, balance = self.system, self.balance
+        n, size, m = system.n, system.size, system.m
+        out = np.zeros((size + self.rows, *forces.shape[1:]))
+        acceleration = out[:n] = balance.accelerations(forces, rate)
+        if v is not None:
+            out[system.moved_state] = v[system.moved]
+            out[size : size + m] = system.G @ v
+        if u is not None:
+            out[system.carried_state] = u[system.carried]
+            if system.drives:
+                out[size : size + m] += system.D @ u
+        if self.held.size:
+            out[size + m : size + m + self.held.size] = balance.held_forces(forces, acceleration, rate)
+        if self._shares is not None:
+            inertia = system.inertia if forces.ndim == 1 else system.inertia[:, None]
+            out[size + m + self.held.size :] = self._shares @ (forces - inertia * acceleration)
+        return out
+
+    def consistent(self, y: Array, u: Array) -> Array:
+        """Write the dependent velocities of a state (or rows of its columns) through T, in place."""
+        if self.dependent.size:
+            led = self.T_dependent @ y[: self.system.n]
+            y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
+        return y
+
+    def law_jacobian(self, slopes: Array) -> Any:
+        """Return what the acting rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
+        system, n = self.system, self.system.n
+        if not system.sparse:
+            rows = np.zeros((self.acting.size, system.size))
+            rows[:, :n] = (system.G @ self.balance.T)[self.acting]
+            return self.K @ (slopes[:, None] * rows)
+        rows = (system.G @ self.balance.T).tocsr()[self.acting]
+        pushed = sparse.csr_array(system.GT)[:, self.acting]
+        forces = -(pushed @ (sparse.diags_array(slopes) @ rows))
+        return self._spread(sparse.hstack([forces, sparse.csr_array((n, system.size - n))], format="csr"), None)
+
+    def jacobian(self) -> Any:
+        """Return ``A``, dense or sparse as the scene is."""
+        if not self.system.sparse:
+            return self.A
+        system, balance, n = self.system, self.balance, self.system.n
+        fold = sparse.block_diag([balance.T, sparse.eye_array(system.size - n)], format="csr")
+        return self._spread((system.C @ fold).tocsr(), balance.T)
+
+    def _spread(self, forces: Any, v: Any) -> Any:
+        """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
+        system, n = self.system, self.system.n
+        top = self.balance.accelerations(forces)
+        rest = system.size - n
+        if not rest:
+            return sparse.csr_array(top)
+        rows = sparse.csr_array((rest, system.size))
+        if v is not None and system.moved.size:
+            part = sparse.csr_array(v)[system.moved].tocoo()
+            places = (system.moved_state - n)[part.coords[0]]
+            rows = sparse.csr_array((part.data, (places, part.coords[1])), shape=(rest, system.size))
+        return sparse.vstack([sparse.csr_array(top), rows], format="csr")
+
+    # -- what adds up ----------------------------------------------------------------------------------------
+
+    def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
+        """Return what adds up in the rates and in the watched quantities, from absolute values of states and inputs.
+
+        Their roundoff is a part of it.
+        """
+        system, balance = self.system, self.balance
+        n, size, m = system.n, system.size, system.m
+        forces = system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (self._largest * q[:m])
+        rate = np.zeros(size)
+        rate[:n] = balance.acceleration_magnitudes(forces)
+        if self.is_driven:
+            drives = q[system.first_acceleration : system.inputs - 1]
+            rate[self.dependent] += abs(self.U_dependent) @ drives
+        rate[system.moved_state] = y[system.moved]
+        rate[system.carried_state] = system.drive_velocities(q)[system.carried]
+        z = np.zeros(self.rows)
+        z[:m] = system.abs_G @ y[:n]
+        if system.drives:
+            z[:m] += system.abs_D @ system.drive_velocities(q)
+        if self.held.size:
+            z[m : m + self.held.size] = balance.force_magnitudes(forces)
+        if self._shares is not None:
+            z[m + self.held.size :] = np.abs(self._shares) @ forces
+        return rate, z
+
+    @property
+    def _largest(self) -> Array:
+        return self.system.largest_coefficient

@@ -1,0 +1,325 @@
+"""The motion from one instant on while its modes hold: rates, Jacobian, what is watched, and Taylor coefficients."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.equations.loads import Stretch
+from stickslip.equations.mode_equations import ModeEquations
+
+__all__ = ["Expansion", "Motion"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_DWELL_OVER = 40.0
+"""Dwell times after which a static coefficient has risen to the last bit."""
+
+_DIFFERENCE = 1e-5
+
+
+class Expansion:
+    """Taylor coefficients ``scale^k f^(k) / k!`` of states, inputs and watched quantities, one row per order.
+
+    Attributes
+    ----------
+    y : array (order + 1, size)
+    q : list of array or None
+        Inputs with dwells; None where a whole order is 0.
+    z : array (order + 1, rows)
+    is_finite : bool
+        Whether the series of the states ends: the motion is a polynomial.
+    """
+
+    __slots__ = ("is_finite", "q", "y", "z")
+
+    def __init__(self, y: Array, q: list[Array | None], z: Array, is_finite: bool) -> None:
+        self.y, self.q, self.z, self.is_finite = y, q, z, is_finite
+
+
+class Motion:
+    """The equations in one set of modes from a state on. Local time tau runs from 0 at the start.
+
+    Parameters
+    ----------
+    equations : ModeEquations
+    stretch : Stretch
+        The inputs up to the next break.
+    t : float
+        Start in s.
+    y : array (size,)
+        State at the start, dependent velocities written through T.
+    since : array (m,)
+        When each row last became held, in s.
+    """
+
+    def __init__(self, equations: ModeEquations, stretch: Stretch, t: float, y: Array, since: Array) -> None:
+        self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
+        system = self.system = equations.system
+        self.horizon = stretch.stop - t
+        self.has_law = equations.acting.size > 0
+        self.is_linear = not (self.has_law or stretch.has_functions)
+        self._dwelling = system.dwelling
+        rising = False
+        if self._dwelling.size:
+            self._place_dwells()
+            rising = self._rising.size > 0
+        self.is_polynomial = stretch.is_straight and not (self.has_law or equations.feeds_back or rising)
+
+    # -- inputs ----------------------------------------------------------------------------------------------
+
+    def _place_dwells(self) -> None:
+        """Rows whose static coefficient is still rising."""
+        system, rows = self.system, self._dwelling
+        age = (self.t - self.since[rows]) / system.dwell[rows]
+        modes = self.equations.modes[rows]
+        rests = (modes == 0) | (modes > 3)
+        self._rising = (rests & (age < _DWELL_OVER)).nonzero()[0]
+        self._rate = 1.0 / system.dwell[rows[self._rising]]
+        self._age = age[self._rising]
+
+    @property
+    def dwell_times(self) -> Array:
+        """Dwell times of the rows whose static coefficients are still rising, each once."""
+        return np.unique(1.0 / self._rate) if self._dwelling.size else np.empty(0)
+
+    def inputs(self, tau: float | Array) -> Array:
+        """Return inputs and dwells at local time `tau`, one column per time where that is an array."""
+        many = isinstance(tau, np.ndarray)
+        q = self.stretch.sampled(self.t + tau) if many else self.stretch.at(self.t + tau)
+        if not self._dwelling.size:
+            return q
+        full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
+        full[: q.shape[0]] = q
+        if self._rising.size:
+            age, rate = (self._age[:, None], self._rate[:, None]) if many else (self._age, self._rate)
+            decay = np.exp(-(age + rate * tau))
+            full[q.shape[0] + self._rising] = decay * q[self._dwelling[self._rising]]
+        return full
+
+    def _input_rate(self, tau: float) -> Array:
+        rate = self.stretch.rate(self.t + tau)
+        if not self._dwelling.size:
+            return rate
+        full = np.zeros(rate.size + self._dwelling.size)
+        full[: rate.size] = rate
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            decay = np.exp(-(self._age + self._rate * tau))
+            normal = self.stretch.at(self.t + tau)[rows]
+            full[rate.size + self._rising] = decay * (rate[rows] - self._rate * normal)
+        return full
+
+    def _input_series(self, tau: float, order: int, scale: float) -> list[Array | None]:
+        series = self.stretch.taylor(self.t + tau, order, scale)
+        if not self._dwelling.size:
+            return series
+        size, count = self.system.inputs, self._dwelling.size
+        full: list[Array | None] = []
+        for part in series:
+            wide = None
+            if part is not None:
+                wide = np.zeros(size + count)
+                wide[:size] = part
+            full.append(wide)
+        age = self._age + self._rate * tau
+        live = (age < _DWELL_OVER).nonzero()[0] if self._rising.size else self._rising
+        if not live.size:
+            return full
+        rows, places = self._dwelling[self._rising[live]], size + self._rising[live]
+        # exp(-age - rate tau) N, as the product of both series
+        decay = [np.exp(-age[live])]
+        for k in range(order):
+            decay.append(decay[-1] * (-self._rate[live] * scale / (k + 1)))
+        normals = [None if part is None else part[rows] for part in series]
+        known = [k for k, part in enumerate(normals) if part is not None]
+        for k in range(order + 1):
+            value = sum(decay[k - i] * normals[i] for i in known if i <= k)
+            wide = full[k]
+            if wide is None:
+                wide = full[k] = np.zeros(size + count)
+            wide[places] = value
+        return full
+
+    def normals(self, tau: float | Array) -> Array:
+        """Return the normal forces at local time `tau`."""
+        return np.maximum(self.inputs(tau)[: self.system.m], 0.0)
+
+    # -- rates -----------------------------------------------------------------------------------------------
+
+    def _acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
+        """Return relative velocity, normal force, dwell lag and bristle deflection of the acting rows."""
+        equations, system = self.equations, self.system
+        rows = equations.acting
+        w = system.relative_velocity(y, q)[rows]
+        dwell = system.dwell[rows]
+        lag = np.zeros_like(w)
+        some = (dwell > 0).nonzero()[0]
+        if some.size:
+            age = np.add.outer(self.t - self.since[rows[some]], tau)
+            lag[some] = np.exp(-(age.T / dwell[some]).T)
+        return w, np.maximum(q[rows], 0.0), lag, y[equations.bristle_places]
+
+    def acting_forces(self, tau: float | Array, y: Array) -> Array:
+        """Return the friction forces that depend on velocity."""
+        return self.equations.law.forces(*self._acting_terms(y, self.inputs(tau), tau))
+
+    def both(self, tau: float | Array, y: Array) -> Array:
+        """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array."""
+        equations = self.equations
+        q = self.inputs(tau)
+        found = equations.apply(y)
+        found += equations.respond(q)
+        if self.has_law:
+            w, normal, lag, z = self._acting_terms(y, q, tau)
+            found += equations.push(equations.law.forces(w, normal, lag, z))
+            if equations.bristle_places.size:
+                found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
+        return found
+
+    def row_forces(self, tau: float | Array, y: Array) -> Array:
+        """Return the forces of all rows, one column per time where `tau` is an array."""
+        equations, size, m = self.equations, self.system.size, self.system.m
+        found = self.both(tau, y)[size:]
+        forces: Array = equations.friction @ self.inputs(tau)
+        if self.has_law:
+            forces[equations.acting] = self.acting_forces(tau, y)
+        forces[equations.held] = found[m : m + equations.held.size]
+        return forces
+
+    def rate(self, tau: float | Array, y: Array) -> Array:
+        """Return ``y' = A y + B q + K e``."""
+        return self.both(tau, y)[: self.system.size]
+
+    def watched(self, tau: float | Array, y: Array) -> Array:
+        """Return ``z = E y + H q + L e``."""
+        return self.both(tau, y)[self.system.size :]
+
+    def exact(self, tau: float | Array, y: Array) -> Array:
+        """Return a state (or columns) with dependent velocities written through T."""
+        equations = self.equations
+        if not equations.dependent.size:
+            return y
+        y = np.array(y)
+        if not equations.is_driven:
+            return equations.consistent(y, np.empty(0))
+        return equations.consistent(y, self.system.drive_velocities(self.inputs(tau)))
+
+    def jacobian(self, tau: float, y: Array) -> Any:
+        """Return ``d y' / d y``, dense or sparse as the scene is."""
+        equations = self.equations
+        matrix = equations.jacobian()
+        if not self.has_law:
+            return matrix
+        terms = self._acting_terms(y, self.inputs(tau), tau)
+        matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
+        return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
+
+    def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
+        """Add the entries of the bristles: ``dz'/dw W``, ``dz'/dz`` and ``K dr/dz``."""
+        equations, system = self.equations, self.system
+        law, places = equations.law, equations.bristle_places
+        w, normal, _, z = terms
+        by_w, by_z = law.bristle_slopes(w, normal, z)
+        acting = equations.acting[law.bristles]
+        sigma = system.coefficients.sigma[acting]
+        size, count, n = system.size, places.size, system.n
+        rows = sparse.csr_array((system.G @ equations.balance.T)[acting])
+        rows = sparse.hstack([rows, sparse.csr_array((count, size - n))], format="csr")
+        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        units = np.zeros((equations.acting.size, count))
+        units[law.bristles, np.arange(count)] = 1.0
+        pushed = sparse.csr_array(equations.push(units)[:size])
+        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        return matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+
+    # -- series ----------------------------------------------------------------------------------------------
+
+    def expand(self, tau: float, y: Array, order: int, scale: float = 1.0) -> Expansion:
+        """Return the Taylor coefficients of a linear motion at local time `tau`.
+
+        ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T.
+        """
+        equations, system = self.equations, self.system
+        size, n = system.size, system.n
+        q = self._input_series(tau, order, scale)
+        ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
+        ys[0] = y
+        finite = False
+        for k in range(order + 1):
+            part = q[k]
+            if finite and part is None:
+                continue
+            found = equations.apply(ys[k])
+            if part is not None:
+                found += equations.respond(part)
+            zs[k] = found[size:]
+            if k == order:
+                break
+            following = ys[k + 1]
+            np.multiply(found[:size], scale / (k + 1), out=following)
+            if equations.dependent.size:
+                u = q[k + 1]
+                led = equations.T_dependent @ following[:n]
+                if equations.is_driven and u is not None:
+                    led = led + equations.U_dependent @ system.drive_velocities(u)
+                following[equations.dependent] = led
+            finite = not following.any()
+        return Expansion(ys, q, zs, finite)
+
+    # -- starts ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def start(self) -> Expansion:
+        """Taylor coefficients at the start up to order 2: exact if linear, the second by a difference if not."""
+        if self.is_linear:
+            return self.expand(0.0, self.y, 2)
+        size = self.system.size
+        found = self.both(0.0, self.y)
+        rate = found[:size]
+        slope = self._slope(0.0, self.y, rate)
+        second, z1 = slope[:size], slope[size:]
+        d = self.difference_step
+        ahead = self.y + d * (rate + 0.5 * d * second)
+        later = self._slope(d, ahead, self.rate(d, ahead))
+        z2 = 0.5 * (later[size:] - z1) / d
+        y = np.array([self.y, rate, 0.5 * second])
+        q = [self.inputs(0.0), self._input_rate(0.0), np.zeros_like(self.inputs(0.0))]
+        q[2] = 0.5 * (self._input_rate(d) - q[1]) / d
+        return Expansion(y, list(q), np.array([found[size:], z1, z2]), False)
+
+    @property
+    def difference_step(self) -> float:
+        """Step in s of differences along the motion."""
+        return _DIFFERENCE * min(self.horizon or np.inf, 1.0)
+
+    def _slope(self, tau: float, y: Array, rate: Array) -> Array:
+        """Return the derivatives of rates and watched quantities along the motion."""
+        equations, system = self.equations, self.system
+        dq = self._input_rate(tau)
+        found = equations.apply(rate) + equations.respond(dq)
+        if not self.has_law:
+            return found
+        q = self.inputs(tau)
+        w, normal, lag, z = self._acting_terms(y, q, tau)
+        dw = system.relative_velocity(rate, dq)[equations.acting]
+        d = self.difference_step
+        law = equations.law
+        # normal force, dwell and bristles change slowly and smoothly: their part by a difference
+        e = law.forces(w, normal, lag, z)
+        moved_q = self.inputs(tau + d)
+        _, normal_d, lag_d, _ = self._acting_terms(y, moved_q, tau + d)
+        z_d = z + d * rate[equations.bristle_places]
+        by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d
+        found += equations.push(law.slopes(w, normal, lag, z) * dw + by_time)
+        if equations.bristle_places.size:
+            now = law.bristle_rates(w, normal, z)
+            found[equations.bristle_places] = (law.bristle_rates(w + d * dw, normal_d, z_d) - now) / d
+        return found

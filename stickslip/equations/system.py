@@ -1,0 +1,214 @@
+"""A scene as constants: its states, its inputs, its rows, and the matrices between them.
+
+Everything is linear in the state ``y = (velocities, positions, bristles)``, in the inputs
+``q = (normal forces, forces, drive velocities, drive accelerations, 1)`` and in the friction forces of rows whose law
+depends on velocity. Only bodies that a spring touches have a position.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.equations.balance import Balance
+from stickslip.equations.book import Book
+from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import ModeEquations
+from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.laws import DryFriction
+from stickslip.scene import GROUND, Scene
+from stickslip.signals import Constant, PiecewiseLinear, Signal
+
+__all__ = ["System"]
+
+Array = NDArray[np.float64]
+
+_DENSE_LIMIT = 120
+"""Bodies and rows together from which matrices are kept sparse."""
+
+_REMEMBERED, _REMEMBERED_SPARSE = 128, 4
+_NO_LAW = DryFriction(0.0, 0.0)
+
+
+class System:
+    """A scene compiled to constant matrices. It never changes.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Attributes
+    ----------
+    n, drives, m, size, inputs : int
+        Numbers of bodies, drives, rows, states and inputs.
+    G, D : array or sparse (m, n), (m, drives)
+        Coefficients of the rows on bodies and drives.
+    C, Q : array or sparse (n, size), (n, inputs)
+        Forces on the bodies from states and inputs.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        book = Book(scene)
+        self.index, self.rows = book.index, book.rows
+        self.names = [body.name for body in book.bodies]
+        n, drives, m = len(book.bodies), len(book.drives), len(book.rows)
+        self.n, self.drives, self.m = n, drives, m
+        self.sparse = n + m > _DENSE_LIMIT
+        self.inertia = np.array([body.inertia for body in book.bodies])
+        self.normals = [row.normal for row in book.rows]
+        self.others = [signal for _, signal in book.forces] + [_signal(d.velocity) for d in book.drives]
+        self.first_force, self.first_drive = m, m + len(book.forces)
+        self.first_acceleration = self.first_drive + drives
+        self.inputs = self.first_acceleration + drives + 1
+        self._place_states(book)
+        self._place_laws(book)
+        self._join(book)
+        remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
+        self.equations = lru_cache(maxsize=remembered)(self._equations)
+        self.balance = lru_cache(maxsize=remembered)(self._balance)
+
+    def _place_states(self, book: Book) -> None:
+        stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
+        self.placed = np.array(sorted(stretched), dtype=np.intp)
+        self.first_bristle = self.n + self.placed.size
+        self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
+
+    def _place_laws(self, book: Book) -> None:
+        c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
+        self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
+        self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
+        self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
+        self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
+        resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
+        self.alive = (self.loaded & resists) | ~self.is_friction
+        self.hard = c.kind == HARD
+        self.all_hard = bool(self.hard.all())
+        self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
+        bristles = np.flatnonzero(c.kind == BRISTLE)
+        self.size = self.first_bristle + bristles.size
+        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
+        # rise of the static coefficient with the dwell, forward and backward
+        rise = np.maximum(self.mu_s - np.maximum(self.mu_c, self.mu_0), 0.0)
+        self.rise = np.where(self.dwell > 0, rise, 0.0)
+        dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
+        self.dwelling = dwells.nonzero()[0]
+        self.dwell_place = np.full(self.m, -1)
+        self.dwell_place[self.dwelling] = np.arange(self.dwelling.size)
+        self.largest_coefficient = np.maximum(self.mu_s, self.mu_0).max(axis=0, initial=0.0)
+
+    def _join(self, book: Book) -> None:
+        n, drives = self.n, self.drives
+        rows, driven = _Triplets(), _Triplets()
+        for j, row in enumerate(book.rows):
+            for i, c in row.coefficients.items():
+                (rows if i < n else driven).add(j, i if i < n else i - n, c)
+        self.G, self.D = self._matrix(rows, (self.m, n)), self._matrix(driven, (self.m, drives))
+        state, inputs = _Triplets(), _Triplets()
+        for link in book.couplings:
+            for i, c in link.coefficients.items():
+                if i >= n:
+                    continue
+                for k, e in link.coefficients.items():
+                    if link.stiffness:
+                        state.add(i, self.position_state[k], -c * e * link.stiffness)
+                    if k < n:
+                        state.add(i, k, -c * e * link.damping)
+                    else:
+                        inputs.add(i, self.first_drive + k - n, -c * e * link.damping)
+                inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
+        for k, (i, _) in enumerate(book.forces):
+            inputs.add(i, self.first_force + k, 1.0)
+        self.C, self.Q = self._matrix(state, (n, self.size)), self._matrix(inputs, (n, self.inputs))
+        self.has_couplings = bool(state.values)
+        self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
+        self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
+        self.abs_G, self.abs_D = abs(self.G), abs(self.D)
+        # places of the velocities whose integrals the positions are
+        self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
+        self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
+        self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
+        self.carried_state = np.array([self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp)
+
+    def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
+        if not self.sparse:
+            dense = np.zeros(shape)
+            if triplets.rows:
+                np.add.at(dense, (triplets.rows, triplets.columns), triplets.values)
+            return dense
+        entries = (np.array(triplets.values), (np.array(triplets.rows, int), np.array(triplets.columns, int)))
+        matrix = sparse.coo_array(entries, shape=shape).tocsr()
+        matrix.eliminate_zeros()
+        return matrix
+
+    def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
+        """Return the inputs over a time span; normal forces are cut off at 0."""
+        clipped = [s.clipped(start, stop) for s in self.normals]
+        return Loads(
+            [*clipped, *self.others], range(self.first_drive, self.first_acceleration), start, stop, stepped
+        )
+
+    def drive_velocities(self, q: Array) -> Array:
+        """Return the velocities of the drives from the inputs."""
+        return q[self.first_drive : self.first_acceleration]
+
+    def drive_accelerations(self, q: Array) -> Array:
+        """Return the accelerations of the drives from the inputs."""
+        return q[self.first_acceleration : self.inputs - 1]
+
+    def relative_velocity(self, y: Array, q: Array) -> Array:
+        """Return ``w`` of every row."""
+        w = self.G @ y[: self.n]
+        return w + self.D @ self.drive_velocities(q) if self.drives else w
+
+    def sign_of(self, w: Array) -> Array:
+        """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
+        limit = self.coefficients.velocity
+        return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
+
+    def _equations(self, modes: bytes) -> ModeEquations:
+        return ModeEquations(self, np.frombuffer(modes, dtype=np.int8))
+
+    def _balance(self, held: bytes) -> Balance:
+        mask = np.frombuffer(held, dtype=bool)
+        return Balance(self.inertia, self.G[mask], self.D[mask])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the scene only: all the rest follows from it."""
+        return System, (self.scene,)
+
+
+class _Triplets:
+    """Entries of a matrix under construction."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+        self.columns: list[int] = []
+        self.values: list[float] = []
+
+    def add(self, row: int, column: int, value: float) -> None:
+        if value:
+            self.rows.append(row)
+            self.columns.append(column)
+            self.values.append(value)
+
+
+def _signal(value: Signal | float) -> Signal:
+    return value if isinstance(value, Signal) else Constant(float(value))
+
+
+def _ever_positive(signal: Signal) -> bool:
+    match signal:
+        case Constant(value=value):
+            return value > 0
+        case PiecewiseLinear(values=values):
+            return max(values) > 0
+    return True
+
+
+_ = GROUND

@@ -1,0 +1,1 @@
+"""Which modes come next: pure functions."""

@@ -1,0 +1,172 @@
+"""What happened by the end of a path: pure functions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from stickslip.equations.guards import Guards
+from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import FREE
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+
+__all__ = ["at_limit", "jumped", "relaxed", "shown_at_end"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Modes = NDArray[np.int8]
+
+_TIE = 1e-7
+_CONSTANT = 1e-7
+_NEXT = 1e-9
+
+
+def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> tuple[Mask, Mask]:
+    """Return the rows whose relative velocity, and those whose guard, has just come to 0."""
+    m = motion.system.m
+    touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.hit:
+        tau = float(path.taus[-1])
+        values = guards.values(tau, motion.watched(tau, path.last))
+        reach = np.full(values.size, max(0.0, float(values.min())))
+        if path.forces is not None:
+            # these forces are known within tolerances only: what ties may not seem to
+            held = ~guards.is_velocity
+            reach[held] = np.maximum(reach[held], _TIE * guards.scale[held])
+        else:
+            reach += _NEXT * 1e-6 * guards.scale
+        at = values <= reach
+        fired[guards.row[at]] = True
+        touching[guards.row[at & guards.is_velocity]] = True
+    return touching, fired
+
+
+def jumped(motion: Motion, loads: Loads, tau: float, t: float) -> Mask:
+    """Return the rows on a drive whose velocity jumps at `t`, the end of a motion at local time `tau`."""
+    system = motion.system
+    if not system.drives:
+        return np.zeros(system.m, dtype=bool)
+    before = system.drive_velocities(motion.stretch.at(motion.t + tau))
+    after = system.drive_velocities(loads.after(t).at(t))
+    size = np.abs(before) + np.abs(after)
+    jump = np.where(np.abs(after - before) > 1e-12 * size, after - before, 0.0)
+    return np.asarray(system.D @ jump != 0)
+
+
+def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
+    """Return the modes that rows show at the end of a path: laws without modes follow their velocity."""
+    free = motion.equations.free
+    if not free.size:
+        return labels
+    w = motion.watched(float(path.taus[-1]), path.last)[: motion.system.m]
+    shown = labels.copy()
+    shown[free] = motion.system.sign_of(w)[free]
+    return shown
+
+
+def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]:
+    """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
+
+    Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
+    only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
+    """
+    system, equations = motion.system, motion.equations
+    rows = equations.slip[system.hard[equations.slip]]
+    if margin <= 0 or not rows.size or path.taus.size < 2:
+        return path, []
+    count = path.taus.size - (1 if path.hit else 0)
+    points = path.points[:count].T
+    w = _signed(motion, path.taus[:count], points, rows)
+    near = (w <= margin) & (w > 0)
+    if not near.any():
+        return path, []
+    found: tuple[float, list[int]] | None = None
+    for k in near.any(axis=1).nonzero()[0].tolist():
+        tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
+        if tau is None:
+            continue
+        if found is None or tau < found[0]:
+            found = (tau, [int(rows[k])])
+        elif tau == found[0]:
+            found[1].append(int(rows[k]))
+    if found is None:
+        return path, []
+    tau, ones = found
+    end = path.cut(tau) if tau < path.taus[-1] else path
+    # all that rest by then
+    last = _signed(motion, np.array([tau]), end.last[:, None], rows)[:, 0]
+    for k in ((last > 0) & (last <= margin)).nonzero()[0].tolist():
+        row = int(rows[k])
+        if row not in ones and _at_rest(motion, tau, end.last, row):
+            ones.append(row)
+    return end, sorted(ones)
+
+
+def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+    w = motion.system.relative_velocity(states, motion.inputs(taus))[rows]
+    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
+
+
+def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float) -> float | None:
+    """Return the first time at which a row is within the margin and would stay at rest, there and at the next point."""
+    rows = np.array([row])
+    ends = near.nonzero()[0]
+    for k in ends.tolist():
+        tau = float(path.taus[k])
+        if not _at_rest(motion, tau, path.at(np.array([tau]))[0], row):
+            continue
+        if k and not near[k - 1]:
+
+            def beyond(x: float) -> float:
+                at = np.array([x])
+                return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - margin
+
+            left = float(path.taus[k - 1])
+            entry = float(brentq(beyond, left, tau)) if beyond(left) > 0 > beyond(tau) else tau
+            if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
+                return entry if entry > 0 else tau
+            continue
+        if k:
+            return tau
+    return None
+
+
+def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
+    """Tell whether a moving row near rest would stay there: its relative acceleration is zero at ``w = 0``.
+
+    A velocity that falls to 0 exponentially never crosses it; one that crosses has a relative acceleration of the order
+    of its breakaway force (Breedveld 2000, section 6.2).
+    """
+    system, equations = motion.system, motion.equations
+    sign = float(equations.modes[row])
+    w = float(motion.watched(tau, y)[row])
+    if sign * _acceleration(motion, tau, y, row) > 0:
+        return False
+    held = equations.is_held.copy()
+    held[row] = True
+    equal = y.copy()
+    u = system.drive_velocities(motion.inputs(tau))
+    equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    coefficients = system.G[[row]]
+    dense = coefficients.toarray()[0] if hasattr(coefficients, "toarray") else coefficients[0]
+    mobility = equations.balance.accelerations(dense)
+    total = float(dense @ mobility)
+    q = motion.inputs(tau)
+    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
+    if scale == 0:
+        # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
+        scale = abs(w) * np.finfo(float).eps
+    return abs(_acceleration(motion, tau, equal, row)) <= _CONSTANT * scale
+
+
+def _acceleration(motion: Motion, tau: float, y: Array, row: int) -> float:
+    system = motion.system
+    rate = motion.rate(tau, y)
+    dq = motion.stretch.rate(motion.t + tau)
+    return float(system.relative_velocity(rate, np.concatenate([dq, np.zeros(system.dwelling.size)]))[row])
+
+
+_ = FREE

@@ -1,0 +1,309 @@
+"""Which modes are consistent now: all rows at rest are settled together (MODEL rules 3, 4 and 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
+from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.events.labels import label
+
+__all__ = ["Inconsistent", "Settled", "Situation", "settle"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Modes = NDArray[np.int8]
+
+_ENUMERATED = 6
+_MOST_TRIALS = 1000
+
+
+class Inconsistent(Exception):
+    """No set of modes satisfies the laws of all rows at rest.
+
+    Parameters
+    ----------
+    rows : array of int
+        The rows concerned.
+    """
+
+    def __init__(self, rows: NDArray[np.intp]) -> None:
+        super().__init__("no consistent modes")
+        self.rows = rows
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Consistent modes and the motion that starts with them.
+
+    Attributes
+    ----------
+    labels : array (m,)
+        The mode that each row shows: -1, 0 or +1.
+    motion : Motion
+    guards : Guards
+    """
+
+    labels: Modes
+    motion: Motion
+    guards: Guards
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What is known at an instant at which modes may change.
+
+    Attributes
+    ----------
+    t : float
+        Time in s; loads count with their right limits.
+    y : array (size,)
+    labels : array (m,) or None
+        Modes before, None at the start.
+    since : array (m,)
+        When each row last became held, in s.
+    touching : array (m,) of bool
+        Rows whose relative velocity has been found to be 0.
+    fired : array (m,) of bool
+        Rows found at their limit.
+    was : array (size,), optional
+        The state when the modes before began.
+    """
+
+    t: float
+    y: Array
+    labels: Modes | None
+    since: Array
+    touching: Mask
+    fired: Mask
+    was: Array | None = None
+
+
+def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
+    """Return the modes in which the motion goes on.
+
+    All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
+    largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
+    that others can spare carries its level instead (MODEL rule 8).
+
+    Parameters
+    ----------
+    system : System
+    loads : Loads
+    now : Situation
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
+    blur : float
+        Part of the forces that is uncertain.
+
+    Raises
+    ------
+    Inconsistent
+        If no set of modes is consistent.
+    """
+    stretch = loads.after(now.t)
+    q = stretch.at(now.t)
+    closed = _closed(system, stretch.rate(now.t), q)
+    w, speed = _relative(system, now, q)
+    # within Karnopp's dead band a contact counts as at rest
+    limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
+    resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
+    u = system.drive_velocities(q)
+    y = _project(system, now.y, u, closed & resting)
+    if y is not now.y:
+        # rows that share a motion come to rest together, though an event may have found only one of them
+        w = system.relative_velocity(y, q)
+        also = system.hard & ~resting & (np.abs(w) <= ROUNDOFF * speed)
+        if also.any():
+            resting |= also
+            y = _project(system, now.y, u, closed & resting)
+    trial = np.where(resting, 0, np.sign(w))
+    if not system.all_hard:
+        trial = np.where(system.hard, trial, _slip_states(system, w, now))
+    trial = np.where(closed, trial, OPEN).astype(np.int8)
+    was_held = trial == 0 if now.labels is None else now.labels == 0
+    since = np.where(was_held, now.since, now.t)
+    labels = np.where(resting, 0, np.sign(w)).astype(np.int8)
+    search = _Search(system, stretch, now, y, since, labels, closed & resting)
+    motion, guards = search.run(trial)
+    shown = label(motion, w, resting, quiet, blur)
+    if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
+        guards = Guards(motion, shown, search.at_rest(shown), now.fired)
+    return Settled(shown, motion, guards)
+
+
+def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
+    if not held.any():
+        return y
+    y = y.copy()
+    y[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    return y
+
+
+def _slip_states(system: System, w: Array, now: Situation) -> Array:
+    """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
+    speed, sign = np.abs(w), np.sign(w)
+    velocity, threshold = system.coefficients.velocity, system.coefficients.threshold
+    slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
+    limit = np.where(slipped, threshold, velocity)
+    slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
+    slips &= ~(now.fired & slipped)
+    return np.where(system.free, FREE, np.where(slips, sign, 0.0))
+
+
+def _closed(system: System, rate: Array, q: Array) -> Mask:
+    """Tell which rows can carry a force now or just after now."""
+    normal = q[: system.m]
+    return ((normal > 0) | ((normal == 0) & (rate[: system.m] > 0)) | ~system.is_friction) & system.alive
+
+
+def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
+    """Return each row's relative velocity and the largest speed that adds up in it, floored by roundoff.
+
+    What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
+    drive accelerates, whatever its speed is at the moment.
+    """
+    n = system.n
+    speed = np.abs(now.y[:n])
+    if now.was is not None:
+        speed = np.maximum(speed, np.abs(now.was[:n]))
+    largest = float(speed.max(initial=0.0))
+    found = _largest(system.abs_G, speed)
+    if system.drives:
+        u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * now.t)
+        largest = max(largest, float(u.max()))
+        found = np.maximum(found, _largest(system.abs_D, u))
+    return system.relative_velocity(now.y, q), np.maximum(found, ROUNDOFF * largest)
+
+
+def _largest(coefficients: object, values: Array) -> Array:
+    """Return for each row the largest of its coefficients times the values."""
+    product = coefficients * values  # type: ignore[operator]
+    if isinstance(product, np.ndarray):
+        return product.max(axis=1, initial=0.0)
+    found: Array = product.max(axis=1).toarray().ravel()
+    return found
+
+
+class _Search:
+    """Try mode sets until one is consistent."""
+
+    def __init__(
+        self, system: System, stretch: object, now: Situation, y: Array, since: Array, labels: Modes, candidates: Mask
+    ) -> None:
+        self._system, self._stretch, self._now = system, stretch, now
+        self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
+        self._tried: dict[bytes, None] = {}
+
+    def at_rest(self, labels: Modes) -> Mask:
+        """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
+        return self._candidates | (self._labels == 0) & (labels != 0)
+
+    def run(self, trial: Modes) -> tuple[Motion, Guards]:
+        """Return the first consistent motion."""
+        trial = self._as_fired(trial)
+        while True:
+            key = trial.tobytes()
+            if key in self._tried or len(self._tried) > _MOST_TRIALS:
+                return self._enumerate()
+            self._tried[key] = None
+            motion, guards = self._build(trial)
+            following = self._improved(trial, motion, guards)
+            if following is None:
+                return self._without_idlers(motion, guards)
+            trial = following
+
+    def _as_fired(self, trial: Modes) -> Modes:
+        return trial
+
+    def _build(self, trial: Modes) -> tuple[Motion, Guards]:
+        motion = Motion(
+            self._system.equations(trial.tobytes()), self._stretch, self._now.t, self._y, self._since  # type: ignore[arg-type]
+        )
+        return motion, Guards(motion, self._labels, self._candidates, self._now.fired)
+
+    def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
+        """Return the modes to try next, None if these are consistent."""
+        if not guards.violated.any():
+            return None
+        system, held = self._system, ~guards.is_velocity
+        over = (guards.violated & held).nonzero()[0]
+        following = trial.copy()
+        carrying = over[np.abs(guards.direction[over]) == 0]
+        if carrying.size:
+            # the share of a row that carries its level is within it again: it holds
+            following[guards.row[carrying]] = 0
+            return following
+        if over.size:
+            ratio = self._ratios(motion, guards, over)
+            first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
+            redundant = motion.equations.balance.redundant
+            place = np.full(system.m, -1)
+            place[motion.equations.held] = np.arange(motion.equations.held.size)
+            spared = first[redundant[place[guards.row[first]]]]
+            if spared.size:
+                # others can carry what is beyond its level
+                one = spared[0]
+                following[guards.row[one]] = AT_HIGH if guards.direction[one] > 0 else AT_LOW
+                return following
+            # those that carried their level have to hold again, or give way themselves
+            following[trial >= AT_HIGH] = 0
+            for i in first.tolist():
+                following[guards.row[i]] = 1 if guards.direction[i] > 0 else -1
+            return following
+        following[guards.row[guards.violated]] = 0
+        return following
+
+    def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
+        """Return force to level for violated guards of held rows, by their rates where both are 0."""
+        found = np.empty(over.size)
+        expansion, noise = motion.start, ROUNDOFF * guards.majorant
+        equations = motion.equations
+        for place, i in enumerate(over.tolist()):
+            sign, row, ratio = guards.direction[i], guards.row[i], np.inf
+            source = int(equations.guard_source[i])
+            for k in range(3):
+                q = expansion.q[k]
+                level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
+                force = sign * float(expansion.z[k, source])
+                if abs(force) > noise[k, i] or abs(level) > noise[k, i]:
+                    ratio = force / level if level > noise[k, i] else np.inf
+                    break
+            found[place] = min(ratio, np.finfo(float).max)
+            del row
+        return found
+
+    def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
+        """Let rows that were released, but stay at rest now that others move, be held again if they can."""
+        idlers = guards.idle
+        if not idlers.size:
+            return motion, guards
+        trial = motion.equations.modes.copy()
+        trial[idlers] = 0
+        again = self._build(trial)
+        return (motion, guards) if again[1].violated.any() else again
+
+    def _enumerate(self) -> tuple[Motion, Guards]:
+        """Try every combination where releasing one after another ran in a circle."""
+        rows = self._candidates.nonzero()[0]
+        if rows.size <= _ENUMERATED:
+            for trial in self._combinations(rows):
+                found = self._build(trial)
+                if not found[1].violated.any():
+                    return found
+        raise Inconsistent(rows)
+
+    def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
+        base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
+        for values in sorted(product((0, 1, -1), repeat=rows.size), key=lambda v: sum(map(abs, v))):
+            trial = base.copy()
+            trial[rows] = values
+            yield trial

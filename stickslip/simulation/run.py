@@ -1,0 +1,174 @@
+"""The main loop: advance to the first event or the next break, settle the modes, repeat."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.work import Interrupted, SolverFailure, Work
+from stickslip.equations.guards import Guards
+from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import FREE, OPEN
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
+from stickslip.events.settle import Settled, Situation, settle
+
+__all__ = ["Engine", "Run"]
+
+Array = NDArray[np.float64]
+Modes = NDArray[np.int8]
+
+_IDLE_RESTARTS = 100
+_HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
+
+
+class Engine(Protocol):
+    """Advances motions."""
+
+    work: Work
+
+    def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
+        """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
+        ...
+
+
+class Keeper(Protocol):
+    """Keeps what a run computes."""
+
+    def keep(self, now: Settled, path: Path, stop: float) -> None:
+        """Keep the path of a motion that ends at time `stop`."""
+        ...
+
+    def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
+        """Keep an event."""
+        ...
+
+
+class Run:
+    """One simulation under way.
+
+    Parameters
+    ----------
+    system : System
+    loads : Loads
+    engine : Engine
+    keeper : Keeper
+    span : (float, float)
+    margin : float
+        Velocity in m/s or rad/s of the relaxation check.
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances leave uncertain.
+    blur : float
+        Part of the forces that is uncertain.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        loads: Loads,
+        engine: Engine,
+        keeper: Keeper,
+        span: tuple[float, float],
+        margin: float,
+        quiet: float,
+        blur: float,
+    ) -> None:
+        self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
+        self.t, self._stop = span
+        self._start = self.t
+        self._margin, self._quiet, self._blur = margin, quiet, blur
+        self._idle = self._hits = 0
+        self._looked_at = self.t
+        self.restarts = self.most_guards = 0
+        self._recent: list[int] = []
+        self.now: Settled | None = None
+
+    def begin(self) -> None:
+        """Settle the modes at the start."""
+        system, scene = self.system, self.system.scene
+        y = np.zeros(system.size)
+        y[: system.n] = [body.velocity for body in scene.bodies]
+        places: list[Any] = [*scene.bodies, *scene.drives]
+        y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+        since = self.t - np.array([row.rested for row in system.rows])
+        nothing = np.zeros(system.m, dtype=bool)
+        situation = Situation(self.t, y, None, since, nothing, nothing)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+
+    def to_end(self) -> None:
+        """Advance, settle, repeat."""
+        while self.t < self._stop:
+            self.advance()
+
+    def advance(self) -> None:
+        """Follow the motion to its end, keep it, and settle the next one."""
+        now = self.now
+        assert now is not None
+        motion = now.motion
+        self.most_guards = max(self.most_guards, now.guards.armed)
+        path = self.engine.advance(motion, now.guards, motion.horizon)
+        path, ones = relaxed(motion, path, self._margin)
+        tau = float(path.taus[-1])
+        t = motion.t + tau
+        if tau >= motion.horizon and not (path.hit or ones):
+            # the break itself: what was added up to it has been rounded
+            t = motion.stretch.stop
+        self.keeper.keep(now, path, t)
+        self._go_on(now, path, t, ones)
+
+    def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
+        motion, system = now.motion, self.system
+        self._watch_progress(t, path.hit)
+        if t >= self._stop:
+            return
+        self.restarts += 1
+        before = shown_at_end(motion, path, now.labels)
+        touching, fired = at_limit(motion, now.guards, path, ones)
+        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
+        touching |= (before == 0) & ~jumped(motion, self.loads, float(path.taus[-1]), t)
+        since = np.where(before == 0, motion.since, t)
+        situation = Situation(t, path.last, before, since, touching, fired, motion.y)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
+        for j in changed.nonzero()[0].tolist():
+            self._note(t, j, int(before[j]), bool(fired[j]), j in ones)
+
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool) -> None:
+        assert self.now is not None
+        after = int(self.now.labels[j])
+        if self.now.motion.equations.modes[j] == OPEN:
+            cause = "open"
+        elif relaxed_now:
+            cause = "relaxation"
+        elif before == 0:
+            cause = "breakaway" if fired else "breakaway with another event"
+        elif after == 0:
+            cause = "relative velocity 0" if fired else "stuck with another event"
+        else:
+            cause = "reversal"
+        self._recent = [*self._recent[-19:], j]
+        self.keeper.note(t, j, before, after, cause)
+
+    def _watch_progress(self, t: float, hit: bool) -> None:
+        """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
+        whole = self._stop - self._start
+        stands = t - self.t <= 1e-14 * whole
+        self.t = t
+        self._idle = self._idle + 1 if stands else 0
+        if self._idle > _IDLE_RESTARTS + 10 * self.system.m:
+            raise ArithmeticError(f"modes flip without progress in time: contacts {self._names()}")
+        self._hits += hit
+        if self._hits >= _HITS_BETWEEN_LOOKS * max(self.system.m, 1):
+            if (t - self._looked_at) * _HITS_AT_MOST < self._hits * whole:
+                raise ArithmeticError(f"modes flip with hardly any progress in time: contacts {self._names()}")
+            self._hits, self._looked_at = 0, t
+
+    def _names(self) -> str:
+        return ", ".join(sorted({repr(self.system.rows[j].name) for j in self._recent}))
+
+
+_ = (Interrupted, SolverFailure)
