@@ -170,6 +170,10 @@ class Motion:
         """Return the friction forces that depend on velocity."""
         return self.equations.law.forces(*self._acting_terms(y, self.inputs(tau), tau))
 
+    def law_slopes(self, tau: float, y: Array) -> Array:
+        """Return the derivatives of the friction forces that depend on velocity with respect to it."""
+        return self.equations.law.slopes(*self._acting_terms(y, self.inputs(tau), tau))
+
     def both(self, tau: float | Array, y: Array) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array."""
         equations = self.equations
