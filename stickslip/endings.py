@@ -99,11 +99,12 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
 
         mode, left = int(modes[j]), 0.0
         for tau, value in zip(taus.tolist(), w[row].tolist(), strict=True):
-            if value * mode < 0 or (mode == 0 and abs(value) > segment.system.quiet):
+            # a velocity that dies away keeps its sign, whatever the solver's errors make of it
+            if value * mode <= 0 and abs(value) > segment.system.quiet:
                 after = 1 if value > 0 else -1
                 yield _turn_time(one, left, tau), (j, mode, after)
                 mode = after
-            if value != 0:
+            if value * mode > 0 or (mode == 0 and value != 0):
                 left = tau
 
 

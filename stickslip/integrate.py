@@ -264,7 +264,7 @@ class _Run:
         # what is called at rest is, but for what the solver's errors leave of it
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, self._now.since, t)
-        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y)
+        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y, self._idle)
         self._note_changes(t, before, fired)
 
     def _note_changes(self, t: float, before: NDArray[np.int8], fired: NDArray[np.bool_]) -> None:

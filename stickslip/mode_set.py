@@ -123,7 +123,10 @@ class ModeSet:
         self.pressed_by = np.where(self.is_pre, one, both)
         self.guard_inputs = np.concatenate([np.full(slips, one), self.pressed_by])
         self.guard_levels = np.concatenate([np.zeros(slips), mu_s])
-        self.nearness = _NEAR * self.guard_levels
+        # a level may be 0 one way, where the other tells what is near, or both ways, where nothing does
+        larger = np.tile(mu_s.reshape(2, -1).max(axis=0), 2)
+        near = np.where(larger > 0, _NEAR * larger, np.inf)
+        self.nearness = np.concatenate([np.zeros(slips), near])
 
     def expand(self, y: Array, q0: Array, q1: Array) -> Expansion:
         """Return the Taylor coefficients of the motion from the state `y` under the inputs ``q0 + q1 tau``."""
@@ -183,12 +186,18 @@ class ModeSet:
         )
 
     @cached_property
-    def locked(self) -> NDArray[np.bool_]:
-        """Which slipping contacts cannot move, because others hold both their ends together."""
+    def held_together(self) -> NDArray[np.bool_]:
+        """The contacts whose ends stuck contacts hold together."""
         system, groups = self.system, self.groups
         whole = np.where(groups.free, groups.leader, groups.holder)
         whole = np.concatenate([whole, np.arange(system.n, system.n + system.drives + 1)])
-        return whole[system.a[self.slip]] == whole[system.b[self.slip]]
+        together: NDArray[np.bool_] = whole[system.a] == whole[system.b]
+        return together
+
+    @cached_property
+    def locked(self) -> NDArray[np.bool_]:
+        """Which slipping contacts cannot move, because others hold both their ends together."""
+        return self.held_together[self.slip]
 
     @cached_property
     def open_rows(self) -> Any:
