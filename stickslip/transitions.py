@@ -68,7 +68,8 @@ def settle(
     """Return the modes in which the motion goes on from the state `y` at `t`.
 
     All contacts whose relative velocity is 0 are tried stuck; while some ``|lambda| > B``, the one with the
-    largest ratio is set slipping with the sign of its lambda, ties within roundoff together.
+    largest ratio is set slipping with the sign of its lambda, ties within roundoff together. Where others lock the
+    same motion it carries its level instead, and they carry the rest.
 
     Parameters
     ----------
@@ -355,6 +356,10 @@ class _Search:
         )
         violated, order = segment.classify(self._fired, self._as_fired)
         released = np.zeros(system.m, dtype=np.int8)
+        for j in segment.mode_set.at_level.tolist():
+            if not self._exceeds(segment, j):
+                # the others leave it a share that it can carry
+                return segment, released, np.array([j], dtype=np.intp)
         if not violated.any():
             segment.arm(order)
             return segment, released, np.empty(0, dtype=np.intp)
@@ -363,10 +368,35 @@ class _Search:
         if over.any():
             # a contact beyond its level counts as loaded at least that much
             ratio = np.where(over, np.clip(segment.loads(), 1.0, np.finfo(float).max), 0.0)
-            first = np.flatnonzero(ratio >= ratio.max() * (1 - AT_LIMIT))
+            shared = self._others_hold(segment, ratio)
+            largest = np.flatnonzero(ratio >= ratio.max() * (1 - AT_LIMIT))
+            # it carries its level and the others the rest, whatever else lets go
+            first = largest if shared is None else np.array([shared])
             released[segment.held[first % s]] = np.where(first < s, 1, -1)
         retried = segment.mode_set.slip[violated[:k]]
         return segment, released, retried
+
+    def _others_hold(self, segment: Segment, ratio: Array) -> int | None:
+        """Return the row of the most loaded contact beyond its level whose motion others lock as well."""
+        mode_set = segment.mode_set
+        if not mode_set.groups.redundant:
+            return None
+        for row in np.argsort(-ratio, kind="stable")[: np.count_nonzero(ratio)].tolist():
+            j = int(segment.held[row % segment.helds])
+            modes = mode_set.modes.copy()
+            modes[j] = 1 if row < segment.helds else -1
+            if self._system.hard[j] and j in self._system.mode_set(modes.tobytes()).at_level:
+                return int(row)
+        return None
+
+    def _exceeds(self, segment: Segment, j: int) -> bool:
+        """Tell whether the share of a contact that carries its level would exceed it, were it not limited."""
+        modes = segment.mode_set.modes.copy()
+        side, modes[j] = int(modes[j]), 0
+        trial = segment.with_modes(modes)
+        violated, _ = trial.classify(self._fired, self._as_fired)
+        row = trial.slips + int(np.flatnonzero(trial.held == j)[0]) + (0 if side > 0 else trial.helds)
+        return bool(violated[row])
 
     def _enumerate(self) -> Segment:
         """Try every combination where releasing one after another ran in a circle."""
