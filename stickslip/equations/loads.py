@@ -205,6 +205,21 @@ class Stretch:
                 angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
         return found
 
+    def magnitudes(self, t: float, order: int) -> list[Array]:
+        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order`."""
+        none = np.zeros(self.value.size)
+        found = [np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)]
+        found += [none.copy() for _ in range(order - 1)]
+        if self.has_waves:
+            size = np.abs(self._amplitude)
+            for k, part in enumerate(found):
+                np.add.at(part, self._entry, size)
+                size = size * np.abs(self._turn) / (k + 1)
+        for i, function in self._functions:
+            found[0][i] += abs(function(min(t, self._before_stop)))
+            found[1][i] += abs(self._slope_of(function, t))
+        return found
+
     def _angle(self, t: float) -> Array:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
         return 2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase
