@@ -132,9 +132,12 @@ class DryFriction(Law):
                 f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest"
             ) from error
         at_rest = finite(at_rest, "DryFriction: kinetic(0)")
-        if not 0 <= at_rest <= min(self.mu_s(1), self.mu_s(-1)):
+        # one curve for both directions: at rest it may exceed neither static coefficient
+        side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
+        if not 0 <= at_rest <= self.mu_s(side):
             raise ValueError(
-                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and mu_static = {self.mu_static:g}"
+                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and "
+                f"mu_static{suffix} = {self.mu_s(side):g}"
             )
 
     def mu_s(self, direction: int) -> float:
