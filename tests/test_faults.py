@@ -165,6 +165,7 @@ except SimulationInterrupted as interrupted:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [0, 1])
 @pytest.mark.parametrize(
     ("formulation", "method"),

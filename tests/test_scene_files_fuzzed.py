@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from references import NAMES, load
@@ -19,6 +20,7 @@ PLAIN = st.recursive(
 SCENES = [json.loads(json.dumps(load(name).scene.to_dict())) for name in NAMES]
 
 
+@pytest.mark.slow
 @given(PLAIN)
 @settings(max_examples=200, deadline=None)
 def test_anything(data: Any) -> None:

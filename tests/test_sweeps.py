@@ -195,6 +195,7 @@ def test_dask_gives_the_same_as_serial():
         same(sweep(several, GRID, executor=executor, progress=False), serial(several))
 
 
+@pytest.mark.slow
 def test_a_point_that_kills_its_process_is_found_and_the_others_are_kept():
     result = sweep(deadly, {"a": [1, 2, 3, 4]}, workers=1, progress=False)
     assert list(result.failures) == [(1,)]
@@ -350,6 +351,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_interrupt_of_processes_keeps_results_and_the_file_resumes(tmp_path):
     script, path = tmp_path / "interrupted.py", tmp_path / "sweep.jsonl"
     script.write_text(INTERRUPTED_SWEEP)

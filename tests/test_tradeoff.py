@@ -129,6 +129,7 @@ def test_the_text_of_a_call_does_what_the_call_does():
 # measured
 
 
+@pytest.mark.slow
 def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(benchmark):
     assert benchmark.limit < 1e-12
     hard = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
@@ -136,11 +137,13 @@ def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(ben
     assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
 
 
+@pytest.mark.slow
 def test_pre_slip_errors_are_told(benchmark):
     coarse = [r for r in benchmark.work.rows if "regularized(0.01)" in r.name]
     assert coarse and all(1e-3 < r.error < 0.1 for r in coarse)
 
 
+@pytest.mark.slow
 def test_what_is_recommended_can_be_pasted_and_is_as_exact_as_said(benchmark):
     advice = benchmark.recommend(error=1e-4)
     line = str(advice)
@@ -151,12 +154,14 @@ def test_what_is_recommended_can_be_pasted_and_is_as_exact_as_said(benchmark):
     assert advice.error <= 1e-4 and advice.time > 0
 
 
+@pytest.mark.slow
 def test_the_most_accurate_call_within_a_time_is_on_the_front(benchmark):
     slowest = max(r.median for r in benchmark.work.rows if r.failure is None)
     advice = benchmark.recommend(time=slowest)
     assert advice.error == min(r.error for r in benchmark.work.rows if r.failure is None)
 
 
+@pytest.mark.slow
 def test_text_frame_and_plot(benchmark, axes):
     pytest.importorskip("pandas")
     text = str(benchmark)
@@ -168,12 +173,14 @@ def test_text_frame_and_plot(benchmark, axes):
     assert drawn is axes and "below what the reference can tell" in labels and "contact-force, BDF" in labels
 
 
+@pytest.mark.slow
 def test_a_crowded_legend_leaves_the_curves_free(benchmark, axes):
     benchmark.plot(ax=axes)
     axes.figure.canvas.draw()
     assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
 
 
+@pytest.mark.slow
 def test_errors_of_ones_own_get_the_reference():
     seen = []
 

@@ -33,6 +33,7 @@ HANGS = row("hangs", partial(time.sleep, 60.0), limit=0.2)
 CRASHES = row("crashes", partial(os._exit, 3))
 
 
+@pytest.mark.slow
 def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str]) -> None:
     status = main(["--quick", "--scenes", "3"])
     assert status == 0, capsys.readouterr().out
@@ -73,6 +74,7 @@ def test_a_failing_row_gives_status_1(failing: Row, capsys: pytest.CaptureFixtur
     assert f"FAIL  {failing.name}" in out and "1 pass, 1 fail" in out
 
 
+@pytest.mark.slow
 def test_rows_that_hang_or_crash_fail_and_the_others_go_on() -> None:
     outcomes = list(run([HANGS, GOOD, CRASHES, GOOD]))
     assert [o.passed for o in outcomes] == [False, True, False, True]
@@ -121,6 +123,7 @@ def test_names_are_unique_and_every_row_says_what_it_is() -> None:
     assert {r.name for r in table(quick=True)} < {r.name for r in rows}
 
 
+@pytest.mark.slow
 def test_the_report_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
     names = ["pulled-block/merged", "coupled-clutches/merged", "rtol-1e-6", "rtol-1e-7", "loop-triangle"]
     assert main([*names, "--report", str(tmp_path)]) == 0
@@ -140,6 +143,7 @@ def test_the_report_shows_failures_first(tmp_path: Path) -> None:
     assert text.index("What failed") < text.index("<code>bad</code>") < text.index("<code>good</code>")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["eq1-sign", "one-by-one"])
 def test_a_mutation_is_noticed(name: str) -> None:
     (mutation,) = (m for m in mutations.MUTATIONS if m.name == name)
