@@ -227,7 +227,7 @@ def _pytest(
     process = subprocess.Popen(
         command,
         cwd=copy,
-        env={**os.environ, **settings},
+        env={k: v for k, v in os.environ.items() if not k.startswith("STICKSLIP_")} | settings,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
