@@ -65,8 +65,8 @@ class Change:
     file : str
         Path from the folder that holds the package.
     line : int
-    function : int
-        First line of the outermost function around it, decorators included; 0 outside of functions.
+    lines : frozenset of int
+        The lines it stands on; none outside of functions.
     before, after : str
         What stood there and what stands there instead.
     span : (int, int)
@@ -76,7 +76,7 @@ class Change:
     kind: str
     file: str
     line: int
-    function: int
+    lines: frozenset[int]
     before: str
     after: str
     span: tuple[int, int]
@@ -262,7 +262,7 @@ def _changes_in(path: Path, name: str) -> Iterator[Change]:
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
-    for node, function in _code(ast.parse(source), 0):
+    for node, inside in _code(ast.parse(source), False):
         for kind, edits in KINDS.items():
             for old, new in edits(node):
                 span = (
@@ -270,7 +270,8 @@ def _changes_in(path: Path, name: str) -> Iterator[Change]:
                     starts[old.end_lineno - 1] + old.end_col_offset,  # type: ignore[attr-defined]
                 )
                 before, after = source[slice(*span)].decode(), _text(new)
-                yield Change(kind, name, old.lineno, function, before, after, span)  # type: ignore[attr-defined]
+                lines = range(old.lineno, old.end_lineno + 1) if inside else ()  # type: ignore[attr-defined]
+                yield Change(kind, name, old.lineno, frozenset(lines), before, after, span)  # type: ignore[attr-defined]
 
 
 def _differs(change: Change, source: bytes) -> bool:
@@ -281,19 +282,16 @@ def _differs(change: Change, source: bytes) -> bool:
         return False
 
 
-def _code(node: ast.AST, function: int) -> Iterator[tuple[ast.AST, int]]:
-    """Return all nodes that run, each with the line of the outermost function around it."""
+def _code(node: ast.AST, inside: bool) -> Iterator[tuple[ast.AST, bool]]:
+    """Return all nodes that run, and whether they stand inside a function."""
     for field, value in ast.iter_fields(node):
         if field in ("annotation", "returns", "type_comment", "type_params"):
             continue
         for child in value if isinstance(value, list) else [value]:
-            if not isinstance(child, ast.AST) or _says(child):
-                continue
-            inside = function
-            if not function and isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
-                inside = min([child.lineno, *(d.lineno for d in child.decorator_list)])
-            yield child, inside
-            yield from _code(child, inside)
+            if isinstance(child, ast.AST) and not _says(child):
+                within = inside or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef))
+                yield child, within
+                yield from _code(child, within)
 
 
 def _says(node: ast.AST) -> bool:

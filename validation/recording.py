@@ -1,6 +1,6 @@
-"""A pytest plugin that finds out which tests run which functions, and that runs chosen tests in a given order.
+"""A pytest plugin that finds out which tests run which lines, and that runs chosen tests in a given order.
 
-With `STICKSLIP_RECORD=FILE` it writes how long each test took and which functions of `STICKSLIP_PACKAGE` it called;
+With `STICKSLIP_RECORD=FILE` it writes how long each test took and which lines of `STICKSLIP_PACKAGE` it ran;
 with `STICKSLIP_TESTS=FILE` it runs the tests listed there, one a line, in that order.
 """
 
@@ -12,41 +12,52 @@ import sys
 import time
 from collections.abc import Generator
 from pathlib import Path
-from types import CodeType, FrameType
+from types import FrameType
 from typing import Any
 
 import pytest
 
-_seen: set[CodeType] = set()
+_lines: dict[str, set[int]] = {}
+"""Lines run, by file; files of others are not followed."""
 _tests: dict[str, dict[str, Any]] = {}
 
 
-def _note(frame: FrameType, event: str, argument: Any) -> None:
-    """Note the function that is entered; its lines are not followed."""
-    _seen.add(frame.f_code)
+def _enter(frame: FrameType, event: str, argument: Any) -> Any:
+    """Follow the lines of functions of the package."""
+    lines = _lines.get(frame.f_code.co_filename)
+    if lines is None:
+        return None
+
+    def note(frame: FrameType, event: str, argument: Any) -> Any:
+        lines.add(frame.f_lineno)
+        return note
+
+    return note
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Run a test with its fixtures, and note what it called."""
+    """Run a test with its fixtures, and note which lines it ran."""
     if "STICKSLIP_RECORD" not in os.environ:
         return (yield)
-    _seen.clear()
+    package = Path(os.environ["STICKSLIP_PACKAGE"])
+    if not _lines:
+        _lines.update({str(path): set() for path in package.rglob("*.py")})
+    for lines in _lines.values():
+        lines.clear()
     begun = time.perf_counter()
     former = sys.gettrace()
-    sys.settrace(_note)
+    sys.settrace(_enter)
     try:
         return (yield)
     finally:
         sys.settrace(former)
-        package = Path(os.environ["STICKSLIP_PACKAGE"])
-        called: set[tuple[str, int]] = set()
-        for code in _seen:
-            path = Path(code.co_filename)
-            if package in path.parents:
-                called.add((path.relative_to(package.parent).as_posix(), code.co_firstlineno))
-        seconds = time.perf_counter() - begun
-        _tests[item.nodeid] = {"seconds": seconds, "called": sorted(called)}
+        run = {
+            Path(name).relative_to(package.parent).as_posix(): sorted(lines)
+            for name, lines in _lines.items()
+            if lines
+        }
+        _tests[item.nodeid] = {"seconds": time.perf_counter() - begun, "run": run}
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -1,4 +1,4 @@
-"""Generated changes tried one by one: each in a scratch copy, against the tests that run the changed function."""
+"""Generated changes tried one by one: each in a scratch copy, against the tests that run the changed lines."""
 
 from __future__ import annotations
 
@@ -77,23 +77,22 @@ class Trial:
 
 @dataclass(frozen=True)
 class Record:
-    """How long each test takes on the sound package, and which functions it calls."""
+    """How long each test takes on the sound package, and which lines it runs."""
 
     seconds: dict[str, float]
-    called: dict[str, frozenset[tuple[str, int]]]
+    run: dict[str, dict[str, frozenset[int]]]
 
     def tests_for(self, change: Change, limit: float) -> list[str]:
-        """Return the tests that call the changed function, the quickest first, as many as fit into `limit` seconds.
+        """Return the tests that run the changed lines, the quickest first, as many as fit into `limit` seconds.
 
-        What stands outside of functions is run on import: tests of the same file watch it. Of code that only other
-        processes run, all tests are asked, those first that name the file.
+        What stands outside of functions is run on import: tests that run any of the same file watch it. Of code that
+        only other processes run, all tests are asked, those first that name the file.
         """
-        place = (change.file, change.function)
-        chosen = [name for name, called in self.called.items() if place in called]
+        chosen = [
+            name for name, run in self.run.items() if not change.lines.isdisjoint(run.get(change.file, ()))
+        ]
         if not chosen:
-            chosen = [
-                n for n, called in self.called.items() if any(file == change.file for file, _ in called)
-            ]
+            chosen = [name for name, run in self.run.items() if change.file in run]
         stem = Path(change.file).stem.strip("_")
         far = {name: bool(chosen) or stem not in name for name in self.seconds}
         order = sorted(chosen or self.seconds, key=lambda name: (far[name], self.seconds[name]))
@@ -116,7 +115,7 @@ def scratch_copy(root: Path = ROOT) -> Iterator[Path]:
 
 
 def record(copy: Path, tests: Sequence[str], keep: Path | None = None) -> Record:
-    """Run the tests on the sound package, and note what each calls; read it from `keep` if nothing has changed.
+    """Run the tests on the sound package, and note what each runs; read it from `keep` if nothing has changed.
 
     Parameters
     ----------
@@ -146,11 +145,11 @@ def record(copy: Path, tests: Sequence[str], keep: Path | None = None) -> Record
 def _record_of(noted: dict[str, dict[str, object]]) -> Record:
     sound = {name: test for name, test in noted.items() if "failed" not in test}
     seconds = {name: float(test["seconds"]) for name, test in sound.items()}  # type: ignore[arg-type]
-    called = {
-        name: frozenset((str(file), int(line)) for file, line in test["called"])  # type: ignore[attr-defined]
+    run = {
+        name: {file: frozenset(lines) for file, lines in test["run"].items()}  # type: ignore[attr-defined]
         for name, test in sound.items()
     }
-    return Record(seconds, called)
+    return Record(seconds, run)
 
 
 def try_change(copy: Path, change: Change, known: Record, limit: float) -> Trial:
