@@ -12,6 +12,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Damper,
     Drive,
     DryFriction,
     Force,
@@ -293,3 +294,84 @@ def test_the_drawn_law_is_that_of_the_motion(normal: Any, factor: float) -> None
     backward, forward = _law_lines(result)
     assert forward == pytest.approx(0.4 * factor)
     assert backward == pytest.approx(-0.2 * factor)
+
+
+# Between the computed points, and the account
+
+
+def test_states_are_read_within_the_span_only() -> None:
+    """One time outside is enough to be refused, whatever the others are."""
+    result = simulate(block(velocity=4.0), (0.0, 1.0))
+    assert result([0.0, 0.4, 1.0])[0] == pytest.approx([4.0, 2.0, 0.0], abs=1e-9)
+    for times in ([0.5, 1.1], [-0.1, 0.5], [-0.1, 1.1]):
+        with pytest.raises(
+            ValueError, match=rf"times must lie in \[0, 1\] s, got {times[0]:g} to {times[1]:g}"
+        ):
+            result(times)
+
+
+def test_the_account_is_that_of_the_last_time() -> None:
+    """A belt at 2 m/s takes a block along with 5 N: at 0.4 s they run together.
+
+    The belt has then done 5 * 2 * 0.4 = 4 J, half of which is heat. A second body is slowed by a damper alone:
+    exp(-2 t) / 2 of its energy is left. A third is pushed with 3 N, over 3/2 t^2, and a fourth stretches a spring.
+    """
+    scene = Scene(
+        Drive("belt", velocity=2.0),
+        Body("block", inertia=1.0),
+        Contact("pad", "block", "belt", ISOTROPIC, normal=10.0),
+        Body("slowed", inertia=1.0, velocity=1.0),
+        Damper("slowed", GROUND, damping=1.0),
+        Body("pushed", inertia=1.0),
+        Force("pushed", 3.0),
+        Body("swinging", inertia=1.0, position=1.0),
+        Spring("swinging", GROUND, stiffness=1.0),
+    )
+    result = simulate(scene, (0.0, 2.0))
+    account = result.energy()
+    left = 0.5 * math.exp(-4.0)
+    expected = {
+        "kinetic": 2.0 + left + 18.0 + 0.5 * math.sin(2.0) ** 2,
+        "springs": 0.5 * math.cos(2.0) ** 2,
+        "work of loads": 18.0,
+        "work of drives": 4.0,
+        "heat of contact 'pad'": 2.0,
+        "heat of damper": 0.5 - left,
+        "balance error": 0.0,
+    }
+    lines = str(account).splitlines()
+    assert lines[0] == "energy in J at 2 s (at the start 1 stored)"
+    assert len(lines) == 1 + len(expected)
+    for line, (name, value) in zip(lines[1:], expected.items(), strict=True):
+        assert line.strip().startswith(name)
+        assert float(line.split()[-1]) == pytest.approx(value, abs=1e-6)
+    stuck = result.t > 0.4 + 1e-9
+    assert account.contacts["pad"][stuck] == pytest.approx(2.0)
+    assert account.drives[stuck] == pytest.approx(4.0)
+
+
+def test_work_of_a_belt_that_swings_between_far_apart_points() -> None:
+    """The block is far faster than the belt, so friction is 0.1 all the time, and pushes the belt forward.
+
+    The belt goes sin(2 pi t) / s: its drive takes up 0.1 N over (1 - cos(2 pi t)) / (2 pi) m.
+    """
+    belt = Drive("belt", velocity=sine(1.0, 1.0))
+    body = Body("block", inertia=1.0, velocity=100.0)
+    scene = Scene(belt, body, Contact("pad", "block", "belt", DryFriction(0.1, 0.1), normal=1.0))
+    times = np.array([0.25, 10.5, 20.25])
+    account = simulate(scene, (0.0, 20.25), t_eval=times).energy()
+    way = (1.0 - np.cos(2 * math.pi * times)) / (2 * math.pi)
+    assert account.drives == pytest.approx(-0.1 * way, rel=1e-7)
+    assert account.contacts["pad"] == pytest.approx(0.1 * (100 * times - 0.05 * times**2 - way), rel=1e-9)
+
+
+# Open contacts
+
+
+@pytest.mark.parametrize("push", [-2.0, 0.0, 2.0])
+def test_an_open_contact_at_rest_goes_where_its_bodies_go(push: float) -> None:
+    """Nothing presses, so the sign of the acceleration to come is the mode; 0 is stuck."""
+    result = simulate(block(push, normal=piecewise_linear([0.0, 1.0, 2.0], [0.0, 0.0, 10.0])), (0.0, 1.0))
+    assert set(result.mode("pad").tolist()) == {int(np.sign(push))}
+    assert result.force("pad") == pytest.approx(0.0, abs=0)
+    assert result.velocity("block") == pytest.approx(push * result.t)
