@@ -73,6 +73,7 @@ def raster(ax):
     return np.asarray(ax.collections[0].get_array())
 
 
+@pytest.mark.slow
 def test_import_loads_no_matplotlib_and_drawing_no_pyplot(tmp_path):
     code = (
         "import sys, stickslip; assert 'matplotlib' not in sys.modules;"

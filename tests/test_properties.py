@@ -281,6 +281,7 @@ def told(result: Result, sign: float = 1.0) -> list[tuple[float, str, float, flo
     return [(0.0, *row[1:]) for row in sorted(rows, key=lambda row: row[:2])]
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_momentum_is_kept_without_ground_drives_and_loads(seed: int) -> None:

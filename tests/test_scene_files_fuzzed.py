@@ -27,6 +27,7 @@ def test_anything(data: Any) -> None:
     read(data)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(SCENES), st.data())
 @settings(max_examples=400, deadline=None)
 def test_a_scene_with_one_thing_changed(scene: dict[str, Any], data: st.DataObject) -> None:
@@ -34,6 +35,7 @@ def test_a_scene_with_one_thing_changed(scene: dict[str, Any], data: st.DataObje
     read(put(scene, path, data.draw(PLAIN)))
 
 
+@pytest.mark.slow
 @given(st.sampled_from(SCENES), st.data())
 @settings(max_examples=200, deadline=None)
 def test_a_scene_with_one_thing_too_many(scene: dict[str, Any], data: st.DataObject) -> None:

@@ -176,6 +176,7 @@ def test_function_must_be_callable():
 # executors
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_as_serial():
     same(sweep(moody, GRID, workers=2, progress=False), serial(moody))
 
@@ -247,6 +248,7 @@ def test_only_a_window_of_points_is_submitted_at_a_time(monkeypatch):
     np.testing.assert_array_equal(result.value(), np.arange(300))
 
 
+@pytest.mark.slow
 def test_own_processes_get_two_points_each_at_a_time(monkeypatch):
     pools = []
 
@@ -461,6 +463,7 @@ def test_a_file_that_is_no_sweep_is_refused_and_left_alone(tmp_path, text):
     assert path.read_bytes() == text.encode()
 
 
+@pytest.mark.slow
 def test_processes_resume_too(tmp_path):
     path = tmp_path / "sweep.jsonl"
     first = serial(moody, save=path)

@@ -254,6 +254,7 @@ def test_more_steps_than_the_solver_takes_at_once(method: str) -> None:
     assert end == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_solver_that_gets_nowhere_gives_up() -> None:
     calls = [0]
 
@@ -273,6 +274,7 @@ def test_a_solver_that_gets_nowhere_gives_up() -> None:
     assert not so_far.success and so_far.t.size > 1 and so_far.t[-1] <= caught.value.t < 1.5
 
 
+@pytest.mark.slow
 def test_nothing_is_printed() -> None:
     """SUNDIALS writes its own errors and warnings to stderr."""
     code = (

@@ -92,6 +92,7 @@ def tries(*items: partial) -> Tried:
     return try_each(((f"item {i}", item) for i, item in enumerate(items)), limit=0.2)
 
 
+@pytest.mark.slow
 def test_what_is_wrong_or_hangs_among_many_is_counted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -108,6 +109,7 @@ def test_what_is_wrong_or_hangs_among_many_is_counted(
     assert "What was tried" in text and "<td>Things</td><td class=n>6</td>" in text
 
 
+@pytest.mark.slow
 def test_an_item_over_the_bound_or_not_a_number_is_wrong() -> None:
     big = replace(row("big", partial(tries, partial(float, 1.0))), tries="things")
     odd = replace(row("odd", partial(tries, partial(float, "nan"), partial(float, 0.1))), tries="things")
@@ -136,6 +138,7 @@ def test_the_report_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
     assert all(f"<code>{name.split('/')[0]}</code>" in text for name in names)
 
 
+@pytest.mark.slow
 def test_the_report_shows_failures_first(tmp_path: Path) -> None:
     assert main(["--report", str(tmp_path)], rows=[GOOD, BAD, RAISES]) == 1
     text = (tmp_path / "validation.html").read_text(encoding="utf-8")
