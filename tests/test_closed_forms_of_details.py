@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
@@ -243,6 +244,30 @@ def test_an_anisotropic_contact_breaks_away_at_the_level_of_its_side(slope: floa
     [event] = simulate(block(push, law=SIDED), (0.0, 10.0)).events
     assert event.t == pytest.approx(expected, rel=1e-10)
     assert event.after == math.copysign(1, slope)
+
+
+def test_a_level_that_rises_late_is_overtaken_for_a_moment() -> None:
+    """N = 1 + 10 t, so B = (1 + 10 t) (0.5 - 0.4 exp(-t)); the push 0.095 + 1.8 t passes it from 0.0147 to 0.0946 s."""
+
+    def reserve(t: float) -> float:
+        return (1 + 10 * t) * (0.5 - 0.4 * math.exp(-t)) - (0.095 + 1.8 * t)
+
+    assert reserve(0.0) > 0 > reserve(0.05) and reserve(0.1) > 0
+    push = piecewise_linear([0.0, 2.0], [0.095, 3.695])
+    normal = piecewise_linear([0.0, 2.0], [1.0, 21.0])
+    result = simulate(block(push, law=DryFriction(0.5, 0.1, dwell=1.0), normal=normal), (0.0, 2.0))
+    first = result.events[0]
+    assert first.t == pytest.approx(brentq(reserve, 0.0, 0.05, xtol=1e-15), rel=1e-7)
+    assert (first.before, first.after) == (Mode.STUCK, Mode.FORWARD)
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+def test_the_work_of_the_solver_is_counted(formulation: str) -> None:
+    """A swing on a spring takes steps, and each of them at least one evaluation of the rates."""
+    scene = Scene(Body("block", inertia=1.0, position=1.0), Spring("block", GROUND, stiffness=1.0))
+    result = simulate(scene, (0.0, 10.0), formulation=formulation)
+    assert result.stats["steps"] >= 10
+    assert result.nfev >= result.stats["steps"]
 
 
 # What is refused, said and drawn
