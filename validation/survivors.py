@@ -36,6 +36,8 @@ _NOT_COPIED = (
 _SLOWER = 4.0
 """A change that makes its tests take this many times as long, and a bit, never ends: that is noticed."""
 _STARTUP = 20.0
+_NO_TESTS = 5
+"""Exit code of pytest."""
 
 
 class Fate(StrEnum):
@@ -182,6 +184,8 @@ def try_change(copy: Path, change: Change, known: Record, limit: float) -> Trial
         os.utime(path, (stamp.st_atime, stamp.st_mtime))
     if code is None:
         return Trial(change, Fate.ENDLESS, len(chosen), f"after {patience:.0f} s")
+    if code == _NO_TESTS:
+        raise RuntimeError(f"pytest finds none of the tests of {change}:\n{said}")
     if code == 0:
         return Trial(change, Fate.SURVIVED, len(chosen))
     failed = [line.split()[1] for line in said.splitlines() if line.startswith(("FAILED ", "ERROR "))]
