@@ -120,7 +120,8 @@ class _Part:
 def _join(system: System, results: Sequence[Result], sampled: bool, message: str, status: int) -> Result:
     parts = [_Part(result, system) for result in results]
     count = min(result.t.size for result in results)
-    if sampled and not all(piece.complete for result in results for piece in result._pieces):
+    kept = all(result._pieces and result._pieces[0].complete for result in results)
+    if sampled and not kept:
         pieces, piece_of = _pieces_of_outputs(system, parts, count)
     else:
         pieces = _pieces(system, parts)

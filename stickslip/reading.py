@@ -265,6 +265,8 @@ class Reading:
 
     def position(self, i: int, base: float) -> Array:
         """Return the position of a body or drive that is no state, `base` at the start of the motion."""
+        if not self._taus.size:
+            return np.empty(0)
         if i < self._system.n:
             return base + self._travelled[self._row_of[i]]
         return base + self._travel_of_drive(i)
@@ -288,15 +290,18 @@ class Reading:
             wholes = last * (y + last * (f0 / 2 + last * f1 / 6))
             number, tau = self._numbers[self._place], self._taus[:, None]
             found = (tau * (y[number] + tau * (f0[number] / 2 + tau * f1[number] / 6))).T
-        order = np.argsort(self._place, kind="stable")
-        cuts = np.searchsorted(self._place[order], np.arange(1, self._numbers.size))
-        times = dict(zip(self._numbers.tolist(), np.split(order, cuts), strict=False))
-        nothing = np.empty(0, dtype=np.intp)
+        chosen = self._times_of_pieces()
         for k in np.flatnonzero(~quick).tolist():
-            chosen = times.get(k, nothing)
-            wholes[k], found[:, chosen] = self._all[k].displacements(bodies, self._taus[chosen])
+            own = chosen[k]
+            wholes[k], found[:, own] = self._all[k].displacements(bodies, self._taus[own])
         before = np.cumsum(np.vstack([np.zeros(bodies.size), wholes]), axis=0)
         return found + before[self._numbers[self._place]].T
+
+    def _times_of_pieces(self) -> list[Indices]:
+        """Return which times belong to each piece of the whole motion."""
+        order = np.argsort(self._place, kind="stable")
+        number = self._numbers[self._place[order]]
+        return np.split(order, np.searchsorted(number, np.arange(1, len(self._all))))
 
     def _parabolas(self, bodies: Indices) -> tuple[Array, Array, Array]:
         """Return the velocities at the start of each piece (rows), their slopes and bends, 0 where not quadratic."""
@@ -311,11 +316,7 @@ class Reading:
     def _travel_of_drive(self, i: int) -> Array:
         """Return how far a drive has gone: three-point Gauss between times so close that no turn hides there."""
         loads, entry = self._system.loads, self._system.first_drive + i - self._system.n
-        order = np.argsort(self._place, kind="stable")
-        cuts = np.searchsorted(self._place[order], np.arange(1, self._numbers.size))
-        times = dict(zip(self._numbers.tolist(), np.split(order, cuts), strict=False))
-        nothing = np.empty(0, dtype=np.intp)
-        chosen = [times.get(k, nothing) for k in range(len(self._all))]
+        chosen = self._times_of_pieces()
         edges = []
         for piece, some in zip(self._all, chosen, strict=True):
             last = float(piece.taus[-1])

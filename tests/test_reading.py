@@ -158,3 +158,45 @@ def test_what_was_read_is_not_pickled_again() -> None:
     again = pickle.loads(pickle.dumps(result))
     assert len(pickle.dumps(result)) == before
     np.testing.assert_array_equal(again.force("cb1"), result.force("cb1"))
+
+
+TWO_PARTS = (
+    Body("b", inertia=1.0, velocity=1.0),
+    Drive("d", velocity=sine(0.5, 1.0)),
+    Contact("cb", "b", "d", DryFriction(0.3, 0.2, mu_static_backward=0.25, dwell=0.1), normal=10.0),
+)
+
+
+@pytest.mark.parametrize("others", [(), TWO_PARTS], ids=["one part", "two parts"])
+@pytest.mark.parametrize("dense", [True, False])
+def test_no_outputs_are_an_empty_result_that_works_everywhere(
+    others: tuple[Any, ...], dense: bool, tmp_path: Path
+) -> None:
+    # events alone may be wanted: the body stops at v / (mu g) = 1 / 2 s
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        *others,
+    )
+    result = simulate(scene, (0.0, 1.0), t_eval=[], dense_output=dense)
+    assert result.success and result.t.shape == (0,) and result.y.shape[1] == 0
+    assert next(event.t for event in result.events if event.contact == "c") == pytest.approx(0.5, rel=1e-9)
+    for body in (*scene.bodies, *scene.drives):
+        assert result.velocity(body.name).shape == (0,)
+        assert result.position(body.name).shape == (0,)
+    for contact in scene.contacts:
+        for read in (result.mode, result.force, result.breakaway, result.power, result.normal):
+            assert read(contact.name).shape == (0,)
+        assert result.breakaway(contact.name, -1).shape == (0,)
+        assert result.relative_velocity(contact.name).shape == (0,)
+    assert "c BACKWARD" not in result.explain() and "c FORWARD -> STUCK" in result.explain()
+    if dense:
+        assert result.energy().t.shape == (0,)
+        assert result(0.25)[0] == pytest.approx(0.5, rel=1e-9)
+    result.plot()
+    result.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text().count("\n") == 1
+    result.save(tmp_path / "kept.npz")
+    again = stickslip.load(tmp_path / "kept.npz")
+    assert again.events == result.events and again.force("c").shape == (0,)
+    assert str(result)
