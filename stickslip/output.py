@@ -40,6 +40,7 @@ def columns(result: Result) -> dict[str, NDArray[Any]]:
     -------
     dict of str to array (n,)
         ``time``, ``velocity NAME``, ``position NAME``, ``force NAME``, ``breakaway NAME`` and ``mode NAME``.
+        The breakaway level is that on the side of the force, as `Result.breakaway` gives it by default.
     """
     scene = result.scene
     bodies, drives = [b.name for b in scene.bodies], [d.name for d in scene.drives]
