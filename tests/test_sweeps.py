@@ -1,12 +1,13 @@
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from queue import SimpleQueue
 
 import numpy as np
@@ -200,6 +201,85 @@ def test_a_point_that_kills_its_process_is_found_and_the_others_are_kept():
     assert list(result.failures) == [(1,)]
     assert result.failures[1,].startswith("BrokenProcessPool: ")
     np.testing.assert_array_equal(result.value(), [10.0, np.nan, 30.0, 40.0])
+
+
+class KilledWorker(Exception):
+    """What dask raises for points that were on their way when a worker died, too often."""
+
+    __module__ = "distributed.scheduler"
+
+
+class OneWorker(Executor):
+    """An executor that begins only when its points are waited for; a deadly one takes all that wait with it."""
+
+    def __init__(self):
+        self.waiting = []
+        self.together = []
+
+    def submit(self, function, *args):
+        future = Future()
+        self.waiting.append((future, function, args))
+        return future
+
+    def run(self):
+        self.together.append(len(self.waiting))
+        dies = any(args[1]["a"] == 2 for _, _, args in self.waiting)
+        waiting, self.waiting = self.waiting, []
+        for future, function, args in waiting:
+            if dies:
+                future.set_exception(KilledWorker("attempted 3 times"))
+            else:
+                future.set_result(function(*args))
+
+
+def test_a_point_that_kills_a_worker_of_dask_takes_no_other_with_it(monkeypatch):
+    executor = OneWorker()
+
+    class Waiting(SimpleQueue):
+        def get(self):
+            if self.empty():
+                executor.run()
+            return super().get()
+
+    monkeypatch.setattr(sweeps, "SimpleQueue", Waiting)
+    monkeypatch.setattr(sweeps, "_WINDOW", 2)
+    result = sweep(abs_of_a, {"a": [1, 2, 3, 4]}, executor=executor, progress=False)
+    assert list(result.failures) == [(1,)]
+    assert result.failures[1,].startswith("KilledWorker: ")
+    np.testing.assert_array_equal(result.value(), [1.0, np.nan, 3.0, 4.0])
+    assert executor.together[:2] == [2, 2]
+    assert executor.together[2:] == [1, 1]  # the two that died, each alone
+
+
+ORPHANS = """
+import os, sys, time
+from stickslip.sweeps import sweep
+
+def never_ends(a):
+    print(os.getpid(), flush=True)
+    while True:
+        time.sleep(0.01)
+
+if __name__ == "__main__":
+    sweep(never_ends, {"a": [1, 2, 3, 4]}, workers=2, progress=False)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("end", ["SIGTERM", "SIGKILL"])
+def test_workers_end_when_their_parent_is_ended(tmp_path, end):
+    script = tmp_path / "orphans.py"
+    script.write_text(ORPHANS)
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True) as parent:
+        workers = [int(parent.stdout.readline()) for _ in range(2)]
+        parent.send_signal(getattr(signal, end))
+        # whoever lives holds the pipe open: it ends when the last worker has
+        try:
+            parent.communicate(timeout=60)
+        except subprocess.TimeoutExpired:
+            for worker in workers:
+                os.kill(worker, signal.SIGKILL)
+            pytest.fail("the workers went on without their parent")
 
 
 def test_a_function_that_other_processes_cannot_load_is_refused():
