@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from queue import SimpleQueue
@@ -275,7 +274,7 @@ def test_workers_end_when_their_parent_is_ended(tmp_path, end):
         parent.send_signal(getattr(signal, end))
         # whoever lives holds the pipe open: it ends when the last worker has
         try:
-            parent.communicate(timeout=60)
+            parent.communicate(timeout=600)
         except subprocess.TimeoutExpired:
             for worker in workers:
                 os.kill(worker, signal.SIGKILL)
@@ -400,13 +399,17 @@ def test_interrupt_cancels_the_points_that_have_not_begun(monkeypatch):
 
     def function(a):
         begun.append(a)
-        time.sleep(0.002)
+        if len(begun) > 2:
+            interrupted.wait()
         return 10.0 * a
 
-    with ThreadPoolExecutor(1) as threads, pytest.raises(SweepInterrupted) as caught:
-        sweep(function, {"a": np.arange(1, 500)}, executor=threads, progress=False)
+    interrupted = threading.Event()
+    with ThreadPoolExecutor(1) as threads:
+        with pytest.raises(SweepInterrupted) as caught:
+            sweep(function, {"a": np.arange(1, 500)}, executor=threads, progress=False)
+        interrupted.set()
     result = caught.value.result
-    assert len(begun) < 250
+    assert len(begun) <= 3
     assert result.value()[:2].tolist() == [10.0, 20.0]
     assert len(result.pending) >= 499 - len(begun)
     assert not result.failures
@@ -434,7 +437,7 @@ def test_interrupt_of_processes_keeps_results_and_the_file_resumes(tmp_path):
     script, path = tmp_path / "interrupted.py", tmp_path / "sweep.jsonl"
     script.write_text(INTERRUPTED_SWEEP)
     run = subprocess.run(
-        [sys.executable, script, path], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, script, path], capture_output=True, text=True, timeout=600, check=True
     )
     first, second, pending = map(float, run.stdout.split())
     # two points are under way at once: the one before the interrupting one may not have come back yet
