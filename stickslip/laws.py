@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stickslip.checks import finite
+from stickslip.checks import check_entries, finite
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
@@ -211,6 +211,7 @@ def law_from_dict(data: Any, what: str) -> Law:
         raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
     if "kinetic" in values:
         raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
+    check_entries(_MAKERS[kind], kind, values, what, code=("kinetic",))
     if "law" in values:
         values["law"] = law_from_dict(values["law"], what)
     try:

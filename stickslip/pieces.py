@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import Segment
 
-__all__ = ["Piece", "interpolant", "interpolate"]
+__all__ = ["Piece", "interpolant", "interpolate", "mode_shown"]
 
 Array = NDArray[np.float64]
 
@@ -33,6 +32,8 @@ class Piece:
     states: Array
     complete: bool = True
     multipliers: tuple[Array, Array] | None = None
+    parabola: tuple[Array, Array] | None = None
+    """First and second derivatives of the states, where the motion is exactly quadratic in time."""
 
     @classmethod
     def of(
@@ -60,6 +61,7 @@ class Piece:
             states,
             complete,
             multipliers,
+            (segment.f0, segment.f1) if segment.quadratic and complete else None,
         )
 
     def segment(self) -> Segment:
@@ -73,54 +75,63 @@ class Piece:
         t[-1] = self.stop
         return t
 
-    def forces(self, segment: Segment, taus: Array, y: Array) -> Array:
-        """Return the friction forces of all contacts (rows) at local times, from the states (columns) there."""
-        system = self.system
-        mode_set = segment.mode_set
-        forces = np.zeros((system.m, taus.size))
-        normals = segment.normals(taus)
-        forces[mode_set.slip] = mode_set.kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
-        if mode_set.acting.size:
-            forces[mode_set.acting] = segment.acting_forces(taus, y)
-        if self.multipliers is not None and mode_set.stuck.size:
-            forces[mode_set.stuck] = CubicHermiteSpline(self.taus, *self.multipliers)(taus).T
-        elif mode_set.stuck.size:
-            first = mode_set.slip.size
-            forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
-        return forces
+    def states_at(self, taus: Array) -> Array:
+        """Return the states (rows) at local times; a quadratic motion needs no equations for it."""
+        if self.parabola is not None and not self._is_driven:
+            f0, f1 = self.parabola
+            tau = taus[:, None]
+            return self.states[0] + tau * (f0 + (0.5 * tau) * f1)
+        return interpolate(self.segment(), self.taus, self.states, taus)
 
-    def mode(self, segment: Segment, j: int, taus: Array, y: Array) -> Array:
+    @property
+    def _is_driven(self) -> bool:
+        """Whether any contact is stuck to a drive, so that velocities are read from that."""
+        system, stuck = self.system, self.modes == 0
+        ends = np.maximum(system.a[stuck], system.b[stuck])
+        return bool(np.any((ends >= system.n) & (ends < system.n + system.drives)))
+
+    def mode(self, segment: Segment, j: int, taus: Array, y: Array) -> NDArray[np.int8]:
         """Return the modes of a contact at local times, from the states (columns) there."""
-        if self.modes[j] < OPEN:
-            return np.full(taus.size, self.labels[j])
-        w = segment.relative_velocity(taus, y)
-        if self.modes[j] == FREE:
-            return segment.system.sign_of(w)[j]
-        sign = np.sign(w[j])
-        sign[taus == 0.0] = self.labels[j]
-        return sign
+        codes, labels = (np.full(taus.size, values[j]) for values in (self.modes, self.labels))
+        w = segment.relative_velocity(taus, y)[j]
+        return mode_shown(codes, labels, w, float(self.system.coefficients.velocity[j]), taus)
 
-    def displacement(self, segment: Segment, i: int, taus: Array) -> Array:
-        """Return the integral of body i's velocity from the start, by three-point Gauss on each step."""
-        knots, system = self.taus, self.system
-        if segment.has_curved:
-            # a quadratic motion has few computed points, whatever a curved drive does between them
-            knots = np.union1d(knots, segment.looks(float(knots[-1]), 1))
+    def displacements(self, bodies: NDArray[np.intp], taus: Array) -> tuple[Array, Array]:
+        """Return how far bodies go within the piece, and how far (columns) by local times: three-point Gauss."""
+        segment, last = self.segment(), float(self.taus[-1])
+        wanted = np.minimum(taus, last)
+        # a quadratic motion has few computed points, whatever a curved drive does between them
+        edges = np.unique(np.concatenate([self.taus, segment.looks(last, 1), wanted]))
         nodes, weights = np.polynomial.legendre.leggauss(3)
+        middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
+        points = (middle[:, None] + half[:, None] * nodes).ravel()
+        velocity = interpolate(segment, self.taus, self.states, points)[:, bodies]
+        steps = half[:, None] * np.einsum("skb,k->sb", velocity.reshape(-1, nodes.size, bodies.size), weights)
+        sums = np.concatenate([np.zeros((1, bodies.size)), np.cumsum(steps, axis=0)])
+        return sums[-1], sums[np.searchsorted(edges, wanted)].T
 
-        def integral(left: Array, right: Array) -> Array:
-            middle, half = 0.5 * (left + right), 0.5 * (right - left)
-            points = np.clip(middle[:, None] + half[:, None] * nodes, 0.0, knots[-1])
-            flat = points.ravel()
-            if i < system.n:
-                velocity = interpolate(segment, self.taus, self.states, flat)[:, i]
-            else:
-                velocity = segment.inputs(flat)[system.first_drive + i - system.n]
-            return half * (velocity.reshape(points.shape) @ weights)
 
-        whole = np.concatenate([[0.0], np.cumsum(integral(knots[:-1], knots[1:]))])
-        step = np.clip(np.searchsorted(knots, taus, side="right") - 1, 0, max(knots.size - 2, 0))
-        return whole[step] + integral(knots[step], taus)
+def mode_shown(
+    codes: NDArray[np.int8], labels: NDArray[np.int8], w: Array, limit: float, taus: Array
+) -> NDArray[np.int8]:
+    """Return the modes of a contact at many times, from the states of its equations and its relative velocity.
+
+    Parameters
+    ----------
+    codes, labels : array (n,)
+        Modes with OPEN and FREE among them, and the modes shown at the start of each time's segment.
+    w : array (n,)
+        Relative velocity in m/s or rad/s.
+    limit : float
+        Relative velocity up to which a law without modes counts as stuck.
+    taus : array (n,)
+        Times in s since the start of each time's segment.
+    """
+    shown = labels.astype(np.int8)
+    free, turning = codes == FREE, (codes == OPEN) & (taus != 0.0)
+    shown[free] = np.where(np.abs(w[free]) > limit, np.sign(w[free]), 0.0)
+    shown[turning] = np.sign(w[turning])
+    return shown
 
 
 def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:
