@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip.laws import Law
 from stickslip.modes import Mode
@@ -15,6 +16,9 @@ from stickslip.sampling import is_dense, sampled
 
 __all__ = ["event_sentences"]
 
+Array = NDArray[np.float64]
+
+_ROUNDOFF = 1e-14
 _WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forward"}
 
 
@@ -63,22 +67,30 @@ def _limits(result: Result) -> list[_Limits]:
             if left[place] == right[place]:  # an open contact turns over within a piece
                 taus[place] = np.array([event.t - pieces[k].start])
         sides.append(sampled(result, chosen.tolist(), taus))
-    found = []
+    pairs = [
+        _pairs(read, sides, events) for read in (Result.force, Result.breakaway, Result.relative_velocity)
+    ]
+    together: dict[float, set[str]] = {}
+    for event in events:
+        together.setdefault(event.t, set()).add(event.contact)
+    return [
+        _Limits(force, level, w, sorted(together[event.t] - {event.contact}))
+        for event, force, level, w in zip(events, *pairs, strict=True)
+    ]
+
+
+def _pairs(
+    read: Callable[[Result, str], Array], sides: Sequence[Result], events: Sequence[Event]
+) -> list[tuple[float, float]]:
+    """Return a quantity of each event's contact just before and just after it; each contact is read once."""
+    places: dict[str, list[int]] = {}
     for place, event in enumerate(events):
-        force, level, w = (
-            _pair(read, sides, event.contact, place)
-            for read in (Result.force, Result.breakaway, Result.relative_velocity)
-        )
-        others = sorted({e.contact for e in events if e.t == event.t} - {event.contact})
-        found.append(_Limits(force, level, w, others))
-    return found
-
-
-def _pair(
-    read: Callable[..., np.ndarray], sides: list[Result], contact: str, place: int
-) -> tuple[float, float]:
-    before, after = (float(read(side, contact)[place]) for side in sides)
-    return before, after
+        places.setdefault(event.contact, []).append(place)
+    found = np.empty((len(events), 2))
+    for contact, chosen in places.items():
+        for side, result in enumerate(sides):
+            found[chosen, side] = read(result, contact)[chosen]
+    return [(before, after) for before, after in found.tolist()]
 
 
 def _reason(event: Event, law: Law, limits: _Limits) -> str:
@@ -109,7 +121,10 @@ def _broke_away_with(event: Event, at: _Limits) -> str:
 
 
 def _held(at: _Limits) -> str:
-    return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"
+    needed, level = abs(at.force[1]), at.level[1]
+    if needed < _ROUNDOFF * level:
+        needed = 0.0
+    return f"needs {needed:.6g} to stay stuck, can hold {level:.6g}"
 
 
 def _stuck(event: Event, at: _Limits) -> str:

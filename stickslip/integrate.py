@@ -71,6 +71,7 @@ def simulate(
         Relative and absolute tolerance of the states.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it every computed point is kept and every event twice.
+        An empty one is for those who want the events alone.
     velocity_margin : float, optional
         Relative velocity below which a contact counts as stuck once its velocities are constant; 0 switches the
         check off. By default a hundred times what the tolerances leave uncertain.

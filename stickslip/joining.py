@@ -120,7 +120,8 @@ class _Part:
 def _join(system: System, results: Sequence[Result], sampled: bool, message: str, status: int) -> Result:
     parts = [_Part(result, system) for result in results]
     count = min(result.t.size for result in results)
-    if sampled and not all(piece.complete for result in results for piece in result._pieces):
+    kept = all(result._pieces and result._pieces[0].complete for result in results)
+    if sampled and not kept:
         pieces, piece_of = _pieces_of_outputs(system, parts, count)
     else:
         pieces = _pieces(system, parts)
@@ -171,7 +172,21 @@ def _piece(system: System, parts: Sequence[_Part], start: float, stop: float, sa
         joined.take(part, piece, segment, float(local[0]), rows[0])
         forces |= _multipliers(part, piece, segment, local)
     multipliers = None if active[0].multipliers is None else _stacked(forces, taus.size)
-    return joined.piece(system, start, stop, taus, states, multipliers=multipliers)
+    parabola = _parabola(system, parts, active, start)
+    return joined.piece(system, start, stop, taus, states, multipliers=multipliers, parabola=parabola)
+
+
+def _parabola(
+    system: System, parts: Sequence[_Part], active: Sequence[Piece], start: float
+) -> tuple[Array, Array] | None:
+    """Return first and second derivatives of the states at `start`, None where not all parts move quadratically."""
+    f0, f1 = np.empty(system.size), np.empty(system.size)
+    for part, piece in zip(parts, active, strict=True):
+        if piece.parabola is None:
+            return None
+        first, second = piece.parabola
+        f0[part.columns], f1[part.columns] = first + max(start - piece.start, 0.0) * second, second
+    return f0, f1
 
 
 def _multipliers(part: _Part, piece: Piece, segment: Segment, local: Array) -> dict[int, tuple[Array, Array]]:
@@ -250,6 +265,7 @@ class _Modes:
         states: Array,
         complete: bool = True,
         multipliers: tuple[Array, Array] | None = None,
+        parabola: tuple[Array, Array] | None = None,
     ) -> Piece:
         return Piece(
             system,
@@ -263,4 +279,5 @@ class _Modes:
             states,
             complete,
             multipliers,
+            parabola,
         )

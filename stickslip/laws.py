@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stickslip.checks import finite
+from stickslip.checks import check_entries, finite
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
@@ -132,9 +132,12 @@ class DryFriction(Law):
                 f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest"
             ) from error
         at_rest = finite(at_rest, "DryFriction: kinetic(0)")
-        if not 0 <= at_rest <= min(self.mu_s(1), self.mu_s(-1)):
+        # one curve for both directions: at rest it may exceed neither static coefficient
+        side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
+        if not 0 <= at_rest <= self.mu_s(side):
             raise ValueError(
-                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and mu_static = {self.mu_static:g}"
+                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and "
+                f"mu_static{suffix} = {self.mu_s(side):g}"
             )
 
     def mu_s(self, direction: int) -> float:
@@ -208,6 +211,7 @@ def law_from_dict(data: Any, what: str) -> Law:
         raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
     if "kinetic" in values:
         raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
+    check_entries(_MAKERS[kind], kind, values, what, code=("kinetic",))
     if "law" in values:
         values["law"] = law_from_dict(values["law"], what)
     try:

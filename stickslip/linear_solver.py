@@ -30,10 +30,9 @@ def band_order(system: System) -> Indices | None:
     if system.size <= _DENSE_LIMIT:
         return None
     n, size = system.n, system.size
-    joined = abs(sparse.csr_array(system.G).T) @ abs(sparse.csr_array(system.G))
-    pattern = sparse.lil_array((size, size))
-    pattern[:n, :n] = joined
-    pattern = pattern.tocsr()
+    incidence = abs(sparse.csr_array(system.G))
+    pattern = sparse.csr_array(incidence.T @ incidence)
+    pattern.resize((size, size))
     springs = abs(sparse.csr_array(system.C))
     springs.resize((size, size))
     inner = system.placed < n

@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 
 from stickslip.signals import Constant, Signal, time_scale
 
-__all__ = ["Loads"]
+__all__ = ["PER_PERIOD", "Loads"]
 
 Array = NDArray[np.float64]
+
+PER_PERIOD = 16
+"""Times per period at which curved loads are looked at."""
 
 
 class Loads:
@@ -73,7 +76,7 @@ class Loads:
         self.breaks = sorted(self._breaking)
         self._is_curved = np.zeros(self.size, dtype=bool)
         self._is_curved[self.curved] = True
-        self._start = start
+        self._start, self._stop = start, stop
         self._value = np.zeros(self.size)
         self._slope = np.zeros(self.size)
         self._since = np.full(self.size, start)
@@ -127,6 +130,50 @@ class Loads:
             value.flags.writeable = slope.flags.writeable = False
             self._last = (t, value, slope)
         return value, slope
+
+    def steady(self) -> tuple[Array, list[int]]:
+        """Return a value for each entry, and the entries that do not keep it all the time."""
+        varies = np.zeros(self.size, dtype=bool)
+        varies[: len(self._signals)] = [not isinstance(s, Constant) for s in self._signals]
+        varies[len(self._signals) : -1] = varies[self._rates]
+        return self._value.copy(), np.flatnonzero(varies).tolist()
+
+    def along(self, entry: int, starts: Array, stops: Array, place: NDArray[np.intp], taus: Array) -> Array:
+        """Return one entry at many times: the left limits at the ends of the stretches to which they belong.
+
+        Parameters
+        ----------
+        entry : int
+        starts, stops : array (k,)
+            Times in s at which stretches begin and end; no signal breaks within one.
+        place : array (n,) of int
+            The stretch to which each time belongs.
+        taus : array (n,)
+            Times in s since its start.
+        """
+        count = len(self._signals)
+        if entry == self.size - 1:
+            return np.ones_like(taus)
+        if self._is_curved[entry]:
+            function = self._functions[int(np.flatnonzero(self.curved == entry)[0])]
+            times = np.minimum(starts[place] + taus, np.nextafter(stops, -math.inf)[place])
+            return self._sample(function, times)
+        signal = self._signals[entry if entry < count else self._rates[entry - count]]
+        if isinstance(signal, Constant):
+            return np.full_like(taus, signal.value if entry < count else 0.0)
+        since = [self._start, *signal.breaks(self._start, self._stop)]
+        slopes = np.array([signal.slope(t) for t in since])
+        last = np.maximum(np.searchsorted(since, starts, side="right") - 1, 0)
+        if entry >= count:
+            return slopes[last][place]
+        values = np.array([signal(t) for t in since])
+        value = values[last] + slopes[last] * (starts - np.array(since)[last])
+        return value[place] + taus * slopes[last][place]
+
+    def looks(self, tau: float, fewest: int) -> Array:
+        """Return times from 0 to `tau` so close that no turn of a curved load hides between them."""
+        count = math.ceil(PER_PERIOD * tau / self.period) if self.curved.size else 0
+        return np.linspace(0.0, tau, max(count, fewest) + 1)
 
     def curved_at(self, t: float | Array) -> Array:
         """Return the values of the curved entries at `t`, one column per time where that is an array."""

@@ -13,14 +13,12 @@ from scipy import sparse
 from scipy.interpolate import CubicSpline
 
 from stickslip.assembly import System
+from stickslip.loads import PER_PERIOD
 from stickslip.mode_set import ModeSet
 
 __all__ = ["PER_PERIOD", "Motion", "hermite", "line"]
 
 Array = NDArray[np.float64]
-
-PER_PERIOD = 16
-"""Times per period at which curved loads are looked at."""
 
 _STIFF, _SPLINE_POINTS = 100.0, 4
 
@@ -88,8 +86,7 @@ class Motion:
 
     def looks(self, tau: float, fewest: int) -> Array:
         """Return times from 0 to `tau` so close that no turn of a curved load hides between them."""
-        count = math.ceil(PER_PERIOD * tau / self.system.loads.period) if self.has_curved else 0
-        return np.linspace(0.0, tau, max(count, fewest) + 1)
+        return self.system.loads.looks(tau, fewest)
 
     def inputs(self, tau: float | Array) -> Array:
         """Return the whole input vector at local time `tau`, one column per time where that is an array."""

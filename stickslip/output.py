@@ -40,6 +40,7 @@ def columns(result: Result) -> dict[str, NDArray[Any]]:
     -------
     dict of str to array (n,)
         ``time``, ``velocity NAME``, ``position NAME``, ``force NAME``, ``breakaway NAME`` and ``mode NAME``.
+        The breakaway level is that on the side of the force, as `Result.breakaway` gives it by default.
     """
     scene = result.scene
     bodies, drives = [b.name for b in scene.bodies], [d.name for d in scene.drives]
@@ -199,8 +200,10 @@ def load(path: Target, scene: Scene | None = None) -> Result:
 
 def _rebuilt(system: System, data: Mapping[str, Any], about: Mapping[str, Any]) -> Result:
     count = about["pieces"]
-    kept = {name: _unpacked(f"piece.{name}", data, count) for name in _KEPT}
-    pieces = [Piece(system=system, **{name: kept[name][k] for name in _KEPT}) for k in range(count)]
+    # files of version 0.1.0 know no parabolas
+    present = [name for name in _KEPT if f"piece.{name}.present" in data]
+    kept = {name: _unpacked(f"piece.{name}", data, count) for name in present}
+    pieces = [Piece(system=system, **{name: kept[name][k] for name in present}) for k in range(count)]
     return Result(
         scene=system.scene,
         t=data["t"],

@@ -41,7 +41,10 @@ _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events
 
 
 def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
-    """Draw the friction force of a contact over time, within its breakaway level, and return the axes.
+    """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
+
+    The upper line is the level above which the contact slips forward, the lower one that below which it slips
+    backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
 
     Parameters
     ----------
@@ -58,11 +61,12 @@ def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
     """
     ax = own_axes(ax)
     fine, computed = refined(result), computed_points(result)
-    level = fine.breakaway(contact)
+    upper, lower = fine.breakaway(contact, 1), -fine.breakaway(contact, -1)
+    label = "± breakaway level" if np.array_equal(upper, -lower) else "breakaway levels"
     grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
-    ax.fill_between(fine.t, -level, level, color="0.92", linewidth=0, zorder=0)
-    ax.plot(fine.t, level, label="± breakaway level", **grey)
-    ax.plot(fine.t, -level, **grey)
+    ax.fill_between(fine.t, lower, upper, color="0.92", linewidth=0, zorder=0)
+    ax.plot(fine.t, upper, label=label, **grey)
+    ax.plot(fine.t, lower, **grey)
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))

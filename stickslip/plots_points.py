@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from stickslip.result import Result
-from stickslip.sampling import is_dense, sampled
+from stickslip.sampling import sampled, view
 
 __all__ = ["computed_points", "even_points"]
 
@@ -14,17 +16,29 @@ _COLUMNS = 800
 
 def computed_points(result: Result) -> Result:
     """Return the result at the times the solver computed."""
-    if not is_dense(result):
+    return view(result, "computed", 0, _computed)
+
+
+def _computed(result: Result, points: int) -> Result:
+    pieces = result._pieces
+    t = np.concatenate([piece.times() for piece in pieces])
+    if np.array_equal(t, result.t):
         return result
-    return sampled(result, range(len(result._pieces)), [piece.taus for piece in result._pieces])
+    y = np.concatenate([piece.states for piece in pieces]).T
+    piece_of = np.repeat(np.arange(len(pieces)), [piece.taus.size for piece in pieces])
+    return replace(result, t=t, y=y, _piece_of=piece_of)
 
 
 def even_points(result: Result) -> Result:
     """Return the result at evenly spaced times, enough for the columns of a picture."""
-    if not is_dense(result):
-        return result
+    return view(result, "even", _COLUMNS, _even)
+
+
+def _even(result: Result, points: int) -> Result:
     starts = np.array([piece.start for piece in result._pieces])
-    times = np.linspace(starts[0], result._pieces[-1].stop, _COLUMNS)
+    times = np.linspace(starts[0], result._pieces[-1].stop, points)
     place = np.searchsorted(starts, times, side="right") - 1
-    numbers = np.unique(place).tolist()
-    return sampled(result, numbers, [times[place == k] - starts[k] for k in numbers])
+    numbers, first = np.unique(place, return_index=True)
+    parts = np.split(times, first[1:])
+    taus = [part - starts[k] for k, part in zip(numbers.tolist(), parts, strict=True)]
+    return sampled(result, numbers.tolist(), taus)

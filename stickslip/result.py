@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from stickslip.assembly import System
 from stickslip.modes import Mode
-from stickslip.pieces import Piece, interpolate
+from stickslip.pieces import Piece
+from stickslip.reading import Reading
 from stickslip.scene import GROUND, Body, Drive, Scene
-from stickslip.segment import Segment
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -137,12 +137,16 @@ class Result:
             known = ", ".join(map(repr, list(self._system.index)[:10]))
             raise ValueError(f"no body is called {name!r}; known are {known}") from None
 
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {contact.name: j for j, contact in enumerate(self.scene.contacts)}
+
     def _contact(self, name: str) -> int:
-        for i, contact in enumerate(self.scene.contacts):
-            if contact.name == name:
-                return i
-        known = ", ".join(repr(c.name) for c in self.scene.contacts[:10])
-        raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}")
+        try:
+            return self._numbers[name]
+        except KeyError:
+            known = ", ".join(repr(c.name) for c in self.scene.contacts[:10])
+            raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}") from None
 
     def velocity(self, body: str) -> Array:
         """Return the velocity of a body or drive at the times `t`, in m/s or rad/s.
@@ -152,22 +156,7 @@ class Result:
         ValueError
             If there is no such body.
         """
-        i = self._body(body)
-        if body == GROUND:
-            return np.zeros_like(self.t)
-        first = self._system.first_drive - self._system.n
-        if i >= self._system.n:
-            return self._per_piece(lambda piece, segment, taus, y: segment.inputs(taus)[first + i])
-        if not self._system.drives:
-            return self.y[i]
-
-        def as_held(piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
-            # read from the same expression as the drive's, so that the two are equal to the bit
-            holder = segment.mode_set.groups.holder[i]
-            driven = 0 <= holder < self._system.n + self._system.drives
-            return segment.inputs(taus)[first + holder] if driven else y[i]
-
-        return self._per_piece(as_held)
+        return self._reading.velocity(self._body(body))
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive at the times `t`, in m or rad.
@@ -177,7 +166,7 @@ class Result:
         Raises
         ------
         ValueError
-            If there is no such body.
+            If there is no such body, or the points between the outputs were not kept.
         """
         i = self._body(body)
         state = self._system.position_state.get(i)
@@ -185,61 +174,56 @@ class Result:
             return self.y[state]
         if body == GROUND:
             return np.zeros_like(self.t)
-        return self._integrated(i)
-
-    def _integrated(self, i: int) -> Array:
         elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
-        base = elements[i].position
         if not all(piece.complete for piece in self._pieces):
             raise ValueError(
-                f"the position of {elements[i].name!r} was not kept; simulate with dense_output=True, "
+                f"the position of {body!r} was not kept; simulate with dense_output=True, "
                 "or let a spring touch the body"
             )
-        starts = []
-        for piece in self._pieces:
-            starts.append(base)
-            base += float(piece.displacement(piece.segment(), i, piece.taus[-1:])[0])
-        out = np.empty_like(self.t)
-        for k, segment, chosen, taus in self._chosen():
-            out[chosen] = starts[k] + self._pieces[k].displacement(segment, i, taus)
-        return out
+        return self._reading.position(i, elements[i].position)
 
     def force(self, contact: str) -> Array:
         """Return the friction force r of a contact at the times `t`, in N or N m (-r acts on its body a)."""
-        return self._forces[self._contact(contact)]
+        return self._reading.forces[self._contact(contact)]
 
-    def breakaway(self, contact: str) -> Array:
-        """Return the breakaway level B of a contact at the times `t`, in N or N m.
+    def breakaway(self, contact: str, direction: int | None = None) -> Array:
+        """Return a breakaway level B of a contact at the times `t`, in N or N m, never negative.
 
-        While the contact slips it is the level at which it would start to be stuck.
+        A stuck contact holds forces from ``-breakaway(contact, -1)`` to ``+breakaway(contact, +1)``; the two differ
+        where forward and backward coefficients do. While the contact slips they are the levels at which it would
+        start to be stuck.
+
+        Parameters
+        ----------
+        contact : str
+            Name of the contact.
+        direction : +1 or -1, optional
+            +1 (`Mode.FORWARD`) for the level above which it slips forward, -1 (`Mode.BACKWARD`) for the other. By
+            default the level on the side of the force: that of the direction in which the contact slips, or, while
+            it is stuck, of the sign of its force.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact or direction.
         """
         j = self._contact(contact)
-        system = self._system
-        static, dwell = system.mu_s[:, j], system.dwell[j]
-        coulomb = np.maximum(system.mu_c, system.mu_0)[:, j]
-
-        def level(piece: Piece, segment: Segment, taus: Array, y: Array) -> Array:
-            normal = segment.normals(taus)[j]
-            side = 1 if piece.labels[j] < 0 else 0
-            if piece.labels[j] != 0:
-                return (coulomb if dwell > 0 else static)[side] * normal
-            side = (piece.forces(segment, taus, y)[j] < 0).astype(int) if np.ptp(static) else side
-            rise = 0.0 if dwell == 0 else np.exp(-(segment.t + taus - segment.since[j]) / dwell)
-            return (static[side] - (static[side] - coulomb[side]) * rise) * normal
-
-        return self._per_piece(level)
+        if direction is None:
+            return self._reading.level(j, None)
+        if direction not in (1, -1):
+            raise ValueError(
+                f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
+                f"got {direction!r}; leave it out for the side of the force"
+            )
+        return self._reading.level(j, 0 if direction == 1 else 1)
 
     def mode(self, contact: str) -> NDArray[np.int8]:
         """Return the mode of a contact at the times `t`: -1, 0 or +1."""
-        j = self._contact(contact)
-        return self._per_piece(lambda piece, segment, taus, y: piece.mode(segment, j, taus, y)).astype(
-            np.int8
-        )
+        return self._reading.mode(self._contact(contact))
 
     def relative_velocity(self, contact: str) -> Array:
         """Return ``w = v_a - v_b`` of a contact at the times `t`, in m/s or rad/s."""
-        c = self.scene.contacts[self._contact(contact)]
-        return self.velocity(c.a) - self.velocity(c.b)
+        return self._reading.relative_velocity(self._contact(contact))
 
     def power(self, contact: str) -> Array:
         """Return the power ``r w`` that a contact dissipates at the times `t`, in W."""
@@ -247,29 +231,20 @@ class Result:
 
     def normal(self, contact: str) -> Array:
         """Return the normal force of a contact at the times `t`, in N, zero where it is open."""
-        j = self._contact(contact)
-        return self._per_piece(lambda piece, segment, taus, y: segment.normals(taus)[j])
+        return self._reading.normal(self._contact(contact))
 
     @cached_property
-    def _forces(self) -> Array:
-        out = np.empty((self._system.m, self.t.size))
-        for k, segment, chosen, taus in self._chosen():
-            out[:, chosen] = self._pieces[k].forces(segment, taus, self.y[:, chosen])
-        return out
+    def _reading(self) -> Reading:
+        return Reading(self._system, self._pieces, self.t, self.y, self._piece_of)
 
-    def _chosen(self) -> Any:
-        """Yield for each piece that holds times: its number, its segment, which times, and the local times."""
-        order = np.argsort(self._piece_of, kind="stable")
-        numbers, first = np.unique(self._piece_of[order], return_index=True)
-        for k, chosen in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
-            piece = self._pieces[k]
-            yield k, piece.segment(), chosen, np.maximum(self.t[chosen] - piece.start, 0.0)
+    @cached_property
+    def _views(self) -> dict[tuple[str, int], Result]:
+        """The same motion at other times, as drawings ask for it again and again."""
+        return {}
 
-    def _per_piece(self, quantity: Callable[[Piece, Segment, Array, Array], Array]) -> Array:
-        out = np.empty(self.t.size)
-        for k, segment, chosen, taus in self._chosen():
-            out[chosen] = quantity(self._pieces[k], segment, taus, self.y[:, chosen])
-        return out
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is only kept to be read again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     # -- between and beyond -------------------------------------------------------------------------------
 
@@ -307,9 +282,7 @@ class Result:
         states = np.empty((self._system.size, times.size))
         for k in np.unique(place).tolist():
             chosen, piece = place == k, pieces[k]
-            states[:, chosen] = interpolate(
-                piece.segment(), piece.taus, piece.states, times[chosen] - piece.start
-            ).T
+            states[:, chosen] = piece.states_at(times[chosen] - piece.start).T
         return states
 
     def energy(self) -> EnergyLedger:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.pieces import interpolate
 from stickslip.result import Result
 
-__all__ = ["is_dense", "refined", "sampled"]
+__all__ = ["is_dense", "refined", "sampled", "view"]
 
 Array = NDArray[np.float64]
 
@@ -42,7 +41,7 @@ def sampled(result: Result, numbers: Sequence[int], taus: Sequence[Array]) -> Re
     for number, local in zip(numbers, taus, strict=True):
         piece = result._pieces[number]
         times.append(np.minimum(piece.start + local, piece.stop))
-        states.append(interpolate(piece.segment(), piece.taus, piece.states, local))
+        states.append(piece.states_at(local))
     piece_of = np.repeat(np.asarray(numbers, dtype=np.intp), [local.size for local in taus])
     return replace(result, t=np.concatenate(times), y=np.concatenate(states).T, _piece_of=piece_of)
 
@@ -58,8 +57,20 @@ def refined(result: Result, points: int = 1500) -> Result:
     points : int
         About how many times to add to the computed ones.
     """
+    return view(result, "refined", points, _refined)
+
+
+def view(result: Result, name: str, points: int, make: Callable[[Result, int], Result]) -> Result:
+    """Return the result at other times, made once for all drawings; one that is not dense is returned as it is."""
     if not is_dense(result):
         return result
+    known = result._views.get((name, points))
+    if known is None:
+        known = result._views[name, points] = make(result, points)
+    return known
+
+
+def _refined(result: Result, points: int) -> Result:
     pieces = result._pieces
     span = pieces[-1].stop - pieces[0].start
     least = 16 if 16 * len(pieces) <= points else 1

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.checks import check_entries, check_takes_one, sequence
 from stickslip.checks import finite as _finite
-from stickslip.checks import sequence
 from stickslip.signal_kinds import (
     Clipped,
     Constant,
@@ -245,7 +245,7 @@ def signal(
     Raises
     ------
     TypeError
-        If `function` is not callable, or is a signal already.
+        If `function` is not callable, takes more or less than one argument, or is a signal already.
     ValueError
         If the breaks are not in order, or the period is not positive.
     """
@@ -255,6 +255,7 @@ def signal(
         raise TypeError(
             f"signal: function must be callable, got {function!r}; a number is a signal by itself"
         )
+    check_takes_one(function, "signal: function", "the time t in s")
     times = sequence(breaks, "signal: breaks")
     if any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"signal: breaks must increase, got {times}; sort them and drop doubles")
@@ -293,6 +294,7 @@ def signal_from_dict(data: Any, what: str) -> Signal:
     }
     if not isinstance(kind, str) or kind not in makers:
         raise ValueError(f"{what}: unknown signal type {kind!r}; known are {', '.join([*makers, 'sum'])}")
+    check_entries(makers[kind], kind, fields, what)
     try:
         return makers[kind](**fields)
     except TypeError as error:

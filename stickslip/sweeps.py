@@ -9,10 +9,12 @@ import math
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import closing, nullcontext, suppress
 from itertools import chain, islice
+from multiprocessing.connection import wait
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Literal
@@ -98,7 +100,7 @@ def sweep(
         processes = min(workers or os.cpu_count() or 1, 61, max(total - len(done), 1))
         outcomes = _own_processes(function, todo, processes)
     elif isinstance(executor, Executor):
-        outcomes = _through(executor, function, todo, _WINDOW)
+        outcomes = _elsewhere(executor, function, todo)
     else:
         outcomes = ((index, _evaluate(function, point)) for index, point in todo)
     bar = tqdm(total=total, initial=len(done), disable=not progress, unit="point")
@@ -184,7 +186,8 @@ def _through(
 ) -> Outcomes:
     """Yield outcomes as they come, with at most `window` points on their way.
 
-    Points on their way when the executor broke down are added to `lost` if given, else they failed.
+    Points whose process died, or that were on their way when another's did, are added to `lost` if given, else
+    they failed.
     """
     finished: SimpleQueue[Future] = SimpleQueue()
     waiting: dict[Future, Task] = {}
@@ -199,7 +202,7 @@ def _through(
                 return
             future = finished.get()
             task = waiting.pop(future)
-            if lost is not None and isinstance(future.exception(), BrokenExecutor):
+            if lost is not None and _died(future.exception()):
                 lost.append(task)
             else:
                 yield task[0], _outcome(future)
@@ -211,6 +214,25 @@ def _through(
     finally:
         for future in waiting:
             future.cancel()
+
+
+def _died(exception: BaseException | None) -> bool:
+    """Return whether the process of a point died: a broken pool, or what dask calls a killed worker."""
+    if isinstance(exception, BrokenExecutor):
+        return True
+    kind = type(exception)
+    return kind.__name__ == "KilledWorker" and kind.__module__.partition(".")[0] == "distributed"
+
+
+def _elsewhere(executor: Executor, function: Callable[..., Any], todo: Iterator[Task]) -> Outcomes:
+    """Yield outcomes from an executor that is not ours.
+
+    A point that kills its worker may take others with it: all of them are tried again, each alone.
+    """
+    lost: list[Task] = []
+    yield from _through(executor, function, todo, _WINDOW, lost)
+    for task in lost:
+        yield from _through(executor, function, [task], 1)
 
 
 def _submit(executor: Executor, function: Callable[..., Any], point: Point) -> Future:
@@ -243,14 +265,26 @@ def _own_processes(function: Callable[..., Any], todo: Iterator[Task], workers: 
             yield from _in_pool(function, [lost.pop(0)], 1, None)
 
 
+def _begin_worker() -> None:
+    """Let a worker end without a traceback on Ctrl-C, and by itself when its parent has ended, however that was."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_after(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
+
+
 def _in_pool(
     function: Callable[..., Any], todo: Iterable[Task], workers: int, lost: list[Task] | None
 ) -> Outcomes:
     pool = ProcessPoolExecutor(
         workers,
         mp_context=multiprocessing.get_context("spawn"),  # safe with threads, and the same on every system
-        initializer=signal.signal,  # Ctrl-C ends a worker without a traceback
-        initargs=(signal.SIGINT, signal.SIG_DFL),
+        initializer=_begin_worker,
     )
     complete = False
     try:

@@ -165,6 +165,7 @@ except SimulationInterrupted as interrupted:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [0, 1])
 @pytest.mark.parametrize(
     ("formulation", "method"),
@@ -173,7 +174,7 @@ except SimulationInterrupted as interrupted:
 def test_interruption_keeps_what_was_computed(formulation: str, method: str, contacts: int) -> None:
     # in a process of its own: the signal must not hit the tests; without a contact all is one segment
     command = [sys.executable, "-c", INTERRUPTED_RUN, str(contacts), formulation, method]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     success, points, events, handler = run.stdout.split()
     assert success == "False"
     assert int(points) > 10
@@ -247,7 +248,7 @@ print(len([sentence for sentence in said if sentence]))
 def test_nothing_of_the_solvers_is_printed() -> None:
     """Whatever fails in CVODE, in IDA or in a load: stdout and stderr hold what the script writes and nothing else."""
     run = subprocess.run(
-        [sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", NOISY_RUN], capture_output=True, text=True, timeout=600, check=True
     )
     assert (run.stdout, run.stderr) == ("4\n", "")
 

@@ -147,6 +147,7 @@ def test_mode_changes_stand_at_step_ends() -> None:
         assert -1e-3 < event.t - exact.t < 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK4", "Euler"])
 def test_the_benchmark_converges_with_first_order(method: str) -> None:
     # the worst of steps of no common measure: one step's luck at the five events is not its order

@@ -285,6 +285,7 @@ def cases(draw: st.DrawFn) -> Case:
     return Case(m, contacts, forces, draw(st.integers(-5, 5).map(float)))
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(cases())
 def test_any_graph_both_ways_and_as_the_dense_equations_say(case: Case) -> None:
@@ -293,7 +294,8 @@ def test_any_graph_both_ways_and_as_the_dense_equations_say(case: Case) -> None:
     few, many = make(case.m, case.contacts, "few"), make(case.m, case.contacts, "many")
     assert few.leader.tolist() == many.leader.tolist()
     assert few.holder.tolist() == many.holder.tolist()
-    assert few.redundant == many.redundant == (np.linalg.matrix_rank(G) < len(case.contacts))
+    rank = np.linalg.matrix_rank(G) if G.size else 0  # older numpy has none for a matrix without entries
+    assert few.redundant == many.redundant == (rank < len(case.contacts))
     for g in (few, many):
         held = np.where(g.free, 0.0, case.pull)
         found = g.contact_forces(F, held)

@@ -16,8 +16,10 @@ from stickslip import (
     Body,
     Contact,
     DryFriction,
+    Force,
     Karnopp,
     LuGre,
+    Mode,
     PreSlip,
     Scene,
     plots,
@@ -73,6 +75,7 @@ def raster(ax):
     return np.asarray(ax.collections[0].get_array())
 
 
+@pytest.mark.slow
 def test_import_loads_no_matplotlib_and_drawing_no_pyplot(tmp_path):
     code = (
         "import sys, stickslip; assert 'matplotlib' not in sys.modules;"
@@ -252,6 +255,51 @@ def test_force_lies_within_its_level(wheels):
     assert np.all(np.abs(force) <= level * (1 + 1e-9))
     assert force.min() == pytest.approx(-19.91, abs=0.01)
     drawn(ax)
+
+
+def anisotropic(**options):
+    """A body on ground that holds 5 N forward (0.5 10 N) and 1 N backward (0.1 10 N), pushed to and fro."""
+    dry = DryFriction(0.5, 0.4, mu_static_backward=0.1, mu_coulomb_backward=0.05, **options)
+    scene = Scene(
+        Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0), Force("m", sine(6.0, 1.0))
+    )
+    return simulate(scene, (0.0, 2.0))
+
+
+def test_both_levels_of_an_anisotropic_contact_are_drawn_as_they_are():
+    result = anisotropic()
+    ax = plots.contact_forces(result, "c")
+    assert labels(ax) == ["breakaway levels", "force r"]
+    upper, lower = ax.get_lines()[:2]
+    assert set(upper.get_ydata()) == {5.0} and set(lower.get_ydata()) == {-1.0}
+    force = curve(ax, "force r").get_ydata()
+    assert force.max() == pytest.approx(5.0, rel=1e-6) and force.min() == pytest.approx(-1.0, rel=1e-6)
+    low, high = ax.collections[0].get_paths()[0].get_extents().intervaly
+    assert (low, high) == (-1.0, 5.0)
+    drawn(ax)
+
+
+def test_breakaway_says_which_side_it_returns():
+    result = anisotropic()
+    assert set(result.breakaway("c", 1)) == {5.0} and set(result.breakaway("c", -1)) == {1.0}
+    assert set(result.breakaway("c", Mode.BACKWARD)) == {1.0}
+    # by default the side of the force
+    force, level = result.force("c"), result.breakaway("c")
+    assert np.array_equal(level, np.where(force < 0, 1.0, 5.0))
+    assert np.all(np.abs(force) <= level * (1 + 1e-9))
+    for wrong in (0, 2, "forward"):
+        with pytest.raises(ValueError, match=r"breakaway of contact 'c': direction must be \+1"):
+            result.breakaway("c", wrong)
+
+
+def test_both_levels_rise_with_the_dwell_time():
+    # from mu_c N where it becomes stuck, by the factor 1 - exp(-age / tau): here from the start of the motion
+    dry = DryFriction(0.5, 0.4, mu_static_backward=0.1, mu_coulomb_backward=0.05, dwell=0.2)
+    scene = Scene(Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0))
+    result = simulate(scene, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 11))
+    lag = np.exp(-result.t / 0.2)
+    np.testing.assert_allclose(result.breakaway("c", 1), 5.0 - 1.0 * lag, rtol=1e-14)
+    np.testing.assert_allclose(result.breakaway("c", -1), 1.0 - 0.5 * lag, rtol=1e-14)
 
 
 def test_normal_forces_of_many_contacts_become_a_raster():

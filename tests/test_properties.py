@@ -237,6 +237,7 @@ def check_momentum(scene: Scene, whole: Result, result: Result) -> None:
         np.testing.assert_allclose(gained, impulse, rtol=0, atol=1e-6 * (body.inertia * speed + force))
 
 
+@pytest.mark.slow
 @SCENES
 @given(seeds)
 def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
@@ -252,6 +253,7 @@ def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
     check_laws(scene, again)
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_formulations_agree(seed: int) -> None:
@@ -279,6 +281,7 @@ def told(result: Result, sign: float = 1.0) -> list[tuple[float, str, float, flo
     return [(0.0, *row[1:]) for row in sorted(rows, key=lambda row: row[:2])]
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_momentum_is_kept_without_ground_drives_and_loads(seed: int) -> None:
@@ -296,6 +299,7 @@ def energy(scene: Scene, result: Result) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_energy_only_falls_without_drives_and_loads(seed: int) -> None:
@@ -313,6 +317,7 @@ CHANGES: dict[str, tuple[Change, Callable[[Result, str], np.ndarray]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", CHANGES)
 @FEWER
 @given(seeds)
@@ -337,6 +342,7 @@ def test_changed_scenes_move_accordingly(kind: str, seed: int) -> None:
         )
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_reruns_are_bit_identical(seed: int) -> None:
@@ -346,6 +352,7 @@ def test_reruns_are_bit_identical(seed: int) -> None:
     assert first.events == second.events and first.stats == second.stats
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:

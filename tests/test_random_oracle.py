@@ -22,6 +22,7 @@ def test_a_number_gives_the_same_scene_every_time(family: str) -> None:
     assert draw(5) == draw(5) != draw(6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_both_sides_get_the_same_scene(family: str) -> None:
     data = FAMILIES[family][0](3)

@@ -256,6 +256,7 @@ def test_hard_and_soft_contacts_in_one_scene() -> None:
         assert stuck.any() and np.all(result.relative_velocity(hard)[stuck & (result.normal(hard) > 0)] == 0)
 
 
+@pytest.mark.slow
 def test_all_laws_together_agree_with_fixed_steps() -> None:
     bdf = simulate(mixed(9), (0.0, 0.5), **TIGHT)
     rk4 = simulate(mixed(9), (0.0, 0.5), method="RK4", step=2e-4)
