@@ -39,6 +39,8 @@ def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tup
         at = np.flatnonzero(values <= reach)
         fired[segment.guard_contacts[at]] = True
         touching[segment.guard_contacts[at[at < segment.slips]]] = True
+        # what carries its level is there, as far as a solver can tell
+        fired[segment.mode_set.at_level] = True
     return touching, fired
 
 
