@@ -39,6 +39,8 @@ def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tup
         at = np.flatnonzero(values <= reach)
         fired[segment.guard_contacts[at]] = True
         touching[segment.guard_contacts[at[at < segment.slips]]] = True
+        # what carries its level is there, as far as a solver can tell
+        fired[segment.mode_set.at_level] = True
     return touching, fired
 
 
@@ -102,9 +104,13 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
             # a velocity that dies away keeps its sign, whatever the solver's errors make of it
             if value * mode <= 0 and abs(value) > segment.system.quiet:
                 after = 1 if value > 0 else -1
-                yield _turn_time(one, left, tau), (j, mode, after)
+                if mode == 0:
+                    # however slowly it starts, it starts where it was 0 last
+                    still = taus[(taus < tau) & (w[row] * after <= 0)]
+                    left = float(still[-1]) if still.size else 0.0
+                yield _turn_time(one, left, tau) if mode or left else 0.0, (j, mode, after)
                 mode = after
-            if value * mode > 0 or (mode == 0 and value != 0):
+            if value * mode > 0:
                 left = tau
 
 
@@ -198,8 +204,9 @@ def _regains(segment: Segment, reached: Reached, j: int) -> float:
         return trial.raw_guards(taus, trial.watched(taus, states.T))[row]
 
     taus = segment.looks(float(reached.taus[-1]), _LOOKS)
-    values, limit = spare(taus), trial.levels(0.0).max() + np.abs(trial.watched(0.0, segment.y)).max()
-    beyond = np.logical_or.accumulate(values < -_CLOSE * limit)
+    values = spare(taus)
+    # what it compares may be 0 at the start, and is roundoff there
+    beyond = np.logical_or.accumulate(values < -_CLOSE * np.abs(values).max())
     within = beyond & (values >= 0)
     if not within.any():
         return np.inf

@@ -16,13 +16,16 @@ from stickslip.assembly import System
 from stickslip.mode_set import ModeSet
 from stickslip.motion import Motion, line
 
-__all__ = ["ROUNDOFF", "Guarded"]
+__all__ = ["OF_TIME", "ROUNDOFF", "Guarded"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 ROUNDOFF = 1e-12
 """Relative roundoff that forces and velocities are credited with."""
+
+OF_TIME = 1e-15
+"""Relative roundoff of times, from which follows that of what changes with them."""
 
 _DWELL_OVER = 40.0
 
@@ -89,7 +92,7 @@ class Guarded(Motion):
     def near(self) -> Array:
         """Values up to which a guard at the start deserves a closer look; 0 for velocities."""
         q = self.inputs(0.0) if self.has_curved else self.q0
-        return self.mode_set.nearness * np.maximum(q[self.mode_set.guard_inputs], np.finfo(float).tiny)
+        return self.mode_set.near(q)
 
     @property
     def dwell_times(self) -> Array:
@@ -230,6 +233,8 @@ class Guarded(Motion):
         z = np.abs(self.watched(0.0, self.y) if self.curved else self.expansion.z0)[k:]
         if self.mode_set.pre.size:
             noise[k:][self.mode_set.is_pre] = ROUNDOFF * np.tile(z[self.mode_set.stuck.size :], 2)
+        # a force that passes 0 is known no better than the time
+        noise[k:] += OF_TIME * abs(self.t) * np.abs(self.taylor[1][k:])
         # a level that is 0 one way is as uncertain as the one the other way
         level = self.levels(0.0)
         level = np.maximum(level[: self.helds], level[self.helds :])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -173,6 +174,7 @@ class _Run:
                 self._begin()
                 while self._t < self._stop:
                     reached, stop = self._advance()
+                    self._name_late(reached)
                     self._recorder.keep(self._now.segment, self._now.modes, reached, stop)
                     self._go_on(reached, stop)
                     if bar is not None:
@@ -235,6 +237,23 @@ class _Run:
         if not reached.joined:
             segment.exact_velocities(reached.taus, reached.states)
         return reached
+
+    def _name_late(self, reached: Reached) -> None:
+        """Name open contacts at rest after the motion to come, where only this shows which it is."""
+        segment, modes = self._now.segment, self._now.modes
+        if not np.count_nonzero(modes[segment.mode_set.open] == 0):
+            return
+        starts = [
+            turn for turn in turned_over(segment, reached, modes)[1] if turn[0] == segment.t and not turn[2]
+        ]
+        if not starts:
+            return
+        labels = modes.copy()
+        for turn in starts:
+            labels[turn[1]] = turn[3]
+            if segment.t > self._start:
+                self._recorder.note(*turn, segment, fired=False, relaxed=False)
+        self._now = replace(self._now, modes=labels)
 
     def _go_on(self, reached: Reached, t: float) -> None:
         """Settle the modes at `t`, the end of the segment, and start the next one."""

@@ -128,10 +128,17 @@ class ModeSet:
         self.pressed_by = np.where(self.is_pre, one, both)
         self.guard_inputs = np.concatenate([np.full(slips, one), self.pressed_by])
         self.guard_levels = np.concatenate([np.zeros(slips), mu_s])
-        # a level may be 0 one way, where the other tells what is near, or both ways, where nothing does
-        larger = np.tile(mu_s.reshape(2, -1).max(axis=0), 2)
-        near = np.where(larger > 0, _NEAR * larger, np.inf)
-        self.nearness = np.concatenate([np.zeros(slips), near])
+        # a level may be 0 one way: the other tells what is near
+        self._nearness = np.concatenate(
+            [np.zeros(slips), _NEAR * np.tile(mu_s.reshape(2, -1).max(axis=0), 2)]
+        )
+
+    def near(self, q: Array) -> Array:
+        """Return the values up to which guards deserve a closer look under the inputs `q`; 0 for velocities."""
+        near = self._nearness * q[self.guard_inputs]
+        # where both levels are 0 nothing tells what is near
+        near[self.slip.size :][near[self.slip.size :] <= 0] = np.inf
+        return near
 
     def expand(self, y: Array, q0: Array, q1: Array) -> Expansion:
         """Return the Taylor coefficients of the motion from the state `y` under the inputs ``q0 + q1 tau``."""

@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.guards import ROUNDOFF, Guarded
+from stickslip.guards import OF_TIME, ROUNDOFF, Guarded
 from stickslip.plain_guards import Term, not_positive, smallest_of
 
 __all__ = ["AS_FIRED", "AT_LIMIT", "Segment"]
@@ -31,7 +31,7 @@ _CONSTANT = 1e-7
 _CANCELLED = 1e-12
 """A level this small beside the force, found as the sum of guard and force, is 0."""
 
-_DIFFERENCED, _OF_TIME = 4e-15, 1e-15
+_DIFFERENCED = 4e-15
 _NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
 _FEW = 8
@@ -81,9 +81,6 @@ class Segment(Guarded):
         """Classify the guards in `rows`, one by one: they are few as a rule."""
         size, noise = self.guard_scales
         contacts = self.guard_contacts[rows]
-        # a force that passes 0 is known no better than the time
-        noise = noise.copy()
-        noise[self.slips :] += _OF_TIME * abs(self.t) * np.abs(self.taylor[1][self.slips :])
         each = (rows, fired[contacts], self.at_rest[contacts], self.taylor[0][rows], size[rows], noise[rows])
         for row, at_limit, resting, value, scale, rough in zip(*(x.tolist() for x in each), strict=True):
             closeness = as_fired if at_limit else AT_LIMIT
@@ -106,6 +103,9 @@ class Segment(Guarded):
         flat = AT_LIMIT * acceleration if slipping else (AT_LIMIT * scale + rough) / horizon
         # a force as near to its limit as an event finds it leaves as much of an acceleration
         steep = closeness * acceleration if slipping else flat
+        if slipping:
+            # an acceleration that passes 0 is known no better than the time
+            steep += 2 * OF_TIME * abs(self.t * float(bends[row]))
         if self.curved:
             d = self._difference_step
             error = _DIFFERENCED * (acceleration + (0.0 if slipping else scale)) / d

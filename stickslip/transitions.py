@@ -220,7 +220,7 @@ def change_one(
         return None
     q = before.inputs(tau)
     slow = _slow(system, y, before.y, q)
-    near = mode_set.nearness * np.maximum(q[mode_set.guard_inputs], np.finfo(float).tiny)
+    near = mode_set.near(q)
     near[: before.slips] = slow
     close = (before.raw_at(tau, y) <= near).nonzero()[0]
     if close.size != 1:

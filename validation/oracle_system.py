@@ -22,7 +22,7 @@ class Doubt(Exception):
 
     def __init__(self, time: float, reason: str) -> None:
         super().__init__(f"{reason} at t = {time:.9g} s")
-        self.reason = reason
+        self.time, self.reason = time, reason
 
 
 class Loads(NamedTuple):
