@@ -120,7 +120,7 @@ def _open_velocity(segment: Segment, reached: Reached) -> tuple[Callable[[Array]
         return (lambda x: w0 + x * (w1 + x * w2)), looks
 
     def velocity(x: Array) -> Array:
-        states = interpolate(segment, taus, reached.states, x)
+        states = interpolate(segment, reached, x)
         return segment.relative_velocity(x, states.T)[contacts]
 
     if segment.quadratic:
@@ -195,7 +195,7 @@ def _regains(segment: Segment, reached: Reached, j: int) -> float:
     row = trial.slips + int(np.flatnonzero(trial.held == j)[0])
 
     def spare(taus: Array) -> Array:
-        states = interpolate(segment, reached.taus, reached.states, taus)
+        states = interpolate(segment, reached, taus)
         guards = trial.raw_guards(taus, trial.watched(taus, states.T))
         return np.minimum(guards[row], guards[row + trial.helds])
 

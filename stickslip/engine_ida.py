@@ -21,6 +21,7 @@ from stickslip.linear_solver import sparsity_pattern
 from stickslip.progress import Interruption, Progress
 from stickslip.segment import Segment
 from stickslip.solving import Reached, failure_of, guard_value
+from stickslip.steps import INNER, take_steps
 
 __all__ = ["OF_FORCES", "MultiplierEngine"]
 
@@ -45,17 +46,20 @@ class MultiplierEngine(Engine):
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
             solver = IDA(equations.residual, **self._ida_options(segment, equations))
-        solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
+        solver.init_step(0.0, equations.start, equations.start_rate)
+        taken = take_steps(solver, horizon, equations.start, INNER["BDF"], equations.read)
+        solution = taken.last
         work = self.work
         work.solvers += 1
         work.starts += 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
         work.guard_calls += equations.guard_calls
-        work.steps += solution.t.size - 1
+        work.steps += taken.taus.size - 1
         size = segment.y.size
-        forces = (solution.y[:, size:].copy(), solution.yp[:, size:].copy())
-        reached = Reached(solution.t.copy(), solution.y[:, :size].copy(), solution.status == 2, forces)
+        forces = (taken.states[:, size:], taken.inner[:, :, size:])
+        states, inner = taken.states[:, :size].copy(), taken.inner[:, :, :size]
+        reached = Reached(taken.taus, states, solution.status == 2, forces, inner=inner)
         if solution.status < 0:
             raise failure_of(solution, reached)
         return reached
@@ -108,6 +112,7 @@ class _Equations:
         self.force_scale = np.abs(level) + np.abs(force)
         self.force_noise = segment.guard_scales[1][segment.slips :][: mode_set.stuck.size]
         self.guard_calls = 0
+        self._reading = False
         self.progress: Progress
         self._place_jacobian()
 
@@ -186,12 +191,19 @@ class _Equations:
         out[:] = 0.0
         out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data
 
+    def read(self, reading: bool) -> None:
+        """Say whether the solver is only being read: nothing is to end it then."""
+        self._reading = reading
+
     def guard_function(self, interruption: Interruption) -> Callable[..., None]:
         """Return the smallest guard, read off the multipliers."""
         segment, size = self._segment, self._first_force
         slips, stuck = segment.slips, self._mode_set.stuck.size
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
+            if self._reading:
+                out[0] = 1.0
+                return
             self.guard_calls += 1
             if interruption.pressed:
                 # a guard that is found negative ends the segment

@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from stickslip.assembly import System
 from stickslip.mode_set import OPEN
@@ -17,6 +16,7 @@ from stickslip.pieces import Piece, interpolant
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scene import Scene
 from stickslip.segment import Segment
+from stickslip.steps import INNER, Curve, read_off, within
 
 __all__ = ["simulate_apart"]
 
@@ -113,7 +113,7 @@ class _Part:
         """Return the segment of a piece and its states as a function of local times, kept while it is asked for."""
         if self._followed is None or self._followed[0] is not piece:
             segment = piece.segment()
-            self._followed = piece, segment, interpolant(segment, piece.taus, piece.states)
+            self._followed = piece, segment, interpolant(segment, piece)
         return self._followed[1:]
 
 
@@ -159,7 +159,9 @@ def _piece(system: System, parts: Sequence[_Part], start: float, stop: float, sa
     times = np.unique(np.concatenate([piece.start + piece.taus for piece in active]))
     inside = times[(times > start + same) & (times < stop - same)]
     taus = np.array([0.0, *(inside - start).tolist(), stop - start])
-    states = np.empty((taus.size, system.size))
+    places = max((p.inner.shape[1] for p in active if p.inner is not None), default=INNER["BDF"])
+    inside = within(taus, places)
+    states, inner = np.empty((taus.size, system.size)), np.empty((*inside.shape, system.size))
     joined = _Modes.none(system)
     forces: dict[int, tuple[Array, Array]] = {}
     for part, piece in zip(parts, active, strict=True):
@@ -167,29 +169,33 @@ def _piece(system: System, parts: Sequence[_Part], start: float, stop: float, sa
         local = np.clip(start - piece.start + taus, 0.0, piece.taus[-1])
         local[0] = 0.0 if start - piece.start <= same else local[0]
         local[-1] = piece.taus[-1] if piece.stop - stop <= same else local[-1]
+        between = np.clip(start - piece.start + inside, 0.0, piece.taus[-1])
         rows = states[:, part.columns] = at(local)
+        inner[:, :, part.columns] = at(between.ravel()).reshape(*inside.shape, -1)
         joined.take(part, piece, segment, float(local[0]), rows[0])
-        forces |= _multipliers(part, piece, segment, local)
-    multipliers = None if active[0].multipliers is None else _stacked(forces, taus.size)
-    return joined.piece(system, start, stop, taus, states, multipliers=multipliers)
+        forces |= _multipliers(part, piece, segment, local, between)
+    multipliers = None if active[0].multipliers is None else _stacked(forces, inside)
+    return joined.piece(system, start, stop, taus, states, True, multipliers, inner)
 
 
-def _multipliers(part: _Part, piece: Piece, segment: Segment, local: Array) -> dict[int, tuple[Array, Array]]:
-    """Return forces and their slopes at local times, by contacts of the whole."""
+def _multipliers(
+    part: _Part, piece: Piece, segment: Segment, local: Array, between: Array
+) -> dict[int, tuple[Array, Array]]:
+    """Return forces at local times and within the steps between them, by contacts of the whole."""
     stuck = segment.mode_set.stuck
     if piece.multipliers is None or not stuck.size:
         return {}
-    curve = CubicHermiteSpline(piece.taus, *piece.multipliers)
-    values, slopes = curve(local), curve.derivative()(local)
-    return {int(part.contacts[j]): (values[:, k], slopes[:, k]) for k, j in enumerate(stuck.tolist())}
+    curve = Curve(piece.taus, *piece.multipliers)
+    values, inner = read_off(curve, local), read_off(curve, between.ravel()).reshape(*between.shape, -1)
+    return {int(part.contacts[j]): (values[:, k], inner[:, :, k]) for k, j in enumerate(stuck.tolist())}
 
 
-def _stacked(forces: dict[int, tuple[Array, Array]], count: int) -> tuple[Array, Array]:
-    """Return forces and slopes (columns) in the order of their contacts."""
-    values, slopes = (
-        np.column_stack([np.empty((count, 0)), *(forces[j][k] for j in sorted(forces))]) for k in (0, 1)
-    )
-    return values, slopes
+def _stacked(forces: dict[int, tuple[Array, Array]], inside: Array) -> tuple[Array, Array]:
+    """Return forces at the points and within the steps, in the order of their contacts."""
+    values, inner = np.empty((inside.shape[0] + 1, len(forces))), np.empty((*inside.shape, len(forces)))
+    for k, j in enumerate(sorted(forces)):
+        values[:, k], inner[:, :, k] = forces[j]
+    return values, inner
 
 
 def _pieces_of_outputs(
@@ -245,6 +251,7 @@ class _Modes:
         states: Array,
         complete: bool = True,
         multipliers: tuple[Array, Array] | None = None,
+        inner: Array | None = None,
     ) -> Piece:
         return Piece(
             system,
@@ -258,4 +265,5 @@ class _Modes:
             states,
             complete,
             multipliers,
+            inner,
         )

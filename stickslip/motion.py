@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.interpolate import CubicSpline
 
 from stickslip.assembly import System
 from stickslip.mode_set import ModeSet
@@ -21,8 +20,6 @@ Array = NDArray[np.float64]
 
 PER_PERIOD = 16
 """Times per period at which curved loads are looked at."""
-
-_STIFF, _SPLINE_POINTS = 100.0, 4
 
 
 def line(c0: Array, c1: Array, tau: float | Array) -> Array:
@@ -266,37 +263,29 @@ class Motion:
                 velocity[-1] = self.inputs(float(taus[-1]))[system.first_drive + holder - system.n]
                 states[:, bodies] = velocity[:, None]
 
-    def knots(self, taus: Array, states: Array) -> tuple[Array, Array]:
-        """Return first and second derivatives at computed points (rows), for interpolation."""
+    def between(self, taus: Array, states: Array) -> Callable[[Array], Array]:
+        """Return the interpolant of points that a fixed step has computed (rows): Hermite, order 5.
+
+        A friction law has a kink at rest, and second rates by differences would reach across it: with a law acting
+        the interpolant is the cubic one, order 3, whose error is no larger than that of the steps.
+        """
         columns = states.T
         rates = self.rate(taus, columns)
-        return rates.T, self.second_rate(taus, columns, rates).T
-
-    def between(self, taus: Array, states: Array) -> Callable[[Array], Array]:
-        """Return the interpolant of computed points (rows): quintic Hermite, order 5.
-
-        Where the steps are long beside the fastest decay, rates are state errors magnified: there a cubic spline
-        through the values alone takes its place, order 3.
-        """
-        if taus.size < _SPLINE_POINTS or not self._is_stiff(taus, states):
-            rates, seconds = self.knots(taus, states)
-            return lambda query: hermite(taus, states, rates, seconds, query)
-        return CubicSpline(taus, states)
-
-    def _is_stiff(self, taus: Array, states: Array) -> bool:
-        middle = taus.size // 2
-        jacobian = abs(self.jacobian(float(taus[middle]), states[middle]))
-        return float(np.max(jacobian.sum(axis=1))) * float(np.max(np.diff(taus))) > _STIFF
+        seconds = None if self.has_law else self.second_rate(taus, columns, rates).T
+        return lambda query: hermite(taus, states, rates.T, seconds, query)
 
 
-def hermite(taus: Array, states: Array, rates: Array, seconds: Array, query: Array) -> Array:
-    """Return the quintic Hermite interpolant through values, slopes and curvatures (order 5)."""
+def hermite(taus: Array, states: Array, rates: Array, seconds: Array | None, query: Array) -> Array:
+    """Return the Hermite interpolant through values, slopes and, where they are given, curvatures."""
     i = np.clip(np.searchsorted(taus, query, side="right") - 1, 0, max(taus.size - 2, 0))
     if taus.size == 1:
         return np.repeat(states, query.size, axis=0)
     h = (taus[i + 1] - taus[i])[:, None]
     x = (query[:, None] - taus[i][:, None]) / h
     u = 1.0 - x
+    if seconds is None:
+        left, right = (1 + 2 * x) * states[i] + x * h * rates[i], states[i + 1]
+        return u * u * left + x * x * ((1 + 2 * u) * right - u * h * rates[i + 1])
     return u**3 * (
         (1 + x * (3 + 6 * x)) * states[i] + x * h * ((1 + 3 * x) * rates[i] + 0.5 * x * h * seconds[i])
     ) + x**3 * (

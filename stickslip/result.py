@@ -307,9 +307,7 @@ class Result:
         states = np.empty((self._system.size, times.size))
         for k in np.unique(place).tolist():
             chosen, piece = place == k, pieces[k]
-            states[:, chosen] = interpolate(
-                piece.segment(), piece.taus, piece.states, times[chosen] - piece.start
-            ).T
+            states[:, chosen] = interpolate(piece.segment(), piece, times[chosen] - piece.start).T
         return states
 
     def energy(self) -> EnergyLedger:

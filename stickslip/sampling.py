@@ -42,7 +42,7 @@ def sampled(result: Result, numbers: Sequence[int], taus: Sequence[Array]) -> Re
     for number, local in zip(numbers, taus, strict=True):
         piece = result._pieces[number]
         times.append(np.minimum(piece.start + local, piece.stop))
-        states.append(interpolate(piece.segment(), piece.taus, piece.states, local))
+        states.append(interpolate(piece.segment(), piece, local))
     piece_of = np.repeat(np.asarray(numbers, dtype=np.intp), [local.size for local in taus])
     return replace(result, t=np.concatenate(times), y=np.concatenate(states).T, _piece_of=piece_of)
 
