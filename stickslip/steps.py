@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 INNER = {"BDF": 4, "Adams": 11}
 """How many values inside a step hold, with those at its ends, the polynomial of a method."""
 
+_MANY, _ROUNDOFF = 5, 1e-14
+"""Every second of so many values is read first: where steps are short for stability's sake, degrees are low."""
+
 
 class Points(Protocol):
     """Computed points (rows) and the values inside the steps between them: step, place, state."""
@@ -77,8 +80,13 @@ def take_steps(solver: Any, tau: float, start: Array, inner: int, reading: Calla
     reading : callable
         Told when reading begins and ends: the solver looks at its guards then, which must not end anything.
     """
-    step, fractions = solver.step, nodes(inner)[1:-1].tolist()
-    taus, states, inside = [0.0], [start], []
+    step = solver.step
+
+    def read(fractions: Array) -> list[Array]:
+        return [step(before + x * (now - before), "normal").y for x in fractions.tolist()]
+
+    fractions, few = nodes(inner)[1:-1], inner > _MANY
+    taus, states, inside = [0.0], [start], list[Array]()
     now = 0.0
     while True:
         solution = step(tau, "onestep", tau)
@@ -88,7 +96,15 @@ def take_steps(solver: Any, tau: float, start: Array, inner: int, reading: Calla
         taus.append(now)
         states.append(solution.y)
         reading(True)
-        inside.append([step(before + x * (now - before), "normal").y for x in fractions])
+        if few:
+            half = read(fractions[1::2])
+            found = _of_low_degree(np.array([states[-2], *half, states[-1]]), inner)
+            if found is None:
+                found = np.empty((inner, start.size))
+                found[1::2], found[::2] = half, read(fractions[::2])
+            inside.append(found)
+        else:
+            inside.append(np.array(read(fractions)))
         if solution.status != 0:
             reading(False)
             break
@@ -97,6 +113,21 @@ def take_steps(solver: Any, tau: float, start: Array, inner: int, reading: Calla
         reading(False)
     shape = (len(inside), inner, start.size)
     return Taken(np.array(taus), np.array(states), np.array(inside).reshape(shape), solution)
+
+
+def _of_low_degree(half: Array, inner: int) -> Array | None:
+    """Return all values inside a step from every second one, where the polynomial's degree is low enough for that."""
+    high, fill = _from_half(inner)
+    size = np.abs(half).max(axis=0)
+    return fill @ half if np.all(np.abs(high @ half) <= _ROUNDOFF * size) else None
+
+
+@cache
+def _from_half(inner: int) -> tuple[Array, Array]:
+    """Return what gives the two highest Chebyshev coefficients of every second value, and all values inside."""
+    places = 2 * nodes(inner) - 1
+    inverse = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[::2], inner // 2 + 1))
+    return inverse[-2:], np.polynomial.chebyshev.chebvander(places[1:-1], inner // 2 + 1) @ inverse
 
 
 def read_off(points: Points, query: Array) -> Array:
