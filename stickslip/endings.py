@@ -32,8 +32,8 @@ def at_limit(segment: Segment, reached: Reached, relaxed_ones: list[int]) -> tup
     if reached.hit:
         values = segment.guards(float(reached.taus[-1]), reached.states[-1])
         reach = np.full(values.size, max(0.0, float(values.min())))
-        if reached.multipliers is not None:
-            # these forces are known within tolerances only: what ties may not seem to
+        if reached.rough_ties:
+            # these forces come from other equations than those that found the event: what ties may not seem to
             k = segment.slips
             reach[k:] = np.maximum(reach[k:], _TIE * segment.guard_scales[0][k:])
         at = np.flatnonzero(values <= reach)
@@ -92,6 +92,8 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
     largest = np.abs(np.column_stack([velocity(np.zeros(1)), w])).max(axis=1)
     rough = np.maximum(_ROUNDOFF_AT_END * largest, 10 * segment.system.quiet)
     w[np.abs(w[:, -1]) <= rough, -1] = 0.0
+    # a velocity that leaves 0 slowly has no sign before it is larger than what the solver's errors leave of it
+    noise = 0.0 if segment.quadratic else segment.system.quiet
     for row, j in enumerate(contacts.tolist()):
 
         def one(tau: float, row: int = row) -> float:
@@ -99,11 +101,11 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
 
         mode, left = int(modes[j]), 0.0
         for tau, value in zip(taus.tolist(), w[row].tolist(), strict=True):
-            if value * mode < 0 or (mode == 0 and abs(value) > segment.system.quiet):
+            if (value * mode < 0 and abs(value) > noise) or (mode == 0 and abs(value) > segment.system.quiet):
                 after = 1 if value > 0 else -1
                 yield _turn_time(one, left, tau), (j, mode, after)
                 mode = after
-            if value != 0:
+            if value * mode > 0 or (mode == 0 and value != 0):
                 left = tau
 
 

@@ -6,6 +6,7 @@ import contextlib
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -191,6 +192,9 @@ class Engine:
             missed = first_dip(segment, reached)
             if missed is None:
                 return reached
+            if missed >= reached.taus[-1]:
+                # a root at the very end is none for the solver, however often it is sent there
+                return replace(reached, hit=True)
             horizon = missed
 
     def _protected(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:

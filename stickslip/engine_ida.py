@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import lu_factor, lu_solve
 
 from stickslip.engine import STEPS_PER_PERIOD, Engine
 from stickslip.engine_sundials import IDA
+from stickslip.guards import ROUNDOFF
 from stickslip.linear_solver import sparsity_pattern
 from stickslip.progress import Interruption, Progress
 from stickslip.segment import Segment
@@ -29,7 +31,10 @@ Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 100
 OF_FORCES = 100.0
-"""How much looser forces are judged than states: they follow from these, and nothing adds up their errors."""
+"""How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
+
+Guards and results do not use them, but what the constraint gives in the same state.
+"""
 
 
 class MultiplierEngine(Engine):
@@ -45,7 +50,7 @@ class MultiplierEngine(Engine):
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
-            solver = IDA(equations.residual, **self._ida_options(segment, equations))
+            solver = IDA(equations.residual, **self._ida_options(segment, equations, horizon))
         solver.init_step(0.0, equations.start, equations.start_rate)
         taken = take_steps(solver, horizon, equations.start, INNER["BDF"], equations.read)
         solution = taken.last
@@ -57,22 +62,27 @@ class MultiplierEngine(Engine):
         work.guard_calls += equations.guard_calls
         work.steps += taken.taus.size - 1
         size = segment.y.size
-        forces = (taken.states[:, size:], taken.inner[:, :, size:])
-        states, inner = taken.states[:, :size].copy(), taken.inner[:, :, :size]
-        reached = Reached(taken.taus, states, solution.status == 2, forces, inner=inner)
+        states, inner = taken.states[:, :size].copy(), taken.inner[:, :, :size].copy()
+        velocities = states[:, : segment.system.n]
+        if not segment.slips and np.all(np.abs(velocities) <= equations.roundoff * taken.taus[-1]):
+            # nothing has moved: what the roundoff of balanced forces adds up to must not name a mode
+            velocities[:] = inner[:, :, : segment.system.n] = 0.0
+        reached = Reached(taken.taus, states, solution.status == 2, rough_ties=True, inner=inner)
         if solution.status < 0:
             raise failure_of(solution, reached)
         return reached
 
-    def _ida_options(self, segment: Segment, equations: _Equations) -> dict[str, Any]:
+    def _ida_options(self, segment: Segment, equations: _Equations, horizon: float) -> dict[str, Any]:
         max_step = self._max_step
         if segment.has_curved:
             max_step = min(max_step, segment.system.loads.period / STEPS_PER_PERIOD)
-        # IDA tests the error of the forces too: judge them by what they are compared with, but no finer than the
-        # roundoff of the forces that they balance, which a contact that is just being closed would have it do
-        of_forces = np.maximum(OF_FORCES * self._rtol * equations.force_scale, equations.force_noise)
-        of_forces[of_forces == 0] = self._atol.min()
-        atol = np.concatenate([self._atol, of_forces])
+        # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
+        # and no finer than what would change a velocity within the segment. A contact that is just being closed, or
+        # that nothing pushes, has no force of its own to be judged by
+        atol_of_forces = np.maximum(
+            OF_FORCES * self._rtol * equations.force_scale, self._atol[0] * equations.impulse_scale / horizon
+        )
+        atol = np.concatenate([self._atol, atol_of_forces])
         options: dict[str, Any] = {
             "rtol": self._rtol,
             "atol": atol,
@@ -102,19 +112,32 @@ class _Equations:
         else:
             self._GM = self._G / system.inertia
             self._gram = self._with_null_space(self._GM @ self._G.T)
+        self._factors = lu_factor(self._gram) if self._gram.size else (np.empty((0, 0)), np.empty(0, int))
         self._first_force = segment.y.size
         force = segment.watched(0.0, segment.y)[segment.slips : segment.slips + mode_set.stuck.size]
         slope = segment.taylor[1][segment.slips + segment.helds :][: mode_set.stuck.size]
         upper = segment.taylor[1][segment.slips :][: mode_set.stuck.size]
         self.start = np.concatenate([segment.y, force])
         self.start_rate = np.concatenate([segment.f0, 0.5 * (slope - upper)])
-        level = segment.levels(0.0)[: mode_set.stuck.size]
-        self.force_scale = np.abs(level) + np.abs(force)
-        self.force_noise = segment.guard_scales[1][segment.slips :][: mode_set.stuck.size]
+        self._scale_forces(force)
         self.guard_calls = 0
         self._reading = False
         self.progress: Progress
         self._place_jacobian()
+
+    def _scale_forces(self, force: Array) -> None:
+        """Say how large forces are in this segment, and how heavy what they move.
+
+        What the solver finds for a force is the balance of others: the largest of them is the scale for all.
+        """
+        segment, mode_set = self._segment, self._mode_set
+        largest = np.abs(self._forces(0.0, segment.y)).max(initial=0.0)
+        for tau in (0.0, 0.5 * segment.horizon, segment.horizon):
+            largest = max(largest, segment.levels(tau)[: mode_set.stuck.size].max(initial=0.0))
+        self.force_scale = np.maximum(np.abs(force), largest)
+        # forces that balance leave their roundoff, which moves what is at rest
+        self.roundoff = ROUNDOFF * self.force_scale.max(initial=0.0) / self._system.inertia
+        self.impulse_scale = 1.0 / np.maximum(np.diag(self._gram), np.finfo(float).tiny)
 
     def _with_null_space(self, gram: Array) -> Array:
         """Add ``Z Z^T`` over the directions in which forces are not unique: the solution has the least norm."""
@@ -145,6 +168,14 @@ class _Equations:
         if size > n:
             out[n:size] = rate[n:size] - segment.rate(tau, y)[n:]
         out[size:] = self._gram @ force - self._GM @ acting - self._D @ segment.drive_acceleration(tau)
+
+    def forces_at(self, tau: float, y: Array) -> Array:
+        """Return the forces that hold the stuck contacts in a state, from the constraint.
+
+        The unknowns that IDA carries obey it within tolerances only: good enough for the motion, not for a limit.
+        """
+        balance = self._GM @ self._forces(tau, y) + self._D @ self._segment.drive_acceleration(tau)
+        return np.asarray(lu_solve(self._factors, balance, check_finite=False))
 
     def _place_jacobian(self) -> None:
         self.pattern: Any = None
@@ -196,7 +227,7 @@ class _Equations:
         self._reading = reading
 
     def guard_function(self, interruption: Interruption) -> Callable[..., None]:
-        """Return the smallest guard, read off the multipliers."""
+        """Return the smallest guard, with the forces that the constraint gives."""
         segment, size = self._segment, self._first_force
         slips, stuck = segment.slips, self._mode_set.stuck.size
 
@@ -210,7 +241,8 @@ class _Equations:
                 out[0] = -1.0
                 return
             z = segment.watched(tau, u[:size])
-            z[slips : slips + stuck] = u[size:]
+            if stuck:
+                z[slips : slips + stuck] = self.forces_at(tau, u[:size])
             out[0] = guard_value(float(segment.armed_guards(tau, z).min(initial=np.inf)), tau)
 
         return smallest_guard

@@ -16,7 +16,7 @@ from stickslip.pieces import Piece, interpolant
 from stickslip.result import Result, SimulationError, SimulationInterrupted
 from stickslip.scene import Scene
 from stickslip.segment import Segment
-from stickslip.steps import INNER, Curve, read_off, within
+from stickslip.steps import INNER, within
 
 __all__ = ["simulate_apart"]
 
@@ -163,7 +163,6 @@ def _piece(system: System, parts: Sequence[_Part], start: float, stop: float, sa
     inside = within(taus, places)
     states, inner = np.empty((taus.size, system.size)), np.empty((*inside.shape, system.size))
     joined = _Modes.none(system)
-    forces: dict[int, tuple[Array, Array]] = {}
     for part, piece in zip(parts, active, strict=True):
         segment, at = part.follow(piece)
         local = np.clip(start - piece.start + taus, 0.0, piece.taus[-1])
@@ -173,29 +172,7 @@ def _piece(system: System, parts: Sequence[_Part], start: float, stop: float, sa
         rows = states[:, part.columns] = at(local)
         inner[:, :, part.columns] = at(between.ravel()).reshape(*inside.shape, -1)
         joined.take(part, piece, segment, float(local[0]), rows[0])
-        forces |= _multipliers(part, piece, segment, local, between)
-    multipliers = None if active[0].multipliers is None else _stacked(forces, inside)
-    return joined.piece(system, start, stop, taus, states, True, multipliers, inner)
-
-
-def _multipliers(
-    part: _Part, piece: Piece, segment: Segment, local: Array, between: Array
-) -> dict[int, tuple[Array, Array]]:
-    """Return forces at local times and within the steps between them, by contacts of the whole."""
-    stuck = segment.mode_set.stuck
-    if piece.multipliers is None or not stuck.size:
-        return {}
-    curve = Curve(piece.taus, *piece.multipliers)
-    values, inner = read_off(curve, local), read_off(curve, between.ravel()).reshape(*between.shape, -1)
-    return {int(part.contacts[j]): (values[:, k], inner[:, :, k]) for k, j in enumerate(stuck.tolist())}
-
-
-def _stacked(forces: dict[int, tuple[Array, Array]], inside: Array) -> tuple[Array, Array]:
-    """Return forces at the points and within the steps, in the order of their contacts."""
-    values, inner = np.empty((inside.shape[0] + 1, len(forces))), np.empty((*inside.shape, len(forces)))
-    for k, j in enumerate(sorted(forces)):
-        values[:, k], inner[:, :, k] = forces[j]
-    return values, inner
+    return joined.piece(system, start, stop, taus, states, inner=inner)
 
 
 def _pieces_of_outputs(
@@ -250,7 +227,6 @@ class _Modes:
         taus: Array,
         states: Array,
         complete: bool = True,
-        multipliers: tuple[Array, Array] | None = None,
         inner: Array | None = None,
     ) -> Piece:
         return Piece(
@@ -264,6 +240,5 @@ class _Modes:
             taus,
             states,
             complete,
-            multipliers,
             inner,
         )

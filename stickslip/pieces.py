@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import Segment
-from stickslip.steps import Curve, Points, read_off
+from stickslip.steps import Points, read_off
 
 __all__ = ["Piece", "interpolant", "interpolate"]
 
@@ -33,7 +33,6 @@ class Piece:
     taus: Array
     states: Array
     complete: bool = True
-    multipliers: tuple[Array, Array] | None = None
     inner: Array | None = None
 
     @classmethod
@@ -45,7 +44,6 @@ class Piece:
         taus: Array,
         states: Array,
         complete: bool = True,
-        multipliers: tuple[Array, Array] | None = None,
         inner: Array | None = None,
     ) -> Piece:
         """Return the computed points (rows) of a segment."""
@@ -62,7 +60,6 @@ class Piece:
             taus,
             states,
             complete,
-            multipliers,
             inner,
         )
 
@@ -86,9 +83,7 @@ class Piece:
         forces[mode_set.slip] = mode_set.kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
         if mode_set.acting.size:
             forces[mode_set.acting] = segment.acting_forces(taus, y)
-        if self.multipliers is not None and mode_set.stuck.size:
-            forces[mode_set.stuck] = read_off(Curve(self.taus, *self.multipliers), taus).T
-        elif mode_set.stuck.size:
+        if mode_set.stuck.size:
             first = mode_set.slip.size
             forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
         return forces

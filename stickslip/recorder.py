@@ -72,8 +72,8 @@ class Recorder:
                 self._pieces.append(Piece.of(segment, stop, modes, wanted, found, complete=False))
         if self._outputs is not None and not self._dense:
             return
-        points, inside = (reached.taus, reached.states), (reached.multipliers, reached.inner)
-        self._pieces.append(Piece.of(segment, stop, modes, *points, True, *inside))
+        points = (reached.taus, reached.states)
+        self._pieces.append(Piece.of(segment, stop, modes, *points, inner=reached.inner))
 
     def _sample(self, segment: Segment, reached: Reached, first: int) -> tuple[Array, Array]:
         """Keep the outputs within a segment, from the given one on; return their local times and states."""

@@ -1,7 +1,7 @@
 """A solver taken step by step, and what its own polynomials say within the steps.
 
-CVODE and IDA carry one polynomial through each step, of degree 5 at most for BDF and 12 for Adams. Its values at as many
-points and one hold all of it. No other interpolant keeps what the tolerances promise: rates at computed points are
+CVODE and IDA carry one polynomial through each step, of degree 5 at most for BDF and 12 for Adams: six values hold
+all of it, or thirteen. No other interpolant keeps what the tolerances promise: rates at computed points are
 errors of the states times the Jacobian, and points further back know nothing of a layer that has just ended.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["INNER", "Curve", "Points", "Taken", "read_off", "take_steps", "within"]
+__all__ = ["INNER", "Points", "Taken", "read_off", "take_steps", "within"]
 
 Array = NDArray[np.float64]
 
@@ -29,19 +29,16 @@ class Points(Protocol):
     """Computed points (rows) and the values inside the steps between them: step, place, state."""
 
     @property
-    def taus(self) -> Array: ...
+    def taus(self) -> Array:
+        """Local times in s."""
+
     @property
-    def states(self) -> Array: ...
+    def states(self) -> Array:
+        """A row for each time."""
+
     @property
-    def inner(self) -> Array | None: ...
-
-
-class Curve(NamedTuple):
-    """Points of anything that a solver computes besides states."""
-
-    taus: Array
-    states: Array
-    inner: Array
+    def inner(self) -> Array | None:
+        """None where no solver took the steps."""
 
 
 class Taken(NamedTuple):
@@ -127,7 +124,8 @@ def _from_half(inner: int) -> tuple[Array, Array]:
     """Return what gives the two highest Chebyshev coefficients of every second value, and all values inside."""
     places = 2 * nodes(inner) - 1
     inverse = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[::2], inner // 2 + 1))
-    return inverse[-2:], np.polynomial.chebyshev.chebvander(places[1:-1], inner // 2 + 1) @ inverse
+    fill = np.polynomial.chebyshev.chebvander(places[1:-1], inner // 2 + 1) @ inverse
+    return np.asarray(inverse[-2:], dtype=float), np.asarray(fill, dtype=float)
 
 
 def read_off(points: Points, query: Array) -> Array:
@@ -137,7 +135,9 @@ def read_off(points: Points, query: Array) -> Array:
         return np.repeat(states[:1], query.size, axis=0)
     i = np.clip(np.searchsorted(taus, query, side="right") - 1, 0, taus.size - 2)
     h = taus[i + 1] - taus[i]
-    away = np.divide(query - taus[i], h, out=np.ones(query.size), where=h > 0)[:, None] - nodes(inner.shape[1])
+    away = np.divide(query - taus[i], h, out=np.ones(query.size), where=h > 0)[:, None] - nodes(
+        inner.shape[1]
+    )
     places = nodes(inner.shape[1])
     last = places.size - 1
     found = np.zeros((query.size, states.shape[1]))
