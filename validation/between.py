@@ -20,10 +20,10 @@ from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Result,
 from validation.rows import Array, Row, Tried, require
 from validation.tried import try_each
 
-__all__ = ["FAMILIES", "ROWS", "measure", "rows"]
+__all__ = ["FAMILIES", "RUNS", "TIMES", "measure", "rows"]
 
-TIMES = 50
-"""Times asked for in a run."""
+RUNS, TIMES = 30, 50
+"""Runs of each family, and times asked for in a run."""
 
 PATIENCE = 60.0
 LARGEST = 3.0
@@ -45,10 +45,14 @@ def _options(random: Any, tightest: float = -11.0) -> dict[str, Any]:
 def _times(random: Any, shortest: float, stop: float) -> Array:
     """Half of them evenly, half over all decades."""
     even = random.uniform(0.0, stop, TIMES // 2)
-    return np.unique(np.append(even, stop * (shortest / stop) ** random.uniform(0.0, 1.0, TIMES - TIMES // 2)))
+    return np.unique(
+        np.append(even, stop * (shortest / stop) ** random.uniform(0.0, 1.0, TIMES - TIMES // 2))
+    )
 
 
-def _against(scene: Scene, stop: float, t: Array, options: dict[str, Any], error: Callable[[Result], float]) -> float:
+def _against(
+    scene: Scene, stop: float, t: Array, options: dict[str, Any], error: Callable[[Result], float]
+) -> float:
     """Return the error at `t` over that at the computed points, or over the tolerance where that is larger."""
     own, at = simulate(scene, (0.0, stop), **options), simulate(scene, (0.0, stop), t_eval=t, **options)
     return error(at) / max(error(own), 10.0 * options["rtol"])
@@ -81,7 +85,9 @@ def damper(random: Any) -> float:
     """Two masses and a damper of any strength: an exponential, and the heat of all that is lost."""
     c, m, options = _power(random, 0.0, 10.0), 1.2, _options(random)
     scene = Scene(
-        Body("a", inertia=2.0, velocity=1.0), Body("b", inertia=3.0, velocity=-0.5), Damper("a", "b", damping=c)
+        Body("a", inertia=2.0, velocity=1.0),
+        Body("b", inertia=3.0, velocity=-0.5),
+        Damper("a", "b", damping=c),
     )
     rate, stop = c / m, 5.0
 
@@ -127,7 +133,11 @@ def smooth_law(random: Any) -> float:
 
     def rate(t: float, y: Array) -> Array:
         w = y[1] - speed
-        step = math.tanh(w / velocity) if shape == "tanh" else 2 / math.pi * math.atan(0.5 * math.pi * w / velocity)
+        step = (
+            math.tanh(w / velocity)
+            if shape == "tanh"
+            else 2 / math.pi * math.atan(0.5 * math.pi * w / velocity)
+        )
         return np.array([y[1], -y[0] - (0.4 + 0.6 * math.exp(-((w / 0.3) ** 2))) * step])
 
     r = simulate(scene, (0.0, 12.0), **options)
@@ -159,7 +169,9 @@ def kinetic_curve(random: Any) -> float:
     require(len(stuck) > 0, "the block never sticks")
     moving = np.flatnonzero((r.mode("c")[:-1] != 0) & (np.diff(r.t) > 0))
     last = np.concatenate([int(np.searchsorted(r.t, e.t)) - 1 - np.arange(8) for e in stuck])
-    steps = np.append(random.choice(moving, TIMES // 2), random.choice(np.intersect1d(last, moving), TIMES // 2))
+    steps = np.append(
+        random.choice(moving, TIMES // 2), random.choice(np.intersect1d(last, moving), TIMES // 2)
+    )
     t = r.t[steps] + random.uniform(0.0, 1.0, steps.size) * np.diff(r.t)[steps]
     sign = {int(mode) for mode in r.mode("c")[steps]}
     require(sign == {-1}, f"the block slips in modes {sign}")
@@ -196,7 +208,9 @@ def rows(count: int) -> list[Row]:
             "Between computed points",
             f"between-{family}",
             f"{count} random runs, {TIMES} times each, over ten times rtol or the error at the points",
-            "a closed form" if family in ("oscillator", "damper") else "integration from the point before, to roundoff",
+            "a closed form"
+            if family in ("oscillator", "damper")
+            else "integration from the point before, to roundoff",
             partial(runs, family, count),
             LARGEST,
             limit=60.0 + 20.0 * count,
@@ -204,6 +218,3 @@ def rows(count: int) -> list[Row]:
         )
         for family in FAMILIES
     ]
-
-
-ROWS = rows(25)
