@@ -78,8 +78,8 @@ def test_a_thin_layer_is_followed_between_the_points(velocity: float) -> None:
         Contact("c", "m", "belt", DryFriction(1.0, 0.4, stribeck_velocity=0.3), normal=1.0),
     )
     t = np.linspace(0.5, 4.5, 1001)
-    r = simulate(scene.regularized(velocity, "tanh"), (0.0, 5.0), rtol=1e-7, atol=1e-9, t_eval=t)
-    assert np.abs(r.velocity("m") - 0.2).max() <= 10 * velocity + 1e-6
+    r = simulate(scene.regularized(velocity, "tanh"), (0.0, 20.0), rtol=1e-7, atol=1e-9)
+    assert np.abs(r(t)[0] - 0.2).max() <= 10 * velocity + 1e-6
 
 
 @pytest.mark.parametrize(("formulation", "method"), WAYS)
@@ -102,12 +102,12 @@ def test_the_last_steps_before_sticking(formulation: str, method: str, rtol: flo
         w = 0.2 - y[1]
         return [y[1], -y[0] + (1.0 / (1.0 + 3.0 * w) if leine else 0.4 + 0.6 * math.exp(-10.0 * w))]
 
-    r = simulate(scene, (0.0, 15.0), formulation=formulation, method=method, rtol=rtol, atol=1e-2 * rtol)
+    r = simulate(scene, (0.0, 30.0), formulation=formulation, method=method, rtol=rtol, atol=1e-2 * rtol)
     stops = [e.t for e in r.events if int(e.after) == 0 and e.t > 1.0]
     assert stops
     for stop in stops:
         i = int(np.searchsorted(r.t, stop))
-        for k in range(i - 6, i):
+        for k in range(i - 8, i):
             t = np.linspace(r.t[k], r.t[k + 1], 7)[1:-1]
             if not np.all(np.diff(t) > 0):
                 continue
@@ -264,7 +264,7 @@ def test_multipliers_do_not_crawl_where_nothing_moves(case: object, rtol: float)
 
 
 @pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
-@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8])
 def test_forces_of_stuck_contacts_keep_the_tolerance(formulation: str, rtol: float) -> None:
     """Two blocks stick to each other on a spring, under a sine.
 
@@ -284,4 +284,17 @@ def test_forces_of_stuck_contacts_keep_the_tolerance(formulation: str, rtol: flo
     acceleration = q * (-4.0 * np.sin(2 * t) + 2.0 * w * np.sin(w * t)) / (w * w - 4.0)
     assert not r.events
     # the contact holds the upper block back by r = -a
-    assert np.abs(r.force("c") + acceleration).max() <= 20 * rtol * np.abs(acceleration).max()
+    assert np.abs(r.force("c") + acceleration).max() <= 10 * rtol * np.abs(acceleration).max()
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+def test_the_force_of_a_block_at_rest_is_what_pushes_it(formulation: str, rtol: float) -> None:
+    """Nothing moves: the contact holds ``3 sin(pi t)`` N against the ground, to roundoff."""
+    law = DryFriction(0.9, 0.8)
+    scene = Scene(
+        Body("m", inertia=1.3), Contact("c", "m", GROUND, law, normal=10.0), Force("m", sine(3.0, 0.5))
+    )
+    t = np.linspace(0.0, 10.0, 501)
+    r = simulate(scene, (0.0, 10.0), formulation=formulation, rtol=rtol, atol=1e-2 * rtol, t_eval=t)
+    assert np.abs(r.force("c") - 3.0 * np.sin(np.pi * t)).max() <= 1e-12
