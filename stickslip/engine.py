@@ -6,6 +6,7 @@ import contextlib
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from stickslip.solving import (
     failure_of,
     guard_value,
 )
+from stickslip.steps import INNER, take_steps, within
 
 __all__ = ["LOCAL", "STEPS_PER_PERIOD", "Engine"]
 
@@ -42,17 +44,20 @@ LOCAL = 0.1
 class _Cvode:
     """A CVODE solver that serves one segment after another."""
 
-    def __init__(self, make: Callable[[Callable[..., None]], CVODE], work: Work) -> None:
-        self._make, self._work = make, work
+    def __init__(self, make: Callable[[Callable[..., None]], CVODE], work: Work, inner: int) -> None:
+        self._make, self._work, self._inner = make, work, inner
         self._solver: CVODE | None = None
         self._roots = 0
+        self._reading = False
 
     def advance(self, guard: Guard, y: Array, tau: float) -> Reached:
         """Integrate from local time 0 to `tau` or to the first root of the smallest guard."""
-        solution = self._ready(guard).solve(np.array([0.0, tau]), y)
-        self._work.steps += solution.t.size - 1
-        reached = Reached(solution.t.copy(), solution.y.copy(), solution.status == 2)
-        self._count(solution, reached)
+        solver = self._ready(guard)
+        solver.init_step(0.0, y)
+        taken = take_steps(solver, tau, y, self._inner, self._read)
+        self._work.steps += taken.taus.size - 1
+        reached = Reached(taken.taus, taken.states, taken.last.status == 2, inner=taken.inner)
+        self._count(taken.last, reached)
         sound = np.isfinite(reached.states).all(axis=1)
         if not sound.all():
             raise SolverFailure(
@@ -78,8 +83,14 @@ class _Cvode:
         if solution.status < 0:
             raise failure_of(solution, reached)
 
+    def _read(self, reading: bool) -> None:
+        self._reading = reading
+
     def _guard_function(self) -> Callable[..., None]:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
+            if self._reading:
+                out[0] = 1.0
+                return
             self._work.guard_calls += 1
             out[0] = guard_value(self._guard(tau, y), tau)
 
@@ -178,9 +189,12 @@ class Engine:
         """Advance to the first event, also where it lies between computed points."""
         while True:
             reached = self._protected(segment, solve, horizon)
-            missed = first_dip(segment, reached.taus, reached.states, reached.hit)
+            missed = first_dip(segment, reached)
             if missed is None:
                 return reached
+            if missed >= reached.taus[-1]:
+                # a root at the very end is none for the solver, however often it is sent there
+                return replace(reached, hit=True)
             horizon = missed
 
     def _protected(self, segment: Segment, solve: Callable[[float], Reached], horizon: float) -> Reached:
@@ -214,7 +228,7 @@ class Engine:
         if stepper is None:
             options = self._options(max_step)
             stepper = self._steppers[max_step] = _Cvode(
-                lambda guard: self._make_stepper(guard, options), self.work
+                lambda guard: self._make_stepper(guard, options), self.work, INNER[self._method]
             )
         return stepper
 
@@ -276,7 +290,15 @@ class _States:
 
     def expanded(self, reached: Reached) -> Reached:
         """Return the same points with all states."""
-        return Reached(reached.taus, self.expand(reached.taus, reached.states), reached.hit)
+        if self._is_all:
+            return reached
+        assert reached.inner is not None
+        steps, places, size = reached.inner.shape
+        times = within(reached.taus, places).ravel()
+        inner = self.expand(times, reached.inner.reshape(-1, size)) if times.size else np.empty(0)
+        states = self.expand(reached.taus, reached.states)
+        inner = inner.reshape(steps, places, states.shape[1])
+        return Reached(reached.taus, states, reached.hit, inner=inner)
 
     def _expand_one(self, tau: float, y: Array) -> Array:
         if self._is_all:

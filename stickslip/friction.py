@@ -200,17 +200,28 @@ class ActingForces:
 
 
 class _Slipping:
-    """Slipping in a known direction, with a kinetic coefficient that depends on speed."""
+    """Slipping in a known direction, with a kinetic coefficient that depends on speed.
+
+    The step in which a contact comes to rest ends beyond it. There the curve is turned round its value at rest, so that
+    it has no kink within the step; a curve that is vertical at rest stays level.
+    """
 
     def __init__(self, coefficients: Coefficients, contacts: Indices, sign: Array) -> None:
         self._sign, self._mu = sign, _Kinetic(coefficients, contacts, (sign < 0).astype(np.intp))
+        self._turned = coefficients.exponent[contacts] >= 1
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         sign = _like(self._sign, w)
-        return sign * self._mu(np.maximum(sign * w, 0.0)) * normal
+        speed = sign * w
+        beyond = (speed < 0) & _like(self._turned, w)
+        if not np.count_nonzero(beyond):
+            return sign * self._mu(np.maximum(speed, 0.0)) * normal
+        mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))
+        return sign * np.where(beyond, 2 * self._mu(np.zeros_like(w)) - mu, mu) * normal
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        return self._mu.slope(np.maximum(self._sign * w, 0.0)) * normal
+        speed = self._sign * w
+        return self._mu.slope(np.where(self._turned, np.abs(speed), np.maximum(speed, 0.0))) * normal
 
 
 class _AtLevel:

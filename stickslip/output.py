@@ -25,7 +25,7 @@ __all__ = ["columns", "load", "save", "summary", "to_csv", "to_frame", "to_json"
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
 
-_FORMAT = 1
+_FORMAT = 2
 _KEPT = tuple(field.name for field in fields(Piece) if field.name != "system")
 
 
@@ -190,7 +190,8 @@ def load(path: Target, scene: Scene | None = None) -> Result:
     except (KeyError, ValueError, EOFError) as error:
         raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
     if known != _FORMAT:
-        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
+        remedy = "update stickslip" if known > _FORMAT else "simulate and save again"
+        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; {remedy}")
     start, stop = about["span"]
     system = System(_scene_of(about, scene, path)).over(start, stop, about["stepped"])
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):

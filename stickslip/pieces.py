@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 from stickslip.assembly import System
 from stickslip.mode_set import FREE, OPEN
 from stickslip.segment import Segment
+from stickslip.steps import Points, read_off
 
 __all__ = ["Piece", "interpolant", "interpolate"]
 
@@ -36,7 +37,7 @@ class Piece:
     taus: Array
     states: Array
     complete: bool = True
-    multipliers: tuple[Array, Array] | None = None
+    inner: Array | None = None
 
     @classmethod
     def of(
@@ -47,7 +48,7 @@ class Piece:
         taus: Array,
         states: Array,
         complete: bool = True,
-        multipliers: tuple[Array, Array] | None = None,
+        inner: Array | None = None,
     ) -> Piece:
         """Return the computed points (rows) of a segment."""
         modes = segment.mode_set.modes
@@ -63,7 +64,7 @@ class Piece:
             taus,
             states,
             complete,
-            multipliers,
+            inner,
         )
 
     def segment(self) -> Segment:
@@ -86,9 +87,7 @@ class Piece:
         forces[mode_set.slip] = mode_set.kinetic[mode_set.slip][:, None] * normals[mode_set.slip]
         if mode_set.acting.size:
             forces[mode_set.acting] = segment.acting_forces(taus, y)
-        if self.multipliers is not None and mode_set.stuck.size:
-            forces[mode_set.stuck] = CubicHermiteSpline(self.taus, *self.multipliers)(taus).T
-        elif mode_set.stuck.size:
+        if mode_set.stuck.size:
             first = mode_set.slip.size
             forces[mode_set.stuck] = segment.watched(taus, y)[first : first + mode_set.stuck.size]
         return forces
@@ -139,19 +138,20 @@ class Piece:
         return np.where(at, np.sign(acceleration), modes)
 
     def displacement(self, segment: Segment, i: int, taus: Array) -> Array:
-        """Return the integral of body i's velocity from the start, by three-point Gauss on each step."""
+        """Return the integral of body i's velocity from the start, by Gauss, exact for the polynomials of the steps."""
         knots, system = self.taus, self.system
         if segment.has_curved:
             # a quadratic motion has few computed points, whatever a curved drive does between them
             knots = np.union1d(knots, segment.looks(float(knots[-1]), 1))
-        nodes, weights = np.polynomial.legendre.leggauss(3)
+        degree = 5 if self.inner is None else self.inner.shape[1] + 1
+        nodes, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
 
         def integral(left: Array, right: Array) -> Array:
             middle, half = 0.5 * (left + right), 0.5 * (right - left)
             points = np.clip(middle[:, None] + half[:, None] * nodes, 0.0, knots[-1])
             flat = points.ravel()
             if i < system.n:
-                velocity = interpolate(segment, self.taus, self.states, flat)[:, i]
+                velocity = interpolate(segment, self, flat)[:, i]
             else:
                 velocity = segment.inputs(flat)[system.first_drive + i - system.n]
             return half * (velocity.reshape(points.shape) @ weights)
@@ -161,14 +161,19 @@ class Piece:
         return whole[step] + integral(knots[step], taus)
 
 
-def interpolate(segment: Segment, knots: Array, states: Array, taus: Array) -> Array:
+def interpolate(segment: Segment, points: Points, taus: Array) -> Array:
     """Return the states (rows) of a segment at local times `taus`, from its computed points."""
-    return interpolant(segment, knots, states)(taus)
+    return interpolant(segment, points)(taus)
 
 
-def interpolant(segment: Segment, knots: Array, states: Array) -> Callable[[Array], Array]:
+def interpolant(segment: Segment, points: Points) -> Callable[[Array], Array]:
     """Return the states (rows) of a segment as a function of local times, from its computed points."""
-    between = segment.states if segment.quadratic else segment.between(knots, states)
+    if segment.quadratic:
+        between: Callable[[Array], Array] = segment.states
+    elif points.inner is not None:
+        between = partial(read_off, points)
+    else:
+        between = segment.between(points.taus, points.states)
 
     def at(taus: Array) -> Array:
         found = between(taus)

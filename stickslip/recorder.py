@@ -73,13 +73,13 @@ class Recorder:
         if self._outputs is not None and not self._dense:
             return
         points = (reached.taus, reached.states)
-        self._pieces.append(Piece.of(segment, stop, modes, *points, multipliers=reached.multipliers))
+        self._pieces.append(Piece.of(segment, stop, modes, *points, inner=reached.inner))
 
     def _sample(self, segment: Segment, reached: Reached, first: int) -> tuple[Array, Array]:
         """Keep the outputs within a segment, from the given one on; return their local times and states."""
         assert self._outputs is not None
         wanted = np.minimum(self._outputs[first : self._done] - segment.t, reached.taus[-1])
-        found = interpolate(segment, reached.taus, reached.states, wanted)
+        found = interpolate(segment, reached, wanted)
         self._sampled.append(found)
         self._sampled_piece.append(len(self._pieces))
         return wanted, found

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stickslip.motion import PER_PERIOD
+from stickslip.pieces import interpolant
 from stickslip.segment import Segment
+from stickslip.solving import Reached
 
 __all__ = ["between_points", "first_dip", "first_violation", "longest_look"]
 
@@ -59,21 +61,22 @@ def _first_vertex(segment: Segment, horizon: float) -> float:
     return min(horizon, float(np.min(-0.5 * c1[dips] / c2[dips], initial=np.inf)))
 
 
-def first_dip(segment: Segment, taus: Array, states: Array, hit: bool) -> float | None:
+def first_dip(segment: Segment, reached: Reached) -> float | None:
     """Return the first time between computed points at which a guard is negative, if there is one.
 
     Parameters
     ----------
     segment : Segment
-    taus, states : array (k,), (k, size)
-        Computed points; the last one is at a root where `hit` is true.
+    reached : Reached
+        Its computed points.
     """
-    between = segment.between(taus, states)
+    taus = reached.taus
+    between = interpolant(segment, reached)
     looks = between_points(taus)
     if segment.dwell_times.size:
         extra = np.multiply.outer(segment.dwell_times, np.geomspace(0.02, 40.0, 24)).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if hit:
+    if reached.hit:
         looks = looks[:-1]
 
     def guards(tau: Array) -> Array:

@@ -66,21 +66,22 @@ class Work:
 class Reached:
     """Computed points of a segment, the first at its start; `hit` tells whether the last is at a root.
 
-    Where the contact forces are unknowns of their own, `multipliers` holds them and their slopes. In a closed form
-    the velocities of stuck bodies are `joined` to the last bit.
+    Within the steps the values `inner` (step, place, state) hold the solver's polynomials; a closed form and fixed
+    steps have none. Where events were found by forces from other equations than those of the guards, ties are
+    `rough_ties`. In a closed form the velocities of stuck bodies are `joined` to the last bit.
     """
 
     taus: Array
     states: Array
     hit: bool
-    multipliers: tuple[Array, Array] | None = None
+    rough_ties: bool = False
     joined: bool = False
+    inner: Array | None = None
 
     def until(self, count: int) -> Reached:
         """Return the first `count` points."""
-        forces = self.multipliers
-        cut = None if forces is None else (forces[0][:count], forces[1][:count])
-        return Reached(self.taus[:count], self.states[:count], False, cut)
+        inner = None if self.inner is None else self.inner[: count - 1]
+        return Reached(self.taus[:count], self.states[:count], False, self.rough_ties, inner=inner)
 
 
 def guard_value(smallest: float, tau: float) -> float:

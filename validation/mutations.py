@@ -182,8 +182,8 @@ def _one_sided(original: Any) -> Any:
 
 
 def _straight(original: Any) -> Any:
-    def changed(taus: Any, states: Any, rates: Any, seconds: Any, query: Any) -> Any:
-        return np.column_stack([np.interp(query, taus, column) for column in states.T])
+    def changed(points: Any, query: Any) -> Any:
+        return np.column_stack([np.interp(query, points.taus, column) for column in points.states.T])
 
     return changed
 
@@ -282,7 +282,7 @@ MUTATIONS = (
         "shares", "groups accelerate as if all were heavy", "stickslip.grouping:Groups.mean", _equal_shares
     ),
     Mutation("one-sided", "no breakaway backwards", "stickslip.guards:Guarded.raw_guards", _one_sided),
-    Mutation("straight-lines", "linear interpolation of outputs", "stickslip.motion:hermite", _straight),
+    Mutation("straight-lines", "linear interpolation of outputs", "stickslip.pieces:read_off", _straight),
     Mutation(
         "never-stuck",
         "contacts that come to rest are not found at rest",
