@@ -149,7 +149,9 @@ class System:
     def _place_laws(self, scene: Scene) -> None:
         c = self.coefficients = Coefficients([contact.law for contact in scene.contacts])
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
-        self.alive = self.loaded & (self.mu_s.max(axis=0) > 0)
+        # a kinetic curve may begin at 0: then there is friction in motion only
+        moves = np.array([j in c.kinetic for j in range(self.m)], dtype=bool)
+        self.alive = self.loaded & ((self.mu_s.max(axis=0) > 0) | moves)
         self.hard = c.kind == HARD
         self.all_hard = bool(self.hard.all())
         self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)

@@ -99,11 +99,12 @@ def _turns(segment: Segment, reached: Reached, modes: Modes) -> Iterator[tuple[f
 
         mode, left = int(modes[j]), 0.0
         for tau, value in zip(taus.tolist(), w[row].tolist(), strict=True):
-            if value * mode < 0 or (mode == 0 and abs(value) > segment.system.quiet):
+            # a velocity that dies away keeps its sign, whatever the solver's errors make of it
+            if value * mode <= 0 and abs(value) > segment.system.quiet:
                 after = 1 if value > 0 else -1
                 yield _turn_time(one, left, tau), (j, mode, after)
                 mode = after
-            if value != 0:
+            if value * mode > 0 or (mode == 0 and value != 0):
                 left = tau
 
 
@@ -172,37 +173,35 @@ def _at_rest(segment: Segment, reached: Reached, near: Mask, k: int) -> set[int]
     return {row for row in np.flatnonzero(near).tolist() if segment.has_come_to_rest(tau, y, row)}
 
 
-def regained(segment: Segment, reached: Reached) -> float | None:
-    """Return the local time at which a contact could hold its share again that was let go while others hold it at rest.
+def regained(segment: Segment, reached: Reached) -> tuple[float, int] | None:
+    """Return the local time at which a contact that carries its level could carry its share again, and the contact.
 
-    Two contacts that lock the same motion share a load by the least norm. Where the share is beyond the limit of
-    one, a brake that is just closing, it carries its kinetic friction; as soon as the share is within its limit,
-    all are to be settled again.
+    Contacts that lock the same motion share a load by the least norm. Where the share is beyond the level of one, it
+    carries its level; as soon as its share is within it, all are to be settled again.
     """
-    mode_set = segment.mode_set
-    resting = segment.at_rest[mode_set.slip]
-    if not np.count_nonzero(resting):
+    at_level = segment.mode_set.at_level
+    if not at_level.size:
         return None
-    found = [_regains(segment, reached, j) for j in mode_set.slip[resting & mode_set.locked].tolist()]
-    return min(found, default=np.inf) if found and min(found) < reached.taus[-1] else None
+    found = min((_regains(segment, reached, j), j) for j in at_level.tolist())
+    return found if found[0] < reached.taus[-1] else None
 
 
 def _regains(segment: Segment, reached: Reached, j: int) -> float:
-    """Return when the share of one contact comes within its limit from beyond, infinite if it does not."""
+    """Return when the share of one contact comes within its level from beyond, infinite if it does not."""
     modes = segment.mode_set.modes.copy()
-    modes[j] = 0
+    side, modes[j] = int(modes[j]), 0
     trial = segment.with_modes(modes)
-    row = trial.slips + int(np.flatnonzero(trial.held == j)[0])
+    row = trial.slips + int(np.flatnonzero(trial.held == j)[0]) + (0 if side > 0 else trial.helds)
 
     def spare(taus: Array) -> Array:
         states = interpolate(segment, reached.taus, reached.states, taus)
-        guards = trial.raw_guards(taus, trial.watched(taus, states.T))
-        return np.minimum(guards[row], guards[row + trial.helds])
+        return trial.raw_guards(taus, trial.watched(taus, states.T))[row]
 
     taus = segment.looks(float(reached.taus[-1]), _LOOKS)
     values, limit = spare(taus), trial.levels(0.0).max() + np.abs(trial.watched(0.0, segment.y)).max()
-    crossing = (values[:-1] < -_CLOSE * limit) & (values[1:] > 0)
-    if not crossing.any():
+    beyond = np.logical_or.accumulate(values < -_CLOSE * limit)
+    within = beyond & (values >= 0)
+    if not within.any():
         return np.inf
-    k = int(crossing.argmax())
+    k = int(within.argmax()) - 1
     return float(brentq(lambda tau: float(spare(np.array([tau]))[0]), taus[k], taus[k + 1], rtol=1e-14))

@@ -100,12 +100,12 @@ class _Equations:
             self._gram = self._with_null_space(self._GM @ self._G.T)
         self._first_force = segment.y.size
         force = segment.watched(0.0, segment.y)[segment.slips : segment.slips + mode_set.stuck.size]
-        slope = segment.taylor[1][segment.slips + segment.helds :][: mode_set.stuck.size]
-        upper = segment.taylor[1][segment.slips :][: mode_set.stuck.size]
+        slope = segment.held_terms[1][: mode_set.stuck.size]
         self.start = np.concatenate([segment.y, force])
-        self.start_rate = np.concatenate([segment.f0, 0.5 * (slope - upper)])
-        level = segment.levels(0.0)[: mode_set.stuck.size]
-        self.force_scale = np.abs(level) + np.abs(force)
+        self.start_rate = np.concatenate([segment.f0, slope])
+        # a level may be 0 one way
+        level = np.abs(segment.levels(0.0)).reshape(2, -1).max(axis=0)[: mode_set.stuck.size]
+        self.force_scale = level + np.abs(force)
         self.force_noise = segment.guard_scales[1][segment.slips :][: mode_set.stuck.size]
         self.guard_calls = 0
         self.progress: Progress

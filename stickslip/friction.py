@@ -125,6 +125,8 @@ class ActingForces:
         Which contacts: slipping with a curved kinetic law, in pre-slip, smooth, or with bristles.
     modes : array (m,)
         Modes of all contacts.
+    at_level : array (m,) of bool, optional
+        Which contacts carry their breakaway level while others hold them at rest.
 
     Attributes
     ----------
@@ -132,14 +134,25 @@ class ActingForces:
         Which of `contacts` have bristles.
     """
 
-    def __init__(self, coefficients: Coefficients, contacts: Indices, modes: NDArray[np.int8]) -> None:
+    def __init__(
+        self,
+        coefficients: Coefficients,
+        contacts: Indices,
+        modes: NDArray[np.int8],
+        at_level: NDArray[np.bool_] | None = None,
+    ) -> None:
         """Sort the contacts by how they act."""
         kind, mode = coefficients.kind[contacts], modes[contacts]
+        at_level = np.zeros(contacts.size, dtype=bool) if at_level is None else at_level[contacts]
         self.bristles = np.flatnonzero(kind == BRISTLE)
         self._own = coefficients, contacts
-        self._parts: list[tuple[Indices | slice, _Slipping | _Building | _Smooth | _Bristles]] = []
+        self._parts: list[tuple[Indices | slice, _Part]] = []
         for chosen, part in (
-            ((kind <= LINEAR) & (mode != 0), lambda j: _Slipping(coefficients, j, modes[j].astype(float))),
+            (at_level, lambda j: _AtLevel(coefficients, j, modes[j].astype(float))),
+            (
+                (kind <= LINEAR) & (mode != 0) & ~at_level,
+                lambda j: _Slipping(coefficients, j, modes[j].astype(float)),
+            ),
             ((kind == LINEAR) & (mode == 0), lambda j: _Building(coefficients, j)),
             (kind == SMOOTH, lambda j: _Smooth(coefficients, j)),
             (kind == BRISTLE, lambda j: self._brush),
@@ -198,6 +211,21 @@ class _Slipping:
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         return self._mu.slope(np.maximum(self._sign * w, 0.0)) * normal
+
+
+class _AtLevel:
+    """Held at rest by others at the breakaway level, which rises with the time at rest (eqs. 8 and 9)."""
+
+    def __init__(self, coefficients: Coefficients, contacts: Indices, sign: Array) -> None:
+        c, side = coefficients, (sign < 0).astype(np.intp)
+        self._level = sign * c.mu_s[side, contacts]
+        self._rise = self._level - sign * np.maximum(c.mu_c, c.mu_0)[side, contacts]
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return (_like(self._level, w) - _like(self._rise, w) * lag) * normal
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return np.zeros_like(w)
 
 
 class _Building:
@@ -270,6 +298,9 @@ class _Bristles:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
         push = _like(self._stiffness, w) * np.abs(w)
         return push / np.maximum(self._mu(w) * normal, push / _FASTEST + _TINY)
+
+
+_Part = _Slipping | _AtLevel | _Building | _Smooth | _Bristles
 
 
 def _like(values: NDArray[Any], w: Array) -> NDArray[Any]:

@@ -89,7 +89,7 @@ class Guarded(Motion):
     def near(self) -> Array:
         """Values up to which a guard at the start deserves a closer look; 0 for velocities."""
         q = self.inputs(0.0) if self.has_curved else self.q0
-        return self.mode_set.nearness * q[self.mode_set.guard_inputs]
+        return self.mode_set.nearness * np.maximum(q[self.mode_set.guard_inputs], np.finfo(float).tiny)
 
     @property
     def dwell_times(self) -> Array:
@@ -174,21 +174,46 @@ class Guarded(Motion):
         return self.curved_rates or self.has_curved
 
     def _taylor_by_differences(self, z0: Array) -> tuple[Array, Array, Array]:
-        d = self._difference_step
-        f1 = self.second_rate(0.0, self.y, self.f0) if self.curved_rates else self.f1
+        d, f1 = self._difference_step, self._second
         g0 = self.raw_guards(0.0, z0)
-        ahead = []
-        for tau in (d, 2 * d):
-            y = self.y + tau * (self.f0 + 0.5 * tau * f1)
-            ahead.append(self.raw_guards(tau, self.watched(tau, y)))
-        g1 = (-3 * g0 + 4 * ahead[0] - ahead[1]) / (2 * d)
-        g2 = (ahead[1] - 2 * ahead[0] + g0) / (2 * d * d)
+        g1, g2 = self._differences(g0, *map(self.raw_guards, (d, 2 * d), self._watched_ahead))
         # velocities: their rates are known
         k, slip = self.slips, self.mode_set.slip
         g1[:k] = self.mode_set.sign * self.relative_acceleration(0.0, self.f0)[slip]
         g2[:k] = self.mode_set.sign * self.relative_acceleration(d, self.f0 + d * f1)[slip]
         g2[:k] = (g2[:k] - g1[:k]) / (2 * d)
         return g0, g1, g2
+
+    @cached_property
+    def _second(self) -> Array:
+        return self.second_rate(0.0, self.y, self.f0) if self.curved_rates else self.f1
+
+    @cached_property
+    def _watched_ahead(self) -> tuple[Array, Array]:
+        """What is watched one and two difference steps after the start."""
+        d = self._difference_step
+        one, two = (
+            self.watched(tau, self.y + tau * (self.f0 + 0.5 * tau * self._second)) for tau in (d, 2 * d)
+        )
+        return one, two
+
+    def _differences(self, now: Array, one: Array, two: Array) -> tuple[Array, Array]:
+        """Return the first derivative and half the second one, from values one and two steps ahead."""
+        d = self._difference_step
+        return (-3 * now + 4 * one - two) / (2 * d), (two - 2 * one + now) / (2 * d * d)
+
+    @cached_property
+    def held_terms(self) -> tuple[Array, Array, Array]:
+        """What is watched of the held contacts at the start, its first derivative and half its second one.
+
+        Levels that differ forward and backward, or rise, leave no way to tell it from the guards.
+        """
+        k = self.slips
+        if not self.curved:
+            e = self.expansion
+            return e.z0[k:], e.z1[k:], e.z2[k:]
+        now = self.watched(0.0, self.y)[k:]
+        return now, *self._differences(now, *(ahead[k:] for ahead in self._watched_ahead))
 
     @property
     def guard_contacts(self) -> Indices:
@@ -205,7 +230,10 @@ class Guarded(Motion):
         z = np.abs(self.watched(0.0, self.y) if self.curved else self.expansion.z0)[k:]
         if self.mode_set.pre.size:
             noise[k:][self.mode_set.is_pre] = ROUNDOFF * np.tile(z[self.mode_set.stuck.size :], 2)
-        return np.concatenate([speed, self.levels(0.0) + np.concatenate([z, z])]), noise
+        # a level that is 0 one way is as uncertain as the one the other way
+        level = self.levels(0.0)
+        level = np.maximum(level[: self.helds], level[self.helds :])
+        return np.concatenate([speed, level + z, level + z]), noise
 
     def raw_at(self, tau: float, y: Array) -> Array:
         """Return the guards as they are at one time of an armed segment."""

@@ -159,7 +159,7 @@ class _Run:
         self._restarts, self._idle, self._guards = 0, 0, 0
         self._hits, self._looked_at = 0, self._start
         self._relaxed: list[int] = []
-        self._regained = False
+        self._regained: list[int] = []
         self._now: Settled
 
     def to_end(self, progress: bool) -> Result:
@@ -219,9 +219,9 @@ class _Run:
         self._guards = max(self._guards, segment.armed)
         reached, self._relaxed = relaxed(segment, self._follow(segment.horizon), self._margin)
         regains = regained(segment, reached)
-        self._regained = regains is not None
+        self._regained = []
         if regains is not None:
-            reached = self._follow(regains)
+            reached, self._regained = self._follow(regains[0]), [regains[1]]
         tau = float(reached.taus[-1])
         if not (reached.hit or self._relaxed or self._regained) and tau >= segment.horizon:
             # the break itself: what was added up to it has been rounded
@@ -261,10 +261,11 @@ class _Run:
                 self._note(t, j, int(before[j]), fired=True)
                 return
         touching, fired = at_limit(segment, reached, self._relaxed)
+        fired[self._regained] = True
         # what is called at rest is, but for what the solver's errors leave of it
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, self._now.since, t)
-        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y)
+        self._now = settle(system, t, y, before, since, touching, fired, stop, segment.y, self._idle)
         self._note_changes(t, before, fired)
 
     def _note_changes(self, t: float, before: NDArray[np.int8], fired: NDArray[np.bool_]) -> None:

@@ -207,7 +207,7 @@ def _pieces_of_outputs(
         joined = _Modes.none(system)
         for part, piece in zip(parts, active, strict=True):
             states[:, part.columns] = part.result.y[:, first:last].T
-            joined.take(part, piece, None, start - piece.start, states[0, part.columns])
+            joined.take_output(part, piece, t[0], start, states[0, part.columns])
         pieces.append(joined.piece(system, start, stop, t - start, states, complete=False))
     return pieces, np.repeat(np.arange(len(pieces)), np.diff([*firsts, count]))
 
@@ -235,6 +235,11 @@ class _Modes:
         elif segment is not None:
             for j in np.flatnonzero(piece.modes >= OPEN).tolist():
                 self.labels[part.contacts[j]] = piece.mode(segment, j, np.array([tau]), y[:, None])[0]
+
+    def take_output(self, part: _Part, piece: Piece, t: float, start: float, y: Array) -> None:
+        """Take over those of a part for a piece of outputs from `start` on, whose first output is at `t`."""
+        segment = piece.segment() if start > piece.start and np.any(piece.modes >= OPEN) else None
+        self.take(part, piece, segment, t - piece.start, y)
 
     def piece(
         self,

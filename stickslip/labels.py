@@ -21,16 +21,21 @@ _CALM = 1e-7
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
-def label(segment: Segment, w: Array, resting: Mask) -> Modes:
-    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones."""
+def label(segment: Segment, w: Array, resting: Mask, before: Modes | None) -> Modes:
+    """Name the modes of open contacts, the sign of w or of the relative acceleration to come, and of free ones.
+
+    What dies away is never at rest: it keeps the mode that it had `before`, unless others hold its ends together.
+    """
     system, mode_set = segment.system, segment.mode_set
     at_rest = resting | (np.abs(w) <= system.quiet)
-    named = _to_come(segment, w, resting) if at_rest[mode_set.open].any() else np.sign(w)
+    named = np.sign(w)
+    if at_rest[mode_set.open].any():
+        named = _to_come(segment, w, resting, before)
     modes = np.where(mode_set.modes == OPEN, named, mode_set.modes)
     return np.where(modes == FREE, system.sign_of(w), modes).astype(np.int8)
 
 
-def _to_come(segment: Segment, w: Array, resting: Mask) -> Array:
+def _to_come(segment: Segment, w: Array, resting: Mask, before: Modes | None) -> Array:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
     system, horizon = segment.system, segment.horizon
     # what the forces that add up to an acceleration leave uncertain, now and on the way
@@ -44,9 +49,14 @@ def _to_come(segment: Segment, w: Array, resting: Mask) -> Array:
         to_come = np.where((to_come == 0) & (np.abs(term) > uncertain), np.sign(term), to_come)
         rise += np.abs(term)
     named = np.where(resting, to_come, np.sign(w))
-    # what the solver's errors leave of a rest is a rest
+    # what the solver's errors leave of a rest is a rest, what they leave of a motion is that motion
     calm = (rise <= _CALM * later) | (rise * horizon <= system.quiet)
-    named[calm & (np.abs(w) <= system.quiet)] = 0.0
+    calm &= np.abs(w) <= system.quiet
+    if before is None:
+        named[calm & resting] = 0.0
+    else:
+        named[calm] = before[calm]
+    named[segment.mode_set.held_together] = 0.0
     return named
 
 

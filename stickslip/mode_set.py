@@ -76,18 +76,22 @@ class ModeSet:
         self.loose = np.flatnonzero(modes >= OPEN)
         self.open, self.free = np.flatnonzero(modes == OPEN), np.flatnonzero(modes == FREE)
         self.sign = modes[self.slip].astype(float)
-        self.direction = (modes < 0).astype(np.intp)
-        curved = system.coefficients.curved & (np.abs(modes) == 1)
-        self.acting = np.flatnonzero(curved | (modes == FREE) | ((modes == 0) & (kind == LINEAR)))
-        self.held_contacts = np.concatenate([self.stuck, self.pre])
-        self._place_levels()
-        self.law = ActingForces(system.coefficients, self.acting, modes)
-        self.bristle_places = np.array(
-            [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
-        )
         stuck = np.zeros(system.m, dtype=bool)
         stuck[self.stuck] = True
         self.groups = system.groups(stuck.tobytes())
+        self.direction = (modes < 0).astype(np.intp)
+        at_level = np.zeros(system.m, dtype=bool)
+        at_level[self.at_level] = True
+        # a level that still rises is no constant coefficient
+        rising = at_level & (system.coefficients.dwell > 0)
+        curved = (system.coefficients.curved & (np.abs(modes) == 1) & ~at_level) | rising
+        self.acting = np.flatnonzero(curved | (modes == FREE) | ((modes == 0) & (kind == LINEAR)))
+        self.held_contacts = np.concatenate([self.stuck, self.pre])
+        self._place_levels()
+        self.law = ActingForces(system.coefficients, self.acting, modes, at_level)
+        self.bristle_places = np.array(
+            [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
+        )
         n = system.n
         everyone = np.arange(n)
         held = ~self.groups.free
@@ -97,8 +101,9 @@ class ModeSet:
         self.holder = self.groups.holder[self.held]
         self.driven = bool(np.any(self.holder < n + system.drives))
         self.kinetic = np.zeros(system.m)
-        plain = self.slip[~system.coefficients.curved[self.slip]]
-        self.kinetic[plain] = modes[plain] * system.mu_c[self.direction[plain], plain]
+        plain = self.slip[~curved[self.slip]]
+        mu = np.where(at_level, system.mu_s, system.mu_c)
+        self.kinetic[plain] = modes[plain] * mu[self.direction[plain], plain]
         self._assemble()
 
     def _place_levels(self) -> None:
@@ -123,7 +128,10 @@ class ModeSet:
         self.pressed_by = np.where(self.is_pre, one, both)
         self.guard_inputs = np.concatenate([np.full(slips, one), self.pressed_by])
         self.guard_levels = np.concatenate([np.zeros(slips), mu_s])
-        self.nearness = _NEAR * self.guard_levels
+        # a level may be 0 one way, where the other tells what is near, or both ways, where nothing does
+        larger = np.tile(mu_s.reshape(2, -1).max(axis=0), 2)
+        near = np.where(larger > 0, _NEAR * larger, np.inf)
+        self.nearness = np.concatenate([np.zeros(slips), near])
 
     def expand(self, y: Array, q0: Array, q1: Array) -> Expansion:
         """Return the Taylor coefficients of the motion from the state `y` under the inputs ``q0 + q1 tau``."""
@@ -183,12 +191,26 @@ class ModeSet:
         )
 
     @cached_property
-    def locked(self) -> NDArray[np.bool_]:
-        """Which slipping contacts cannot move, because others hold both their ends together."""
+    def held_together(self) -> NDArray[np.bool_]:
+        """The contacts whose ends stuck contacts hold together."""
         system, groups = self.system, self.groups
         whole = np.where(groups.free, groups.leader, groups.holder)
         whole = np.concatenate([whole, np.arange(system.n, system.n + system.drives + 1)])
-        return whole[system.a[self.slip]] == whole[system.b[self.slip]]
+        together: NDArray[np.bool_] = whole[system.a] == whole[system.b]
+        return together
+
+    @cached_property
+    def locked(self) -> NDArray[np.bool_]:
+        """Which slipping contacts cannot move, because others hold both their ends together."""
+        return self.held_together[self.slip]
+
+    @cached_property
+    def at_level(self) -> Indices:
+        """The contacts that carry exactly their breakaway level, while others hold their ends together.
+
+        They are written as slipping ones: their forces are known, and the others carry the rest.
+        """
+        return self.slip[self.locked & (self.system.coefficients.kind[self.slip] == HARD)]
 
     @cached_property
     def open_rows(self) -> Any:

@@ -17,6 +17,10 @@ __all__ = ["Piece", "interpolant", "interpolate"]
 
 Array = NDArray[np.float64]
 
+_LOOKS, _ROUNDOFF = 65, 1e-12
+_GAINED = 1e3
+"""A velocity that changes by this many times the solver's errors crosses 0 for certain."""
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -98,7 +102,41 @@ class Piece:
             return segment.system.sign_of(w)[j]
         sign = np.sign(w[j])
         sign[taus == 0.0] = self.labels[j]
+        near = (np.abs(w[j]) <= segment.system.quiet) & (taus > 0.0)
+        if near.any():
+            sign[near] = self._mode_near_rest(segment, j, taus, w[j], y)[near]
         return sign
+
+    def _mode_near_rest(self, segment: Segment, j: int, taus: Array, w: Array, y: Array) -> Array:
+        """Return the modes of an open contact whose velocity the solver's errors hide at some of the times.
+
+        It keeps its mode, also where its velocity dies away: only one that comes out on the other side has changed.
+        """
+        known, velocity = [taus, self.taus], [w, segment.relative_velocity(self.taus, self.states.T)[j]]
+        if self.complete:
+            known.append(np.linspace(0.0, float(self.taus[-1]), _LOOKS))
+            states = interpolate(segment, self.taus, self.states, known[-1])
+            velocity.append(segment.relative_velocity(known[-1], states.T)[j])
+        times, values = np.concatenate(known), np.concatenate(velocity)
+        order = np.argsort(times, kind="stable")
+        times, values = times[order], values[order]
+        sure = np.abs(values) > segment.system.quiet
+        times, signs = times[sure], np.sign(values[sure])
+        signs = np.concatenate([[self.labels[j]], signs, [0.0]])
+        place = np.searchsorted(times, taus, side="right")
+        before, after = signs[place], signs[place + 1]
+        crossing = (before * after < 0) | ((before == 0) & (place < times.size))
+        modes = np.where(crossing, np.sign(w), before)
+        # at the crossing itself it is named after the acceleration
+        system = segment.system
+        rates = np.column_stack([segment.rate(float(tau), y[:, i]) for i, tau in enumerate(taus)])
+        driven = np.column_stack([segment.drive_acceleration(float(tau)) for tau in taus])
+        acceleration = (system.W @ rates + system.D @ driven)[j]
+        gained = np.abs(acceleration) * (self.stop - self.start)
+        at = (np.abs(w) <= _ROUNDOFF * np.maximum(gained, np.abs(values).max())) & (
+            gained > _GAINED * system.quiet
+        )
+        return np.where(at, np.sign(acceleration), modes)
 
     def displacement(self, segment: Segment, i: int, taus: Array) -> Array:
         """Return the integral of body i's velocity from the start, by three-point Gauss on each step."""

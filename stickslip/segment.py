@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stickslip.guards import ROUNDOFF, Guarded
 from stickslip.plain_guards import Term, not_positive, smallest_of
 
-__all__ = ["AT_LIMIT", "Segment"]
+__all__ = ["AS_FIRED", "AT_LIMIT", "Segment"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,11 +24,14 @@ Indices = NDArray[np.intp]
 AT_LIMIT = 1e-10
 """Relative distance within which a contact force is at its breakaway level."""
 
-_AS_FIRED = 1e-6
+AS_FIRED = 1e-6
 """The same for a contact that an event has just found there."""
 
 _CONSTANT = 1e-7
-_DIFFERENCED = 4e-15
+_CANCELLED = 1e-12
+"""A level this small beside the force, found as the sum of guard and force, is 0."""
+
+_DIFFERENCED, _OF_TIME = 4e-15, 1e-15
 _NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
 _FEW = 8
@@ -37,13 +40,17 @@ _FEW = 8
 class Segment(Guarded):
     """The motion of one mode set from time `t` on: what is violated at its start, and where its guards have roots."""
 
-    def classify(self, fired: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], Indices]:
+    def classify(
+        self, fired: NDArray[np.bool_], as_fired: float = AS_FIRED
+    ) -> tuple[NDArray[np.bool_], Indices]:
         """Tell which guards are violated at the start or just after it, and with which order the others leave 0.
 
         Parameters
         ----------
         fired : array (m,) of bool
             Contacts that an event has just found at their limit.
+        as_fired : float
+            How near their limit these count as there.
 
         Returns
         -------
@@ -60,18 +67,26 @@ class Segment(Guarded):
             close[:k] |= self.at_rest[self.mode_set.slip]
         rows = close.nonzero()[0]
         if rows.size:
-            self._look_closer(rows, fired, violated, order)
+            self._look_closer(rows, fired, as_fired, violated, order)
         return violated, order
 
     def _look_closer(
-        self, rows: Indices, fired: NDArray[np.bool_], violated: NDArray[np.bool_], order: Indices
+        self,
+        rows: Indices,
+        fired: NDArray[np.bool_],
+        as_fired: float,
+        violated: NDArray[np.bool_],
+        order: Indices,
     ) -> None:
         """Classify the guards in `rows`, one by one: they are few as a rule."""
         size, noise = self.guard_scales
         contacts = self.guard_contacts[rows]
+        # a force that passes 0 is known no better than the time
+        noise = noise.copy()
+        noise[self.slips :] += _OF_TIME * abs(self.t) * np.abs(self.taylor[1][self.slips :])
         each = (rows, fired[contacts], self.at_rest[contacts], self.taylor[0][rows], size[rows], noise[rows])
         for row, at_limit, resting, value, scale, rough in zip(*(x.tolist() for x in each), strict=True):
-            closeness = _AS_FIRED if at_limit else AT_LIMIT
+            closeness = as_fired if at_limit else AT_LIMIT
             if resting if row < self.slips else abs(value) <= closeness * scale + rough:
                 order[row] = self._way_out(row, closeness, scale, rough)
                 violated[row] = order[row] == _DOWN
@@ -101,6 +116,29 @@ class Segment(Guarded):
         if abs(bend) > flat:
             return 2 if bend > 0 else _DOWN
         return _NEVER
+
+    def loads(self) -> Array:
+        """Return ``lambda / B`` towards upper and lower levels, by what both become where both are 0.
+
+        Each level counts on its own side. Infinite where a force meets no level.
+        """
+        k = self.slips
+        noise = self.guard_scales[1][k:]
+        # what is left of 0 in a derivative
+        rough = noise / max(self.horizon, _TINY)
+        if self.curved:
+            rough += _DIFFERENCED * noise / ROUNDOFF / self._difference_step
+        found, known = np.zeros(noise.size), np.zeros(noise.size, dtype=bool)
+        for order, (watched, guards) in enumerate(zip(self.held_terms, self.taylor, strict=True)):
+            force = np.concatenate([watched, -watched])
+            level = self.levels(0.0) if order == 0 else guards[k:] + force
+            least = (noise, rough, 0.0)[order]
+            there = ~known & ((np.abs(force) > least) | (level > least))
+            meets = level > np.maximum(_CANCELLED * np.abs(force), _TINY)
+            ratio = np.divide(force, level, out=np.full_like(force, np.inf), where=meets)
+            found[there] = np.where(meets | (force > 0), ratio, -np.inf)[there]
+            known |= there
+        return found
 
     def arm(self, order: Indices) -> None:
         """Prepare the guards for root finding: a zero at the start is divided out, once or twice.

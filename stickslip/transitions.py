@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stickslip.assembly import System
 from stickslip.labels import label
 from stickslip.mode_set import FREE, OPEN
-from stickslip.segment import AT_LIMIT, Segment
+from stickslip.segment import AS_FIRED, AT_LIMIT, Segment
 
 __all__ = ["Inconsistent", "Settled", "carry_on", "change_one", "settle"]
 
@@ -26,6 +26,8 @@ _STANDING = 1e-9
 """A contact this slow, as a part of the largest speed, is looked at together with all others."""
 
 _ENUMERATED = 6
+_LOOSEST = 1e-4
+"""The largest distance from its limit, as a part of it, at which a contact that comes back at once is there."""
 
 
 class Inconsistent(Exception):
@@ -61,11 +63,13 @@ def settle(
     fired: Mask,
     stop: float,
     was: Array | None = None,
+    stalls: int = 0,
 ) -> Settled:
     """Return the modes in which the motion goes on from the state `y` at `t`.
 
     All contacts whose relative velocity is 0 are tried stuck; while some ``|lambda| > B``, the one with the
-    largest ratio is set slipping with the sign of its lambda, ties within roundoff together.
+    largest ratio is set slipping with the sign of its lambda, ties within roundoff together. Where others lock the
+    same motion it carries its level instead, and they carry the rest.
 
     Parameters
     ----------
@@ -85,6 +89,9 @@ def settle(
         The next break.
     was : array (size,), optional
         The state when the modes before began.
+    stalls : int
+        How many events have come one after another without progress in time. A contact that is let go and comes
+        back at once is at its limit, as far as a solver can tell.
 
     Raises
     ------
@@ -111,11 +118,12 @@ def settle(
     trial = np.where(closed, trial, OPEN).astype(np.int8)
     was_stuck = trial == 0 if modes is None else modes == 0
     tried_since = np.where(was_stuck, since, t)
-    search = _Search(system, t, y, tried_since, closed & resting, fired, stop)
+    as_fired = min(AS_FIRED * 10.0 ** max(stalls - 1, 0), _LOOSEST)
+    search = _Search(system, t, y, tried_since, closed & resting, fired, stop, as_fired)
     segment = search.run(trial)
     result = segment.mode_set.modes
     if result.max(initial=0) >= OPEN:
-        result = label(segment, w, resting)
+        result = label(segment, w, resting, modes)
     locked = segment.mode_set.slip[segment.mode_set.locked]
     if locked.size:
         # at their limit, but held at rest by others: not in motion
@@ -212,7 +220,7 @@ def change_one(
         return None
     q = before.inputs(tau)
     slow = _slow(system, y, before.y, q)
-    near = mode_set.nearness * q[mode_set.guard_inputs]
+    near = mode_set.nearness * np.maximum(q[mode_set.guard_inputs], np.finfo(float).tiny)
     near[: before.slips] = slow
     close = (before.raw_at(tau, y) <= near).nonzero()[0]
     if close.size != 1:
@@ -295,10 +303,18 @@ class _Search:
     """Try mode sets until one is consistent."""
 
     def __init__(
-        self, system: System, t: float, y: Array, since: Array, candidates: Mask, fired: Mask, stop: float
+        self,
+        system: System,
+        t: float,
+        y: Array,
+        since: Array,
+        candidates: Mask,
+        fired: Mask,
+        stop: float,
+        as_fired: float,
     ) -> None:
         self._system, self._t, self._y, self._since = system, t, y, since
-        self._candidates, self._fired, self._stop = candidates, fired, stop
+        self._candidates, self._fired, self._stop, self._as_fired = candidates, fired, stop, as_fired
         self._tried: set[bytes] = set()
 
     def run(self, trial: Modes) -> Segment:
@@ -338,33 +354,49 @@ class _Search:
             self._candidates,
             self._stop,
         )
-        violated, order = segment.classify(self._fired)
+        violated, order = segment.classify(self._fired, self._as_fired)
         released = np.zeros(system.m, dtype=np.int8)
+        for j in segment.mode_set.at_level.tolist():
+            if not self._exceeds(segment, j):
+                # the others leave it a share that it can carry
+                return segment, released, np.array([j], dtype=np.intp)
         if not violated.any():
             segment.arm(order)
             return segment, released, np.empty(0, dtype=np.intp)
         k, s = segment.slips, segment.helds
         over = violated[k:]
         if over.any():
-            ratio = np.where(over, self._ratios(segment), 0.0)
-            first = np.flatnonzero(over & (ratio >= ratio.max() * (1 - AT_LIMIT)))
+            # a contact beyond its level counts as loaded at least that much
+            ratio = np.where(over, np.clip(segment.loads(), 1.0, np.finfo(float).max), 0.0)
+            shared = self._others_hold(segment, ratio)
+            largest = np.flatnonzero(ratio >= ratio.max() * (1 - AT_LIMIT))
+            # it carries its level and the others the rest, whatever else lets go
+            first = largest if shared is None else np.array([shared])
             released[segment.held[first % s]] = np.where(first < s, 1, -1)
         retried = segment.mode_set.slip[violated[:k]]
         return segment, released, retried
 
-    def _ratios(self, segment: Segment) -> Array:
-        """Return ``lambda / B`` towards upper and lower levels, by their rates where both are 0."""
-        k, s = segment.slips, segment.helds
-        slopes = segment.taylor[1][k:]
-        force = segment.watched(0.0, segment.y)[k:]
-        # upper and lower guards change by -+ the slope of the force, and both by that of a common level
-        rate = 0.5 * (slopes[s:] - slopes[:s]) if segment.curved else segment.expansion.z1[k:]
-        forces, rates = np.concatenate([force, -force]), np.concatenate([rate, -rate])
-        levels, noise = segment.levels(0.0), segment.guard_scales[1][k:]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            both_zero = (np.abs(forces) <= noise) & (levels <= noise)
-            ratios = np.where(both_zero, rates / (slopes + rates), forces / levels)
-        return np.where(np.isfinite(ratios), ratios, np.finfo(float).max)
+    def _others_hold(self, segment: Segment, ratio: Array) -> int | None:
+        """Return the row of the most loaded contact beyond its level whose motion others lock as well."""
+        mode_set = segment.mode_set
+        if not mode_set.groups.redundant:
+            return None
+        for row in np.argsort(-ratio, kind="stable")[: np.count_nonzero(ratio)].tolist():
+            j = int(segment.held[row % segment.helds])
+            modes = mode_set.modes.copy()
+            modes[j] = 1 if row < segment.helds else -1
+            if self._system.hard[j] and j in self._system.mode_set(modes.tobytes()).at_level:
+                return int(row)
+        return None
+
+    def _exceeds(self, segment: Segment, j: int) -> bool:
+        """Tell whether the share of a contact that carries its level would exceed it, were it not limited."""
+        modes = segment.mode_set.modes.copy()
+        side, modes[j] = int(modes[j]), 0
+        trial = segment.with_modes(modes)
+        violated, _ = trial.classify(self._fired, self._as_fired)
+        row = trial.slips + int(np.flatnonzero(trial.held == j)[0]) + (0 if side > 0 else trial.helds)
+        return bool(violated[row])
 
     def _enumerate(self) -> Segment:
         """Try every combination where releasing one after another ran in a circle."""

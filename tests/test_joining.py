@@ -23,6 +23,7 @@ from stickslip import (
     load,
     signal,
     simulate,
+    step,
 )
 from stickslip.benchmark import flywheel_benchmark
 
@@ -122,3 +123,21 @@ def test_a_part_that_fails_leaves_all_up_to_there() -> None:
     assert result.velocity("wheel1")[-1] == pytest.approx(simulate(WHEELS, SPAN)(at)[0], abs=1e-12)
     assert result.velocity("block")[-1] == pytest.approx(simulate(BLOCK, SPAN)(at)[0], abs=1e-7)
     assert [event.contact for event in result.events].count("interface") == 3
+
+
+@pytest.mark.parametrize("outputs", [[0.4, 0.5, 0.6], [0.5, 0.6], [0.25, 0.5]])
+@pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
+def test_an_open_contact_at_the_event_of_another_part(formulation: str, outputs: list[float]) -> None:
+    """w = -1 + 4 t turns over at 0.25 s; the other part sticks at 0.5 s, where w = 1."""
+    law = DryFriction(0.3, 0.2)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("ca", "a", GROUND, law, normal=10.0),
+        Body("b", inertia=1.0, velocity=-1.0),
+        Force("b", 4.0),
+        Contact("cb", "b", GROUND, law, normal=step(2.0, 0.0, 5.0)),
+    )
+    for dense in (True, False):
+        result = simulate(scene, (0.0, 1.0), t_eval=outputs, dense_output=dense, formulation=formulation)
+        assert result.mode("cb").tolist() == [1] * len(outputs), dense
+        assert result.mode("ca").tolist() == [0 if t >= 0.5 else 1 for t in outputs]

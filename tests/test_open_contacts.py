@@ -10,6 +10,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Damper,
     DryFriction,
     Force,
     Result,
@@ -195,3 +196,44 @@ def test_it_moves_with_a_body_that_a_spring_pulls_along(formulation: str) -> Non
     result = simulate(scene, (0.0, 1.2), formulation=formulation)
     assert told(result) == [("floor", 0, 1), ("open", 0, 1)]
     assert [e.t for e in result.events] == pytest.approx([1.0, 1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("law", [DryFriction(0.0, 0.0), DRY])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_velocity_that_dies_away_keeps_its_mode(law: DryFriction, sign: float) -> None:
+    """v = exp(-20 t) never comes to 0, whatever others do meanwhile and wherever one looks."""
+    bodies = [
+        Body("a", inertia=1.0, velocity=sign),
+        Damper("a", GROUND, damping=20.0),
+        Contact("smooth", "a", GROUND, law, normal=10.0 if law.mu_static == 0 else 0.0),
+        # connected to a, so that it is no part of its own: it sticks and slips
+        Body("b", inertia=1.0, velocity=1.0),
+        Damper("a", "b", damping=1e-12),
+        Contact("floor", "b", GROUND, DRY, normal=10.0),
+        Force("b", piecewise_linear([2.0, 2.5, 3.0], [0.0, 8.0, 0.0])),
+    ]
+    times = [0.1, 0.5, 0.9, 1.3, 2.1, 2.45, 2.7, 3.5, 3.9]
+    for formulation in FORMULATIONS:
+        for extra in (
+            {"rtol": 1e-6},
+            {"rtol": 1e-10, "atol": 1e-13},
+            {"max_step": 0.01},
+            {"dense_output": False},
+        ):
+            result = simulate(Scene(*bodies), (0.0, 4.0), t_eval=times, formulation=formulation, **extra)  # type: ignore[arg-type]
+            assert [e for e in result.events if e.contact == "smooth"] == []
+            assert result.mode("smooth").tolist() == [sign] * len(times), (formulation, extra)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_rests_with_a_body_that_is_held(formulation: str) -> None:
+    """The floor holds its body from 0.5 s to 2.375 s: there the open contact is at rest too."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0),
+        Contact("floor", "b", GROUND, DRY, normal=10.0),
+        Contact("smooth", "b", GROUND, DryFriction(0.0, 0.0), normal=10.0),
+        Force("b", piecewise_linear([2.0, 3.0], [0.0, 8.0])),
+    )
+    result = simulate(scene, (0.0, 3.0), formulation=formulation)
+    assert told(result) == [("floor", 0, 1), ("floor", 1, 0), ("smooth", 0, 1), ("smooth", 1, 0)]
+    assert [e.t for e in result.events] == pytest.approx([0.5, 0.5, 2.375, 2.375], abs=1e-9)

@@ -36,7 +36,7 @@ def block(
 
 
 def test_it_owes_nothing_to_the_package() -> None:
-    assert len(PARTS) == 6
+    assert len(PARTS) == 7
     for path in PARTS:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, (ast.Import, ast.ImportFrom)):
@@ -135,7 +135,27 @@ def test_equal_contacts_go_together() -> None:
     found = solve(scene)
     assert [e[1:] for e in found.events] == [("floor", 0, 1), ("other", 0, 1)]
     assert [e[0] for e in found.events] == pytest.approx([1.0, 1.0], abs=1e-14)
-    assert found.friction(0.5) is None
+    assert found.friction(0.5) == pytest.approx([1.5, 1.5], abs=1e-13)
+
+
+def test_contacts_hold_together_up_to_the_sum_of_their_levels() -> None:
+    """3 N and 0.6 N: half each up to 1.2 N, then 0.6 N and the rest, up to 3.6 N."""
+    scene = block([[0, 0], [2, 8]])
+    scene["contacts"].append(scene["contacts"][0] | {"name": "weak", "normal": 2.0})
+    found = solve(scene)
+    assert [e[1:] for e in found.events] == [("floor", 0, 1), ("weak", 0, 1)]
+    assert [e[0] for e in found.events] == pytest.approx([0.9, 0.9], abs=1e-14)
+    assert found.friction(0.25) == pytest.approx([0.5, 0.5], abs=1e-12)
+    assert found.friction(0.75) == pytest.approx([2.4, 0.6], abs=1e-12)
+
+
+def test_a_freewheel_lets_go_as_the_load_turns() -> None:
+    """Stuck while the load is backward, up to 1 s; then v = (t - 1)^2 / 2."""
+    back = {"mu_s": 0.0, "mu_c": 0.0, "mu_s_back": 0.6, "mu_c_back": 0.5}
+    found = solve(block([[0, -1], [2, 1]], **back))
+    assert [e[1:] for e in found.events] == [("floor", 0, 1)]
+    assert found.events[0][0] == pytest.approx(1.0, abs=1e-12)
+    assert found.velocity(2.0) == pytest.approx([0.5], abs=1e-12)
 
 
 def test_an_open_contact_at_rest_keeps_the_time_since_which_it_rests() -> None:

@@ -543,14 +543,14 @@ def test_a_brake_on_a_wheel_at_rest_does_not_slip() -> None:
 
 @pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])
 def test_a_brake_that_closes_takes_its_share_as_soon_as_it_can(formulation: str) -> None:
-    # 3 N: the least norm is 1.5 N each, which the brake can hold from 3 N of normal force on, at 1.003 s
+    # 3 N: the brake carries its level up to the least norm of 1.5 N each, from 3 N of normal force on, at 1.003 s
     load = piecewise_linear([1.0, 1.1, 1.2], [0, 100, 0])
     result = simulate(
         braked(3.0, load), (0.0, 2.0), t_eval=[1.002, 1.004, 1.05, 1.15], formulation=formulation
     )
     assert not result.events
-    np.testing.assert_allclose(result.force("brake"), [0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
-    np.testing.assert_allclose(result.force("pad"), [3.0 - 0.4 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(result.force("brake"), [0.5 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(result.force("pad"), [3.0 - 0.5 * 2.0, 1.5, 1.5, 1.5], rtol=1e-9)
 
 
 def test_equal_contacts_between_the_same_bodies_act_as_one() -> None:
@@ -559,9 +559,6 @@ def test_equal_contacts_between_the_same_bodies_act_as_one() -> None:
     np.testing.assert_allclose(result.force("pad"), result.force("brake"), rtol=1e-12)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="each contact lets go at its own limit, and then counts with mu_c N only"
-)
 def test_parallel_contacts_hold_with_the_sum_of_their_levels() -> None:
     """5 + 1.5 N hold together, however they share the load."""
     result = simulate(braked(piecewise_linear([0, 1], [0, 13]), 3.0), (0.0, 1.0))

@@ -16,6 +16,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from validation.oracle_motion import Exponential, Integrated, State
 from validation.oracle_settling import Instant, settle
+from validation.oracle_sharing import capacity, cuts, need, shared
 from validation.oracle_signals import just_after
 from validation.oracle_system import Array, Data, Doubt, System
 
@@ -54,11 +55,9 @@ class Solution:
         piece = self._piece(t)
         return piece.motion.at(t - piece.start)[1]
 
-    def friction(self, t: float) -> Array | None:
-        """Return the friction forces of all contacts at a time in s; None where those of stuck ones are not unique."""
+    def friction(self, t: float) -> Array:
+        """Return the friction forces of all contacts at a time in s: those of least norm where they are not unique."""
         piece = self._piece(t)
-        if not self.system.independent(piece.stuck):
-            return None
         x, v = piece.motion.at(t - piece.start)
         slipping = {j: mode for j, mode in enumerate(piece.modes) if mode}
         balance = self.system.balance(piece.start, t - piece.start, x, v, slipping, piece.stuck)
@@ -66,7 +65,7 @@ class Solution:
         force = np.zeros(len(piece.modes))
         for j, mode in slipping.items():
             force[j] = mode * self.system.slipping(j, mode, w[j]) * balance.normal[j]
-        for j, held in balance.held.items():
+        for j, held in shared(self.system, balance, t, dict(piece.since)).items():
             force[j] = held
         return force
 
@@ -197,7 +196,10 @@ class _Run:
 
 
 class _Watch:
-    """What must stay positive: w times the mode of slipping contacts, B - lambda and B + lambda of stuck ones."""
+    """What must stay positive: w times the mode of slipping contacts, B - lambda and B + lambda of stuck ones.
+
+    Where these are redundant it is what each cut can carry, less what it has to.
+    """
 
     def __init__(
         self,
@@ -211,7 +213,8 @@ class _Watch:
     ) -> None:
         self._system, self._motion, self._start = system, motion, start
         self._slipping, self._stuck, self._since = {j: m for j, m in enumerate(modes) if m}, stuck, since
-        self._owners = [*self._slipping, *stuck, *stuck]
+        self._cuts = cuts(system, stuck)
+        self._owners = [*((j,) for j in self._slipping), *(cut.contacts for cut in self._cuts)]
         slips = len(self._slipping)
         self._zero = np.full(len(self._owners), 1e-13 * system.force_scale)
         self._zero[:slips] = 1e-14 * speed
@@ -221,11 +224,10 @@ class _Watch:
         balance = self._system.balance(self._start, tau, x, v, self._slipping, self._stuck)
         w = self._system.incidence @ v
         found = [mode * w[j] for j, mode in self._slipping.items()]
-        for sign in (1, -1):
-            for j in self._stuck:
-                dwelt = self._start + tau - self._since[j]
-                level = self._system.breakaway(j, sign, dwelt) * balance.normal[j]
-                found.append(level - sign * balance.held[j])
+        time, since = self._start + tau, dict(self._since)
+        for cut in self._cuts:
+            spare = capacity(self._system, cut, time, since, balance.normal)
+            found.append(spare - need(cut, balance.held))
         return np.array(found)
 
     def first(self, grid: Array, states: Sequence[State], length: float) -> tuple[float, set[int]]:
@@ -239,11 +241,12 @@ class _Watch:
         if zeros:
             tau = min(zeros.values())
             together = 1e-12 * max(1.0, length)
-            return tau, {self._owners[k] for k, zero in zeros.items() if zero - tau <= together}
+            return tau, {j for k, zero in zeros.items() if zero - tau <= together for j in self._owners[k]}
         last = length * (1 - 1e-15)
         at_end = np.abs(self._guards(last, self._motion.at(last))) <= 1e3 * self._zero
         was_not = np.abs(guards).max(axis=0) > 1e5 * self._zero
-        return length, {j for j, reached in zip(self._owners, at_end & was_not, strict=True) if reached}
+        ended = zip(self._owners, at_end & was_not, strict=True)
+        return length, {j for owners, reached in ended if reached for j in owners}
 
     def _zero_of(self, k: int, grid: Array, values: Array, before: float) -> float | None:
         """Return where a guard first falls through 0, unless that is later than `before`."""

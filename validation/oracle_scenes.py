@@ -265,6 +265,121 @@ def curved(seed: int) -> Scene:
     return scene
 
 
+def one_way(seed: int) -> Scene:
+    """Return wheels or blocks with anisotropic laws, most of them frictionless one way, under sines."""
+    scene = curved(seed)
+    draw = _Draw(seed + 99)
+    for contact in scene["contacts"]:
+        if not draw.chance(0.8):
+            continue
+        for key in ("vs", "delta"):
+            contact.pop(key, None)
+        ways = [contact["mu_s"], contact["mu_c"]], _coefficients(draw)
+        if draw.chance(0.7):
+            ways[1][:] = [0.0, 0.0]
+        (contact["mu_s"], contact["mu_c"]), back = ways[:: draw.one([1, -1])]
+        contact["mu_s_back"], contact["mu_c_back"] = back
+    return scene
+
+
+def _coefficients(draw: _Draw) -> list[float]:
+    kinetic = draw.number(0.05, 0.6, 2)
+    return [round(kinetic * draw.one([1.0, 1.3, 2.5]), 3), kinetic]
+
+
+def closing(seed: int, loops: bool = False) -> Scene:
+    """Return bodies whose contacts all open and close together, where nearly all forces are 0; some loads are sines.
+
+    Parameters
+    ----------
+    seed : int
+        The same one gives the same scene.
+    loops : bool
+        Whether contacts close loops.
+    """
+    draw = _Draw(seed)
+    count, stop = draw.whole(1, 4), 4.0
+    corners = [1.0, 2.0, 2.5, 3.0]
+    bodies = [{"name": f"b{i}", "inertia": draw.number(0.3, 3, 2), "velocity": 0.0} for i in range(count)]
+    ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
+    for _ in range(draw.whole(1, 2) if loops else 0):
+        a, b = draw.random.sample(range(-1, count), 2)
+        ends.append((a, b) if a >= 0 else (b, a))
+    contacts, forces = [], []
+    for k, (a, b) in enumerate(ends):
+        (static, kinetic), (static_back, kinetic_back) = _coefficients(draw), _coefficients(draw)
+        if draw.chance(0.3):
+            static_back = kinetic_back = 0.0
+        peak, low = draw.number(2, 10, 1), draw.one([0.0, 0.0, -2.0])
+        contacts.append(
+            {
+                "name": f"c{k}",
+                "a": f"b{a}",
+                "b": "ground" if b < 0 else f"b{b}",
+                "mu_s": static,
+                "mu_c": kinetic,
+                "mu_s_back": static_back,
+                "mu_c_back": kinetic_back,
+                "tau": draw.one([0, 0, 0.1]),
+                "normal": [[corners[0], 0.0], [corners[1], peak], [corners[2], low], [corners[3], peak]],
+            }
+        )
+    for body in bodies:
+        push = draw.number(-12, 12, 1)
+        load = [[corners[0], 0.0], [corners[1], push], [corners[2], 0.0], [corners[3], -0.5 * push]]
+        forces.append({"body": body["name"], "load": load})
+    scene: Scene = {"bodies": bodies, "contacts": contacts, "springs": [], "forces": forces, "t_end": stop}
+    if draw.chance(0.7):
+        # a sine beside which nothing changes, or one from a time on at which it is 0
+        amplitude = draw.one([1e-25, 1e-25, draw.number(0.5, 4, 1)])
+        sine = {"amplitude": amplitude, "frequency": draw.one([0.5, 1.0, 2.0])}
+        forces.append({"body": draw.one(bodies)["name"], "load": sine})
+        scene["max_step"] = 0.05
+    if draw.chance(0.3):
+        a, b = "b0", "ground" if count == 1 else "b1"
+        scene["springs"].append({"a": a, "b": b, "k": draw.number(1, 20, 1), "c": draw.one([0, 0.5])})
+    return scene
+
+
+def together(seed: int) -> Scene:
+    """Return bodies held by contacts side by side and in loops, of levels far apart, under lines and sines."""
+    draw = _Draw(seed)
+    count, stop = draw.whole(1, 3), draw.one([2.0, 4.0])
+    bodies = [
+        {
+            "name": f"b{i}",
+            "inertia": draw.number(0.3, 3, 2),
+            "velocity": draw.one([0.0, draw.number(-1, 1, 2)]),
+        }
+        for i in range(count)
+    ]
+    ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
+    for _ in range(draw.whole(1, 4)):
+        a, b = draw.random.sample(range(-1, count), 2)
+        ends.append((a, b) if a >= 0 else (b, a))
+    contacts = []
+    for k, (a, b) in enumerate(ends):
+        level = draw.one([5.0, 20.0, draw.number(1, 30, 1), draw.lines(stop, 0, 20, draw.whole(2, 4))])
+        contacts.append(draw.contact(f"c{k}", f"b{a}", "ground" if b < 0 else f"b{b}", level))
+    forces = [
+        {"body": body["name"], "load": draw.lines(stop, -8, 8, draw.whole(2, 5), jumps=draw.chance(0.3))}
+        for body in bodies
+    ]
+    scene: Scene = {"bodies": bodies, "contacts": contacts, "springs": [], "forces": forces, "t_end": stop}
+    if draw.chance(0.5):
+        sine = {
+            "amplitude": draw.number(0.5, 6, 1),
+            "frequency": draw.number(0.2, 2, 1),
+            "phase": draw.number(0, 3, 1),
+        }
+        forces.append({"body": draw.one(bodies)["name"], "load": sine})
+        scene["max_step"] = 0.05
+    if draw.chance(0.3):
+        a, b = "b0", "ground" if count == 1 else "b1"
+        scene["springs"].append({"a": a, "b": b, "k": draw.number(1, 20, 1), "c": draw.one([0, 0.5])})
+    return scene
+
+
 def tree(draw: Callable[[int], Scene], seed: int) -> Scene:
     """Return a scene of another family without the contacts that close loops: its answer is unique to the end."""
     scene = draw(seed)
@@ -301,5 +416,12 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
         partial(tree, curved),
         "Stribeck curves, and sines for loads and normal forces, without loops",
     ),
+    "one-way": (one_way, "anisotropic laws, frictionless one way, under sines"),
+    "closing": (closing, "anisotropic contacts that open and close together, beside sines"),
+    "closing-loops": (
+        partial(closing, loops=True),
+        "contacts in loops that open and close together, beside sines",
+    ),
+    "together": (together, "contacts side by side and in loops, of levels far apart"),
 }
 """Scenes by number, and what they are."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from validation.oracle_sharing import Cut, capacity, cuts, need
 from validation.oracle_system import Array, Balance, Doubt, System
 
 TIE, NEAR_TIE = 1e-10, 1e-6
@@ -14,6 +15,8 @@ TIE, NEAR_TIE = 1e-10, 1e-6
 AT_LEVEL, BELOW_LEVEL = 1e-7, 1e-9
 """How far below its level a contact that has just reached it counts as overloaded; how far above it another holds."""
 
+JUST_AFTER = 1e-9
+"""Part of the span after which forces and levels that are both 0 are looked at."""
 SOON = 1e-6
 """Part of the span after which an acceleration that starts at 0 is looked at."""
 
@@ -53,7 +56,8 @@ def settle(system: System, now: Instant) -> dict[int, int | None]:
 
     All are tried stuck. While some |lambda| > B, the one with the largest |lambda|/B is let go with the sign of its
     lambda, those that tie with it too, and lambda is solved again. One let go whose relative acceleration points
-    against its mode is tried stuck again.
+    against its mode is tried stuck again. Contacts that lock the same motion are let go together, where they cannot
+    carry together what they have to.
     """
     slipping: dict[int, int] = {}
     tried: set[frozenset[tuple[int, int]]] = set()
@@ -79,26 +83,49 @@ def settle(system: System, now: Instant) -> dict[int, int | None]:
 
 def _let_go(system: System, now: Instant, balance: Balance) -> dict[int, int]:
     """Return the contacts with the largest load beyond their level, and the signs of their forces."""
-    loads = {j: _load(system, now, balance, j) for j in balance.held}
-    beyond = {
-        j: load for j, load in loads.items() if load > (1 - AT_LEVEL if j in now.reached else 1 + BELOW_LEVEL)
-    }
+    stuck = tuple(balance.held)
+    loads = {cut: _load(system, now, balance, cut) for cut in cuts(system, stuck)}
+    loads |= _loads_to_come(system, now, balance, [cut for cut in loads if math.isnan(loads[cut])])
+
+    def limit(cut: Cut) -> float:
+        return 1 - AT_LEVEL if now.reached.issuperset(cut.contacts) else 1 + BELOW_LEVEL
+
+    beyond = {cut: load for cut, load in loads.items() if load > limit(cut)}
     if not beyond:
         return {}
     largest = max(beyond.values())
     if any(largest * (1 - NEAR_TIE) < load < largest * (1 - TIE) for load in loads.values()):
         raise Doubt(now.start, "a near tie")
-    return {j: _sign(balance.held[j]) for j, load in beyond.items() if load >= largest * (1 - TIE)}
+    if len(beyond) > 1 and any(len(cut.contacts) > 1 for cut in beyond):
+        # the model does not say which of them goes first
+        raise Doubt(now.start, "several sets of contacts that let go at once")
+    signs: dict[int, int] = {}
+    for cut, load in beyond.items():
+        if load >= largest * (1 - TIE):
+            signs |= dict(zip(cut.contacts, cut.signs, strict=True))
+    return signs
 
 
-def _load(system: System, now: Instant, balance: Balance, j: int) -> float:
-    """Return |lambda|/B."""
-    held = balance.held[j]
-    dwelt = now.start + now.later - now.since[j]
-    level = system.breakaway(j, _sign(held), dwelt) * balance.normal[j]
+def _load(system: System, now: Instant, balance: Balance, cut: Cut, later: float = 0.0) -> float:
+    """Return lambda/B, or the sums of both over a cut; nan where both are 0."""
+    time = now.start + now.later + later
+    held, level = need(cut, balance.held), capacity(system, cut, time, now.since, balance.normal)
     if level > 0:
-        return abs(held) / level
-    return math.inf if abs(held) > 1e-13 * system.force_scale else 0.0
+        return held / level
+    if later:
+        return math.inf if held > 1e-16 * system.force_scale else 0.0
+    return math.nan if abs(held) <= 1e-13 * system.force_scale else math.copysign(math.inf, held)
+
+
+def _loads_to_come(system: System, now: Instant, balance: Balance, unknown: list[Cut]) -> dict[Cut, float]:
+    """Return the loads just after now, where forces and levels are 0."""
+    if not unknown:
+        return {}
+    later = JUST_AFTER * system.span
+    soon = now.later + later
+    slipping = {**now.moving, **balance.slipping}
+    coming = system.balance(now.start, soon, now.x + now.v * soon, now.v, slipping, tuple(balance.held))
+    return {cut: _load(system, now, coming, cut, later) for cut in unknown}
 
 
 def _against(system: System, now: Instant, balance: Balance, slipping: dict[int, int]) -> list[int]:
@@ -118,7 +145,3 @@ def _against(system: System, now: Instant, balance: Balance, slipping: dict[int,
     if any(relative[j] * slipping[j] <= roundoff for j in still):
         raise Doubt(now.start, "a contact let go that does not accelerate")
     return []
-
-
-def _sign(force: float) -> int:
-    return 1 if force > 0 else -1

@@ -35,12 +35,13 @@ class Loads(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Velocities and accelerations of bodies, forces of stuck contacts by number, and normal forces."""
+    """Velocities, accelerations, forces of stuck contacts by number, normal forces, modes of slipping contacts."""
 
     velocity: Array
     acceleration: Array
     held: dict[int, float]
     normal: Array
+    slipping: Mapping[int, int]
 
 
 class System:
@@ -170,7 +171,7 @@ class System:
         for i, acceleration in loads.acceleration.items():
             a[i] = acceleration
         if not stuck:
-            return Balance(v, a, {}, loads.normal)
+            return Balance(v, a, {}, loads.normal, modes)
         held = self.holding(stuck) @ a
         before = np.abs(self.incidence[list(stuck)] @ a).max()
         roundoff = 1e-12 * np.abs(a).max()
@@ -178,7 +179,7 @@ class System:
         left = np.abs(self.incidence[list(stuck)] @ a).max()
         if left > max(1e-7 * before, roundoff):
             raise Doubt(start + tau, "contacts that cannot all stay stuck")
-        return Balance(v, a, dict(zip(stuck, held.tolist(), strict=True)), loads.normal)
+        return Balance(v, a, dict(zip(stuck, held.tolist(), strict=True)), loads.normal, modes)
 
     def holding(self, stuck: Sequence[int]) -> Array:
         """Return (G_S M^-1 G_S^T)^+ G_S: the forces that take away relative accelerations, or impulses velocities."""

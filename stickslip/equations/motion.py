@@ -153,7 +153,7 @@ class Motion:
 
     # -- rates -----------------------------------------------------------------------------------------------
 
-    def _acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
+    def acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting rows."""
         equations, system = self.equations, self.system
         rows = equations.acting
@@ -168,7 +168,11 @@ class Motion:
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self._acting_terms(y, self.inputs(tau), tau))
+        return self.equations.law.forces(*self.acting_terms(y, self.inputs(tau), tau))
+
+    def law_slopes(self, tau: float, y: Array) -> Array:
+        """Return the derivatives of the friction forces that depend on velocity with respect to it."""
+        return self.equations.law.slopes(*self.acting_terms(y, self.inputs(tau), tau))
 
     def both(self, tau: float | Array, y: Array) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array."""
@@ -177,7 +181,7 @@ class Motion:
         found = equations.apply(y)
         found += equations.respond(q)
         if self.has_law:
-            w, normal, lag, z = self._acting_terms(y, q, tau)
+            w, normal, lag, z = self.acting_terms(y, q, tau)
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
@@ -217,7 +221,7 @@ class Motion:
         matrix = equations.jacobian()
         if not self.has_law:
             return matrix
-        terms = self._acting_terms(y, self.inputs(tau), tau)
+        terms = self.acting_terms(y, self.inputs(tau), tau)
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
@@ -308,14 +312,14 @@ class Motion:
         if not self.has_law:
             return found
         q = self.inputs(tau)
-        w, normal, lag, z = self._acting_terms(y, q, tau)
+        w, normal, lag, z = self.acting_terms(y, q, tau)
         dw = system.relative_velocity(rate, dq)[equations.acting]
         d = self.difference_step
         law = equations.law
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference
         e = law.forces(w, normal, lag, z)
         moved_q = self.inputs(tau + d)
-        _, normal_d, lag_d, _ = self._acting_terms(y, moved_q, tau + d)
+        _, normal_d, lag_d, _ = self.acting_terms(y, moved_q, tau + d)
         z_d = z + d * rate[equations.bristle_places]
         by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d
         found += equations.push(law.slopes(w, normal, lag, z) * dw + by_time)

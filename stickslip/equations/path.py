@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Path"]
+__all__ = ["Path", "chebyshev_nodes", "from_nodes"]
 
 Array = NDArray[np.float64]
 
@@ -21,71 +23,98 @@ class Path:
     taus : array (k + 1,)
         Ends of the steps in s since the start of the motion, the first 0.
     coefficients : array (k, order + 1, size)
-        In step i the state is ``sum_j coefficients[i, j] s^j`` with s from 0 to 1 over the step.
+        In step i the state is ``sum_j coefficients[i, j] p_j(s)`` with s from 0 to 1 over the step.
     last : array (size,)
         The state at the end.
     hit : bool
         Whether a guard came to 0 at the end.
-    forces : array (k, order + 1, held), optional
-        Forces of the held rows, where the engine has them as unknowns of their own.
+    is_chebyshev : bool
+        Whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not.
     """
 
     taus: Array
     coefficients: Array
     last: Array
     hit: bool
-    forces: Array | None = None
+    is_chebyshev: bool = False
 
     @property
     def points(self) -> Array:
         """The states at the ends of the steps, one row each."""
-        return np.concatenate([self.coefficients[:, 0], self.last[None, :]])
+        first = self.coefficients[:, 0]
+        if self.is_chebyshev:
+            first = self._at_start(self.coefficients)
+        return np.concatenate([first, self.last[None, :]])
+
+    @staticmethod
+    def _at_start(coefficients: Array) -> Array:
+        return coefficients[:, 0::2].sum(axis=1) - coefficients[:, 1::2].sum(axis=1)
 
     def at(self, taus: Array) -> Array:
         """Return the states at local times, one row each."""
-        return self._evaluate(self.coefficients, taus)
-
-    def forces_at(self, taus: Array) -> Array:
-        """Return the forces of the held rows at local times, one row each."""
-        assert self.forces is not None
-        return self._evaluate(self.forces, taus)
-
-    def _evaluate(self, coefficients: Array, taus: Array) -> Array:
-        if not self.coefficients.shape[0]:
-            if coefficients is self.coefficients:
-                return np.repeat(self.last[None, :], taus.size, axis=0)
-            return np.zeros((taus.size, coefficients.shape[2]))
-        if coefficients.shape[0] == 1:
-            s = (taus / self.taus[1])[:, None] if self.taus[1] > 0 else np.zeros((taus.size, 1))
-            one = coefficients[0]
-            found = np.repeat(one[-1][None, :], taus.size, axis=0)
-            for j in range(one.shape[0] - 2, -1, -1):
-                found *= s
-                found += one[j]
-            return found
-        i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, coefficients.shape[0] - 1)
-        s = ((taus - self.taus[i]) / (self.taus[i + 1] - self.taus[i]))[:, None]
-        found = coefficients[i, -1]
-        for j in range(coefficients.shape[1] - 2, -1, -1):
-            found *= s
-            found += coefficients[i, j]
+        c = self.coefficients
+        if not c.shape[0]:
+            return np.repeat(self.last[None, :], taus.size, axis=0)
+        i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
+        h = self.taus[i + 1] - self.taus[i]
+        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)[:, None]
+        pick = (lambda j: c[0, j]) if c.shape[0] == 1 else (lambda j: c[i, j])
+        found = _clenshaw(pick, c.shape[1], 2 * s - 1) if self.is_chebyshev else _horner(pick, c.shape[1], s)
+        found[taus >= self.taus[-1]] = self.last
         return found
+
+    def curvature(self) -> Array:
+        """Return a bound of ``|d^2 y / d s^2|`` in each step, one row each."""
+        j = np.arange(self.coefficients.shape[1], dtype=float)
+        weight = 4 * j**2 * (j**2 - 1) / 3 if self.is_chebyshev else j * (j - 1)
+        return np.asarray(np.einsum("j,kjs->ks", weight, np.abs(self.coefficients)))
 
     def until(self, count: int) -> Path:
         """Return the first `count` steps."""
-        forces = None if self.forces is None else self.forces[:count]
-        last = self.last if count >= self.coefficients.shape[0] else self.coefficients[count, 0]
-        return Path(self.taus[: count + 1], self.coefficients[:count], last, False, forces)
+        if count >= self.coefficients.shape[0]:
+            return replace(self, hit=False)
+        last = self.points[count]
+        return Path(self.taus[: count + 1], self.coefficients[:count], last, False, self.is_chebyshev)
 
     def cut(self, tau: float) -> Path:
         """Return the path up to local time `tau`, within it."""
         i = int(np.clip(np.searchsorted(self.taus, tau, side="left") - 1, 0, self.coefficients.shape[0] - 1))
-        part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])
-        powers = part ** np.arange(self.coefficients.shape[1])
         pieces = self.coefficients[: i + 1].copy()
-        pieces[i] *= powers[:, None]
-        forces = None
-        if self.forces is not None:
-            forces = self.forces[: i + 1].copy()
-            forces[i] *= (part ** np.arange(forces.shape[1]))[:, None]
-        return Path(np.append(self.taus[: i + 1], tau), pieces, pieces[i].sum(axis=0), False, forces)
+        last = self.at(np.array([tau]))[0]
+        if self.is_chebyshev:
+            order = pieces.shape[1] - 1
+            nodes = chebyshev_nodes(order)
+            pieces[i] = from_nodes(order) @ self.at(self.taus[i] + (tau - self.taus[i]) * nodes)
+        else:
+            part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])
+            pieces[i] *= (part ** np.arange(pieces.shape[1]))[:, None]
+        return Path(np.append(self.taus[: i + 1], tau), pieces, last, False, self.is_chebyshev)
+
+
+def _horner(pick: Callable[[int], Array], count: int, s: Array) -> Array:
+    found = np.array(np.broadcast_to(pick(count - 1), (s.shape[0], pick(0).shape[-1])))
+    for j in range(count - 2, -1, -1):
+        found *= s
+        found += pick(j)
+    return found
+
+
+def _clenshaw(pick: Callable[[int], Array], count: int, x: Array) -> Array:
+    later = np.zeros((x.shape[0], pick(0).shape[-1]))
+    now = later
+    for j in range(count - 1, 0, -1):
+        now, later = pick(j) + 2 * x * now - later, now
+    return pick(0) + x * now - later
+
+
+@lru_cache(maxsize=32)
+def chebyshev_nodes(order: int) -> Array:
+    """Return the Chebyshev points from 0 to 1, both ends among them."""
+    return 0.5 - 0.5 * np.cos(np.pi * np.arange(order + 1) / max(order, 1))
+
+
+@lru_cache(maxsize=32)
+def from_nodes(order: int) -> Array:
+    """Return the matrix from values at the Chebyshev points to Chebyshev coefficients."""
+    places = 2 * chebyshev_nodes(order) - 1
+    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(places, order)))

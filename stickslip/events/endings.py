@@ -8,7 +8,6 @@ from scipy.optimize import brentq
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
-from stickslip.equations.mode_equations import FREE
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
@@ -18,9 +17,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_TIE = 1e-7
+_TIE = 1e-13
 _CONSTANT = 1e-7
-_NEXT = 1e-9
 
 
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> tuple[Mask, Mask]:
@@ -32,12 +30,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         tau = float(path.taus[-1])
         values = guards.values(tau, motion.watched(tau, path.last))
         reach = np.full(values.size, max(0.0, float(values.min())))
-        if path.forces is not None:
-            # these forces are known within tolerances only: what ties may not seem to
-            held = ~guards.is_velocity
-            reach[held] = np.maximum(reach[held], _TIE * guards.scale[held])
-        else:
-            reach += _NEXT * 1e-6 * guards.scale
+        # rows that tie within roundoff go together
+        reach += _TIE * guards.scale
         at = values <= reach
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
@@ -168,5 +162,3 @@ def _acceleration(motion: Motion, tau: float, y: Array, row: int) -> float:
     dq = motion.stretch.rate(motion.t + tau)
     return float(system.relative_velocity(rate, np.concatenate([dq, np.zeros(system.dwelling.size)]))[row])
 
-
-_ = FREE

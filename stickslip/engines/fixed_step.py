@@ -1,0 +1,206 @@
+"""Fixed steps, as real-time simulators take them: modes change at the ends of steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.stability import Stability, Unstable
+from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+
+__all__ = ["FixedStep"]
+
+Array = NDArray[np.float64]
+
+_FEWEST, _MOST = 4, 64
+"""Steps taken before the guards are looked at, all at once: few after an event, more as the modes last."""
+
+
+class FixedStep:
+    """The classical Runge-Kutta method of order 4, or Euler's, with a given step.
+
+    Parameters
+    ----------
+    method : str
+        "RK4" or "Euler".
+    step : float
+        Step in s.
+    work : Work
+    interruption : Interruption
+    """
+
+    def __init__(self, method: str, step: float, work: Work, interruption: Interruption) -> None:
+        self._method, self._step, self._stability = method, step, Stability(method)
+        self.work, self._interruption = work, interruption
+        self.show: Callable[[float], None] | None = None
+        self._take: Callable[[_Rates, int, Array, float], Array]
+        self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
+
+    def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
+        """Step until a guard is violated, a contact opens or closes, or local time `horizon` is reached."""
+        count = max(1, math.ceil(horizon / self._step * (1 - 1e-12)))
+        taken = _Taken(motion)
+        done, some, hit, over = 0, _FEWEST, False, False
+        self.work.starts += 1
+        self._check(motion, min(self._step, horizon), taken)
+        while done < count and not over:
+            ends: Array = self._step * np.arange(done, min(done + some, count) + 1, dtype=np.float64)
+            if done + some >= count:
+                ends[-1] = horizon
+            ys = self._try_steps(motion, ends, taken)
+            kept, hit, over = self._until_a_change(motion, guards, ends, ys)
+            taken.add(ends[1 : kept + 1], ys[:kept])
+            self.work.steps += kept
+            if not over and kept < ends.size - 1:
+                raise self._failure("the states grow without limit", taken)
+            self._check(motion, min(self._step, horizon), taken)
+            done, some = done + kept, min(2 * some, _MOST)
+        return taken.path(hit)
+
+    def _check(self, motion: Motion, h: float, taken: _Taken) -> None:
+        """Raise an error where the step is too long for the points computed last."""
+        try:
+            self._stability.check(motion, h, *taken.last_points())
+        except Unstable as reason:
+            raise self._failure(str(reason), taken) from reason
+
+    def _failure(self, reason: str, taken: _Taken) -> SolverFailure:
+        sentence = f"the {self._method} step of {self._step:g} s is unstable: {reason}"
+        return SolverFailure(sentence, "shorten the step, or use BDF", taken.path(False))
+
+    def _try_steps(self, motion: Motion, ends: Array, taken: _Taken) -> Array:
+        """Take some steps; where that fails or is interrupted, hand over what was computed before."""
+        if self.show is not None:
+            self.show(float(ends[0]))
+        if self._interruption.pressed:
+            raise Interrupted(taken.path(False))
+        try:
+            return self._steps(motion, ends, taken.states[-1][-1])
+        except (ArithmeticError, ValueError) as fault:
+            raise SolverFailure(str(fault), LOOK_AT_SCENE, taken.path(False)) from fault
+
+    def _steps(self, motion: Motion, ends: Array, y: Array) -> Array:
+        """Return the states (rows) at the ends of steps in fixed modes."""
+        count, times = ends.size - 1, self._times
+        stages = np.empty(times * count + 1)
+        stages[::times] = ends
+        if times == 2:
+            stages[1::2] = 0.5 * (ends[:-1] + ends[1:])
+        rates = _Rates(motion, stages)
+        ys = np.empty((count, y.size))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for k, h in enumerate(np.diff(ends).tolist()):
+                y = ys[k] = self._take(rates, times * k, y, h)
+            ys = np.ascontiguousarray(motion.exact(ends[1:], ys.T).T)
+        self.work.rate_calls += self._stages * count
+        return ys
+
+    def _until_a_change(self, motion: Motion, guards: Guards, ends: Array, ys: Array) -> tuple[int, bool, bool]:
+        """Return how many steps hold, whether a guard ended them, and whether anything did."""
+        sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
+        taus, ys = ends[1 : sound + 1], ys[:sound]
+        self.work.guard_calls += sound
+        values = guards.values(taus, motion.watched(taus, ys.T))
+        # an open row that turns over needs no new start: what it shows is all that changes
+        violated = values.min(axis=0, initial=np.inf) < 0
+        changed = violated
+        if not motion.stretch.is_straight:
+            alive = motion.system.alive[:, None]
+            now = (motion.normals(0.0) > 0)[:, None] & alive
+            changed = violated | np.any(((motion.normals(taus) > 0) & alive) != now, axis=0)
+        if changed.any():
+            first = int(changed.argmax())
+            return first + 1, bool(violated[first]), True
+        return sound, False, False
+
+
+class _Taken:
+    """Points taken so far."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion = motion
+        self.taus, self.states = [np.zeros(1)], [motion.y[None, :]]
+
+    def add(self, taus: Array, states: Array) -> None:
+        self.taus.append(taus)
+        self.states.append(states)
+
+    def last_points(self) -> tuple[Array, Array]:
+        """Return the points added last, and the one before: between two a contact may pass through rest."""
+        if not self.taus[1:]:
+            return self.taus[0], self.states[0]
+        return (
+            np.concatenate([self.taus[-2][-1:], self.taus[-1]]),
+            np.concatenate([self.states[-2][-1:], self.states[-1]]),
+        )
+
+    def path(self, hit: bool) -> Path:
+        """Return the cubic in each step that has the rates at both ends."""
+        motion = self._motion
+        taus, states = np.concatenate(self.taus), np.concatenate(self.states)
+        fine = np.isfinite(states).all(axis=1)
+        rates = np.zeros_like(states)
+        with np.errstate(over="ignore", invalid="ignore"):
+            rates[fine] = motion.rate(taus[fine], states[fine].T).T
+        h = np.diff(taus)[:, None]
+        rise = np.diff(states, axis=0)
+        first, second = h * rates[:-1], h * rates[1:]
+        coefficients = np.stack(
+            [states[:-1], first, 3 * rise - 2 * first - second, first + second - 2 * rise], axis=1
+        )
+        return Path(taus, coefficients, states[-1], hit)
+
+
+class _Rates:
+    """The rates at times known beforehand: inputs are evaluated for all of them at once.
+
+    Parameters
+    ----------
+    motion : Motion
+    taus : array (k,)
+        Local times of the stages.
+    """
+
+    def __init__(self, motion: Motion, taus: Array) -> None:
+        equations, size = motion.equations, motion.y.size
+        self._motion, self._equations, self._size = motion, equations, size
+        q = motion.inputs(taus)
+        self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
+        self._has_law = motion.has_law
+        if self._has_law:
+            rest = np.zeros((size, taus.size))
+            w, normal, lag, _ = motion.acting_terms(rest, q, taus)
+            self._w, self._normal, self._lag = (list(np.ascontiguousarray(x.T)) for x in (w, normal, lag))
+            self._rows = motion.system.G[equations.acting]
+
+    def __call__(self, stage: int, y: Array) -> Array:
+        """Return the rates at the time of a stage."""
+        equations, size = self._equations, self._size
+        rate = equations.apply(y)[:size] + self._inputs[stage]
+        if self._has_law:
+            law, places = equations.law, equations.bristle_places
+            w = self._rows @ y[: self._motion.system.n] + self._w[stage]
+            normal, z = self._normal[stage], y[places]
+            rate += equations.push(law.forces(w, normal, self._lag[stage], z))[:size]
+            if places.size:
+                rate[places] = law.bristle_rates(w, normal, z)
+        return rate
+
+
+def _euler(rate: _Rates, stage: int, y: Array, h: float) -> Array:
+    return y + h * rate(stage, y)
+
+
+def _runge_kutta(rate: _Rates, stage: int, y: Array, h: float) -> Array:
+    half = 0.5 * h
+    k1 = rate(stage, y)
+    k2 = rate(stage + 1, y + half * k1)
+    k3 = rate(stage + 1, y + half * k2)
+    k4 = rate(stage + 2, y + h * k3)
+    return y + h / 6 * (k1 + 2 * (k2 + k3) + k4)

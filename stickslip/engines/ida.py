@@ -1,0 +1,274 @@
+"""The multiplier formulation: held forces as unknowns of an index-1 DAE, solved by IDA.
+
+Breedveld (2000), figs. 2 and 3: in stick mode one inertia depends on the other. With ``G_H`` the held rows,
+``M v' + G_H^T lambda = F`` and ``G_H v' + D_H u' = 0``: the balance itself is the residual. Where rows lock the same
+motion, ``Z Z^T lambda`` is added over the directions Z in which forces are not unique: they get the least norm.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.engines.cvode import LOCAL, STEPS_PER_PERIOD, protected, without_dips
+from stickslip.engines.linear_solver import sparsity_pattern
+from stickslip.engines.steps import DEGREE, take_steps
+from stickslip.engines.sundials import IDA
+from stickslip.engines.work import Interruption, Progress, Work, failure_of, sound
+from stickslip.equations.guards import Guards
+from stickslip.equations.loads import Loads
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+from stickslip.equations.system import System
+
+__all__ = ["OF_FORCES", "Ida"]
+
+Array = NDArray[np.float64]
+
+_DENSE_LIMIT = 100
+OF_FORCES = 100.0
+"""How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
+
+Guards and results do not use them, but what the balance gives in the same state.
+"""
+
+
+class Ida:
+    """IDA for the motions of one simulation.
+
+    Parameters
+    ----------
+    system : System
+    loads : Loads
+    rtol : float
+    atol : array (size,)
+        Tolerances of the states.
+    max_step : float
+        Longest step in s, infinite for none.
+    work : Work
+    interruption : Interruption
+    """
+
+    def __init__(
+        self,
+        system: System,
+        loads: Loads,
+        rtol: float,
+        atol: Array,
+        max_step: float,
+        work: Work,
+        interruption: Interruption,
+    ) -> None:
+        self._rtol, self._atol, self._max_step, self._period = LOCAL * rtol, LOCAL * atol, max_step, loads.period
+        self.work, self._interruption = work, interruption
+        self.show: Callable[[float], None] | None = None
+        self._progress: Progress
+        del system
+
+    def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
+        """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
+        equations = _Residual(motion)
+
+        def solve(tau: float) -> Path:
+            self._progress = Progress(tau, self._interruption, self.show)
+            return self._solve(motion, guards, equations, tau)
+
+        return without_dips(
+            motion, guards, lambda tau: protected(motion, solve, tau, self._interruption, self._last), horizon
+        )
+
+    def _last(self) -> float:
+        return self._progress.last
+
+    def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float) -> Path:
+        size, work, reading = motion.y.size, self.work, False
+
+        def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
+            self._progress.note(tau)
+            equations.residual(tau, u, rate, out)
+
+        def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
+            if reading:
+                out[0] = 1.0
+                return
+            work.guard_calls += 1
+            # a guard that is found negative ends the motion
+            out[0] = -1.0 if self._interruption.pressed else sound(guards.smallest(tau, u[:size]), tau)
+
+        def read(now: bool) -> None:
+            nonlocal reading
+            reading = now
+
+        with warnings.catch_warnings():
+            # giving the pattern together with the exact Jacobian is meant
+            warnings.simplefilter("ignore", UserWarning)
+            solver = IDA(
+                residual,
+                eventsfn=smallest_guard,
+                num_events=1,
+                **self._options(motion, equations, horizon),
+            )
+        solver.init_step(0.0, equations.start, equations.start_rate)
+        taken = take_steps(solver, horizon, equations.start, DEGREE["BDF"], read)
+        solution = taken.last
+        work.solvers += 1
+        work.starts += 1
+        work.rate_calls += solution.nfev
+        work.jacobian_calls += solution.njev
+        work.steps += taken.taus.size - 1
+        last = motion.exact(float(taken.taus[-1]), taken.state[:size])
+        path = Path(taken.taus, taken.coefficients[:, :, :size].copy(), last, solution.status == 2, True)
+        if solution.status < 0:
+            raise failure_of(solution, path)
+        return path
+
+    def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
+        max_step = self._max_step
+        if not motion.stretch.is_straight:
+            max_step = min(max_step, self._period / STEPS_PER_PERIOD)
+        # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
+        # and no finer than what would change a velocity within the motion. A contact that is just being closed, or
+        # that nothing pushes, has no force of its own to be judged by
+        of_forces = np.maximum(
+            OF_FORCES * self._rtol * equations.force_scale, self._atol[0] * equations.impulse_scale / horizon
+        )
+        options: dict[str, Any] = {
+            "rtol": self._rtol,
+            "atol": np.concatenate([self._atol, of_forces]),
+            "max_step": max_step if np.isfinite(max_step) else 0.0,
+            "algebraic_idx": list(range(motion.y.size, equations.start.size)) or None,
+            "jacfn": equations.jacobian,
+            "max_num_steps": 100_000,
+        }
+        if equations.pattern is not None:
+            options |= {"linsolver": "sparse", "sparsity": equations.pattern}
+        return options
+
+
+class _Residual:
+    """Residual and Jacobian of a motion, with nothing reduced."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion, system = motion, motion.system
+        held = motion.equations.held
+        self._system, self._size = system, motion.y.size
+        self._G, self._D = system.G[held], system.D[held]
+        start = motion.start
+        force = start.z[0, system.m : system.m + held.size]
+        self.start = np.concatenate([motion.y, force])
+        self.start_rate = np.concatenate([start.y[1], start.z[1, system.m : system.m + held.size]])
+        self._null = self._null_space(held)
+        self._scale_forces(force)
+        self._place_jacobian()
+
+    def _null_space(self, held: NDArray[np.intp]) -> Array | None:
+        """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
+        if not self._motion.equations.balance.redundant.any():
+            return None
+        G, D = (x.toarray() if sparse.issparse(x) else x for x in (self._G, self._D))
+        scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
+        unit = G / scale[:, None]
+        values, vectors = np.linalg.eigh(unit @ unit.T)
+        free = vectors[:, values < 1e-9 * values.max()]
+        # the least norm is that of lambda * scale
+        return np.asarray((free @ free.T) * scale / scale.max())
+
+    def _scale_forces(self, force: Array) -> None:
+        motion, system = self._motion, self._system
+        largest = np.abs(self._forces(0.0, motion.y)).max(initial=0.0)
+        levels = system.largest_coefficient[motion.equations.held]
+        for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
+            normal = motion.normals(tau)[motion.equations.held]
+            largest = max(largest, float((levels * normal).max(initial=0.0)))
+        self.force_scale = np.maximum(np.abs(force), largest)
+        inverse = 1.0 / np.maximum(system.inertia, np.finfo(float).tiny)
+        squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
+        self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
+
+    def _forces(self, tau: float, y: Array) -> Array:
+        """Return all forces on the bodies but those of the held rows."""
+        motion, system = self._motion, self._system
+        q = motion.inputs(tau)
+        friction = motion.equations.friction @ q
+        if motion.has_law:
+            friction[motion.equations.acting] = motion.acting_forces(tau, y)
+        return np.asarray(system.C @ y + system.Q @ q[: system.inputs] - system.GT @ friction)
+
+    def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
+        """Fill in the balance, the other states' rates, and the constraint."""
+        motion, system = self._motion, self._system
+        n, size = system.n, self._size
+        y, force = u[:size], u[size:]
+        out[:n] = system.inertia * rate[:n] - self._forces(tau, y) + self._G.T @ force
+        if size > n:
+            out[n:size] = rate[n:size] - motion.rate(tau, y)[n:]
+        if force.size:
+            out[size:] = self._G @ rate[:n]
+            if system.drives:
+                out[size:] += self._D @ system.drive_accelerations(motion.inputs(tau))
+            if self._null is not None:
+                out[size:] -= self._null @ force
+
+    def _place_jacobian(self) -> None:
+        self.pattern: Any = None
+        total = self.start.size
+        self._rates = self._by_rates()
+        if total <= _DENSE_LIMIT:
+            self._rates = self._rates.toarray()
+            self._constant = self._by_states(0.0, self._motion.y).toarray()
+            return
+        by_states = abs(self._by_states(0.0, self._motion.y))
+        self.pattern, self._places = sparsity_pattern(by_states + abs(self._rates) + sparse.eye_array(total))
+
+    def _by_rates(self) -> Any:
+        system, count = self._system, self.start.size - self._size
+        others = sparse.eye_array(self._size - system.n)
+        top = sparse.block_diag([sparse.diags_array(system.inertia), others], format="csr")
+        if not count:
+            return sparse.csr_array(top)
+        wide = sparse.hstack([sparse.csr_array(self._G), sparse.csr_array((count, self._size - system.n))])
+        return sparse.block_array([[top, sparse.csr_array((self._size, count))], [wide, None]], format="csr")
+
+    def _by_states(self, tau: float, y: Array) -> Any:
+        motion, system = self._motion, self._system
+        n, size, count = system.n, self._size, self.start.size - self._size
+        forces = sparse.csr_array(system.C)
+        acting = motion.equations.acting
+        if acting.size:
+            rows = sparse.csr_array(system.G)[acting]
+            slopes = motion.law_slopes(tau, y)
+            pushed = sparse.csr_array(system.GT)[:, acting]
+            part = pushed @ sparse.diags_array(slopes) @ rows
+            forces = forces - sparse.hstack([part, sparse.csr_array((n, size - n))], format="csr")
+        full = sparse.csr_array(motion.jacobian(tau, y))
+        if motion.equations.bristle_places.size:
+            places = motion.equations.bristle_places
+            sigma = system.coefficients.sigma[acting[motion.equations.law.bristles], 0]
+            pushed = sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
+            entries = sparse.csr_array(
+                (sigma, (np.arange(places.size), places)), shape=(places.size, size)
+            )
+            forces = forces - pushed @ entries
+        top = sparse.vstack([-forces, -full[n:]], format="csr")
+        if not count:
+            return top
+        null = sparse.csr_array((count, count)) if self._null is None else sparse.csr_array(-self._null)
+        pull = sparse.vstack([sparse.csr_array(self._G.T), sparse.csr_array((size - n, count))])
+        return sparse.block_array([[top, pull], [sparse.csr_array((count, size)), null]], format="csr")
+
+    def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
+        """Fill in ``dR/du + cj dR/du'``."""
+        y = u[: self._size]
+        if self.pattern is None:
+            state = self._by_states(tau, y).toarray() if self._motion.has_law else self._constant
+            out[:] = state + cj * self._rates
+            return
+        coo = sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
+        coo.sum_duplicates()
+        out[:] = 0.0
+        out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data

@@ -1,0 +1,135 @@
+"""Which linear solver CVODE is given, and how the exact Jacobian is handed to it.
+
+Small systems are dense. Large ones are banded where an ordering of the states makes the band narrow, as for every
+chain; SUNDIALS' sparse solver is for what is left.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from stickslip.assembly import System
+
+__all__ = ["LinearSolver", "band_order", "sparsity_pattern"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_DENSE_LIMIT = 60
+_DENSE_AT_MOST = 400
+_NARROW = 0.25
+
+
+def band_order(system: System) -> Indices | None:
+    """Return an order of the states in which what is coupled stands close together, None for small systems."""
+    if system.size <= _DENSE_LIMIT:
+        return None
+    n, size = system.n, system.size
+    joined = abs(sparse.csr_array(system.G).T) @ abs(sparse.csr_array(system.G))
+    pattern = sparse.lil_array((size, size))
+    pattern[:n, :n] = joined
+    pattern = pattern.tocsr()
+    springs = abs(sparse.csr_array(system.C))
+    springs.resize((size, size))
+    inner = system.placed < n
+    rows, columns = system.n + np.flatnonzero(inner), system.placed[inner]
+    moves = sparse.csr_array((np.ones(rows.size), (rows, columns)), shape=(size, size))
+    total = pattern + springs + moves
+    order = reverse_cuthill_mckee(sparse.csr_matrix(total + total.T), symmetric_mode=True)
+    return np.asarray(order, dtype=np.intp)
+
+
+class LinearSolver:
+    """Structure of the Jacobian, wide enough for every mode set met so far."""
+
+    def __init__(self) -> None:
+        self._kind = ""
+        self._size = self._below = self._above = 0
+        self._places: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._pattern: Any = None
+
+    def hold(self, jacobian: Any) -> bool:
+        """Make room for a Jacobian; return whether solvers made before have none."""
+        size = jacobian.shape[0]
+        if size <= _DENSE_LIMIT:
+            return self._become("dense", size)
+        matrix = sparse.coo_array(jacobian)
+        offset = matrix.col.astype(np.int64) - matrix.row
+        below, above = int(-offset.min(initial=0)), int(offset.max(initial=0))
+        if below + above + 1 <= _NARROW * size:
+            grown = self._become("band", size) or below > self._below or above > self._above
+            if grown:
+                self._below, self._above = max(below, self._below), max(above, self._above)
+                self._places = _band(size, self._below, self._above)
+            return grown
+        if size <= _DENSE_AT_MOST:
+            return self._become("dense", size)
+        return self._hold_sparse(matrix, size)
+
+    def _become(self, kind: str, size: int) -> bool:
+        if (kind, size) == (self._kind, self._size):
+            return False
+        self._kind, self._size = kind, size
+        self._below = self._above = 0
+        self._pattern = None
+        return True
+
+    def _hold_sparse(self, matrix: Any, size: int) -> bool:
+        changed = self._become("sparse", size)
+        if not changed and np.isin(_place(matrix), self._places).all():
+            return False
+        pattern = abs(matrix) + sparse.eye_array(size)
+        self._pattern, self._places = sparsity_pattern(
+            pattern if self._pattern is None else pattern + self._pattern
+        )
+        return True
+
+    def options(self) -> dict[str, Any]:
+        """Return scikit-sundae's options for the linear solver."""
+        if self._kind == "band":
+            return {"linsolver": "band", "lband": self._below, "uband": self._above}
+        if self._kind == "sparse":
+            return {"linsolver": "sparse", "sparsity": self._pattern}
+        return {"linsolver": "dense"}
+
+    def fill(self, jacobian: Any, out: Array) -> None:
+        """Write a Jacobian into scikit-sundae's array: dense, or the data of the sparsity pattern."""
+        if self._kind == "dense":
+            out[:] = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
+            return
+        matrix = sparse.coo_array(jacobian)
+        matrix.sum_duplicates()
+        if self._kind == "band":
+            out.ravel()[self._places] = 0.0
+            out[matrix.row, matrix.col] = matrix.data
+        else:
+            out[:] = 0.0
+            out[np.searchsorted(self._places, _place(matrix))] = matrix.data
+
+
+def sparsity_pattern(matrix: Any) -> tuple[Any, NDArray[np.int64]]:
+    """Return a matrix' pattern as scikit-sundae wants it, and where its entries stand in column-major order."""
+    pattern = sparse.csc_array(matrix)
+    pattern.sort_indices()
+    pattern.data[:] = 1.0
+    # scikit-sundae reads 32-bit indices only
+    pattern.indices, pattern.indptr = pattern.indices.astype(np.int32), pattern.indptr.astype(np.int32)
+    return pattern, _place(pattern.tocoo())
+
+
+def _band(size: int, below: int, above: int) -> NDArray[np.int64]:
+    """Return where the entries of a band stand in row-major order."""
+    rows = np.arange(size, dtype=np.int64)[:, None]
+    columns = rows + np.arange(-below, above + 1)
+    inside = (columns >= 0) & (columns < size)
+    return (rows * size + columns)[inside]
+
+
+def _place(matrix: Any) -> NDArray[np.int64]:
+    """Return where the entries of a matrix stand in column-major order."""
+    return matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row

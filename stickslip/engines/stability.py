@@ -1,0 +1,146 @@
+"""Which steps an explicit method of fixed steps bears: no state that decays may be made to grow.
+
+A method turns ``y' = lambda y`` into ``y -> R(h lambda) y``; with ``Re lambda <= 0`` it is stable while ``|R| <= 1``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import ArpackError, eigs, lsqr
+
+from stickslip.friction import SMOOTH
+from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.motion import Motion
+
+__all__ = ["Stability", "Unstable"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_DENSE = 200
+_ROUNDOFF = 1e-9
+_NEAR_REST = 3.0
+_SERIES = {"RK4": (1 / 24, 1 / 6, 1 / 2, 1.0, 1.0), "Euler": (1.0, 1.0)}
+"""Coefficients of ``R(z)``, the highest power first."""
+
+
+class Unstable(Exception):
+    """A step is too long for a scene.
+
+    Parameters
+    ----------
+    eigenvalue : complex
+        Of the Jacobian, in 1/s.
+    longest : float
+        Longest step in s that it allows.
+    """
+
+    def __init__(self, eigenvalue: complex, longest: float) -> None:
+        value = f"{eigenvalue.real:.3g}" if eigenvalue.imag == 0 else f"{eigenvalue:.3g}"
+        super().__init__(f"an eigenvalue of {value} /s allows {longest:.4g} s at most there")
+        self.eigenvalue, self.longest = eigenvalue, longest
+
+
+class Stability:
+    """Judges the steps of a method by the eigenvalues of the Jacobian.
+
+    RK4 bears ``h |lambda| < 2.785`` for real and 2.828 for imaginary eigenvalues, Euler's method 2 for real ones.
+    With Euler's method every undamped oscillation grows, by ``exp(h omega^2 t / 2)``: that is let pass up to
+    ``h omega = 1``, some six steps a period.
+
+    Parameters
+    ----------
+    method : str
+        "RK4" or "Euler".
+    """
+
+    def __init__(self, method: str) -> None:
+        self._series = _SERIES[method]
+        self._longest: WeakKeyDictionary[ModeEquations, float] = WeakKeyDictionary()
+
+    def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
+        """Look at computed points (rows) of a motion.
+
+        Parameters
+        ----------
+        motion : Motion
+        h : float
+            Step in s.
+        taus : array (k,)
+            Local times of the points in s.
+        states : array (k, size)
+
+        Raises
+        ------
+        Unstable
+            If the step is too long for the last of them, or for a contact with a smooth law that passes through rest
+            between them, where its slope is steepest.
+        """
+        if not motion.has_law:
+            # a mode set without such laws has one Jacobian: what it was found to bear holds
+            if h > self._longest.get(motion.equations, 0.0):
+                self._judge(motion.equations.jacobian(), h)
+                self._longest[motion.equations] = h
+            return
+        for k, y in [*self._at_rest(motion, taus, states), (-1, states[-1])]:
+            self._judge(motion.jacobian(float(taus[k]), y), h)
+
+    def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
+        """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""
+        equations, coefficients = motion.equations, motion.system.coefficients
+        smooth = equations.acting[coefficients.kind[equations.acting] == SMOOTH]
+        if not smooth.size:
+            return []
+        w = motion.system.relative_velocity(states.T, motion.inputs(taus))[smooth]
+        near = np.abs(w) <= _NEAR_REST * coefficients.velocity[smooth][:, None]
+        near[:, 1:] |= w[:, 1:] * w[:, :-1] < 0
+        n, size = motion.system.n, states.shape[1]
+        rows = sparse.csr_array(motion.system.G)[smooth]
+        rows = sparse.hstack([rows, sparse.csr_array((smooth.size, size - n))], format="csr")
+        found: dict[int, list[int]] = {}
+        for j in np.flatnonzero(near.any(axis=1)).tolist():
+            found.setdefault(int(np.where(near[j], np.abs(w[j]), np.inf).argmin()), []).append(j)
+        return [(k, states[k] - lsqr(rows[js], w[js, k], atol=1e-12)[0]) for k, js in found.items()]
+
+    def _judge(self, jacobian: Any, h: float) -> None:
+        """Raise `Unstable` if a step is too long for a Jacobian."""
+        # no eigenvalue is larger than this norm; up to 1 every method is stable
+        if h * float(abs(jacobian).sum(axis=1).max()) <= 1.0:
+            return
+        values = _eigenvalues(jacobian)
+        bad = values[(values.real <= _ROUNDOFF * np.abs(values)) & self._grows(h * values)]
+        if bad.size:
+            limits = self._limits(bad, h)
+            worst = int(limits.argmin())
+            raise Unstable(complex(bad[worst]), float(limits[worst]))
+
+    def _grows(self, z: Complex) -> NDArray[np.bool_]:
+        growing: NDArray[np.bool_] = np.abs(np.polyval(self._series, z)) > 1.0 + _ROUNDOFF
+        return growing & (np.abs(z) > 1.0 + _ROUNDOFF)
+
+    def _limits(self, values: Complex, h: float) -> Array:
+        """Return the longest stable steps for eigenvalues for which `h` is too long, by bisection."""
+        low, high = 1.0 / np.abs(values), np.full(values.size, h)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            grows = self._grows(middle * values)
+            low, high = np.where(grows, low, middle), np.where(grows, middle, high)
+        return low
+
+
+def _eigenvalues(jacobian: Any) -> Complex:
+    """Return the eigenvalues, of a large matrix those largest in magnitude."""
+    size = jacobian.shape[0]
+    if size <= _DENSE:
+        dense = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
+        return np.asarray(np.linalg.eigvals(dense), dtype=np.complex128)
+    start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
+    try:
+        return np.asarray(eigs(sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False))
+    except ArpackError:
+        return np.empty(0, dtype=np.complex128)

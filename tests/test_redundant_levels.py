@@ -1,0 +1,206 @@
+"""Contacts that lock the same motion: forces of least norm within all limits, as long as there are any."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Result,
+    Scene,
+    Signal,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+
+FORMULATIONS = ("contact-force", "merged", "multiplier")
+LAW = DryFriction(0.3, 0.2)
+
+
+def told(result: Result) -> list[tuple[str, int, int]]:
+    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
+
+
+def pair(load: Signal | float, strong: Any = 10.0, weak: Any = 2.0, **law: Any) -> Scene:
+    """A body of 1 kg held by contacts of 3 N and 0.6 N."""
+    return Scene(
+        Body("b", inertia=1.0),
+        Contact("strong", "b", GROUND, DryFriction(0.3, 0.2, **law), normal=strong),
+        Contact("weak", "b", GROUND, DryFriction(0.3, 0.2, **law), normal=weak),
+        Force("b", load),
+    )
+
+
+def both(result: Result) -> np.ndarray:
+    return np.array([result.force("strong"), result.force("weak")])
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_two_contacts_let_go_at_the_sum_of_their_levels(formulation: str) -> None:
+    """Half each up to 1.2 N, then 0.6 N and the rest, up to 3.6 N; then 2.4 N of kinetic friction."""
+    load = piecewise_linear([0, 4], [0, 4])
+    times = [0.6, 1.0, 1.2, 1.4, 3.0, 3.59, 3.8]
+    result = simulate(pair(load), (0.0, 4.0), t_eval=times, formulation=formulation)
+    assert told(result) == [("strong", 0, 1), ("weak", 0, 1)]
+    assert [e.t for e in result.events] == pytest.approx([3.6, 3.6], abs=1e-6)
+    weak = [min(0.5 * t, 0.6) for t in times[:-1]]
+    wanted = [[t - w for t, w in zip(times, weak, strict=False)] + [2.0], [*weak, 0.4]]
+    np.testing.assert_allclose(both(result), wanted, atol=1e-7)
+    assert result.mode("weak").tolist() == [0, 0, 0, 0, 0, 0, 1]
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_shares_come_and_go_without_jumps(formulation: str) -> None:
+    """A sine of 3 N turns the shares about without an event; each is half the load, or 0.6 N of the weak one."""
+    result = simulate(
+        pair(sine(3.0, 1.0)), (0.0, 2.0), t_eval=np.linspace(0, 2, 401), formulation=formulation
+    )
+    assert not result.events
+    load = 3.0 * np.sin(2 * np.pi * result.t)
+    weak = np.clip(0.5 * load, -0.6, 0.6)
+    np.testing.assert_allclose(both(result), [load - weak, weak], atol=2e-6)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_level_that_rises_is_carried_as_it_is(formulation: str) -> None:
+    """Both come to rest after v / 4.4 s and dwell: the weak one carries 0.6 - 0.2 exp(-(t - t_s) / 0.5) N."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=0.44),
+        Contact("strong", "b", GROUND, DryFriction(0.3, 0.2, dwell=0.5), normal=10.0),
+        Contact("weak", "b", GROUND, DryFriction(0.3, 0.2, dwell=0.5), normal=2.0),
+        Force("b", piecewise_linear([0.1, 0.3, 2.0], [-2.0, 1.6, 1.6])),
+    )
+    # v' = -2.4 - 2 up to 0.1 s
+    result = simulate(scene, (0.0, 2.0), t_eval=[0.29, 0.5, 1.0, 1.9], formulation=formulation)
+    assert [e.t for e in result.events if e.contact == "weak"][0] == pytest.approx(0.1, abs=1e-7)
+    final = result.t >= 0.3
+    level = 0.6 - 0.2 * np.exp(-(result.t - 0.1) / 0.5)
+    load = 1.6
+    weak = np.minimum(0.5 * load, level)
+    np.testing.assert_allclose(result.force("weak")[final], weak[final], atol=1e-6)
+    np.testing.assert_allclose(result.force("strong")[final], (load - weak)[final], atol=1e-6)
+    assert np.all(result.mode("weak")[final] == 0)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_each_side_has_its_level(formulation: str) -> None:
+    """The weak one holds 0.6 N forward and 0.2 N backward: -3.2 N let go backward."""
+    law = {"mu_static_backward": 0.1, "mu_coulomb_backward": 0.05}
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("strong", "b", GROUND, LAW, normal=10.0),
+        Contact("weak", "b", GROUND, DryFriction(0.3, 0.2, **law), normal=2.0),
+        Force("b", piecewise_linear([0, 1, 5], [0, 2, -6])),
+    )
+    result = simulate(scene, (0.0, 5.0), t_eval=[1.0, 2.5, 3.5], formulation=formulation)
+    np.testing.assert_allclose(both(result), [[1.4, -0.8, -2.8], [0.6, -0.2, -0.2]], atol=1e-7)
+    assert told(result) == [("strong", 0, -1), ("weak", 0, -1)]
+    assert [e.t for e in result.events] == pytest.approx([3.6, 3.6], abs=1e-6)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_a_brake_that_opens_hands_its_share_over(formulation: str) -> None:
+    """2.5 N: the pad holds 3 N alone; the brake carries half where it can, else its level, down to nothing."""
+    brake = piecewise_linear([0, 1, 2], [10, 0, 0])
+    result = simulate(
+        pair(2.5, weak=brake), (0.0, 2.0), t_eval=[0.2, 0.5, 0.7, 0.9, 1.5], formulation=formulation
+    )
+    assert not [e for e in result.events if e.contact == "strong"]
+    weak = [1.25, 1.25, 0.9, 0.3, 0.0]
+    np.testing.assert_allclose(both(result), [[2.5 - w for w in weak], weak], atol=1e-7)
+
+
+def network(number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str], list[tuple[int, int]]]:
+    """Return inertias, levels, forces on bodies, their names and the ends of contacts, -1 for the ground."""
+    draw = random.Random(number)
+    count = draw.randint(2, 4)
+    ends = [(i, draw.choice([-1, *range(i)])) for i in range(count)]
+    for _ in range(draw.randint(1, 3)):
+        a, b = draw.sample(range(-1, count), 2)
+        ends.append((max(a, b), min(a, b)))
+    levels = np.array([round(draw.uniform(0.5, 6.0), 2) for _ in ends])
+    push = np.array([round(draw.uniform(-6.0, 6.0), 2) for _ in range(count)])
+    inertia = np.array([round(draw.uniform(0.5, 3.0), 2) for _ in range(count)])
+    return inertia, levels, push, [f"b{i}" for i in range(count)], ends
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("number", range(20))
+def test_networks_under_a_ramp(number: int, formulation: str) -> None:
+    """Against bounded least squares: the forces, and when there are none within limits any more."""
+    inertia, levels, push, names, ends = network(number)
+    rows = np.zeros((len(ends), len(names)))
+    for k, (a, b) in enumerate(ends):
+        rows[k, a] += 1.0
+        if b >= 0:
+            rows[k, b] -= 1.0
+
+    # all bodies hang on the ground, at the last through each other: G' lambda = s push while all are held
+    def forces(s: float) -> np.ndarray | None:
+        # a small weight on the norm leaves the balance exact to 1e-9
+        weight = 1e-5
+        found = lsq_linear(
+            np.vstack([rows.T, weight * np.eye(len(ends))]),
+            np.concatenate([s * push, np.zeros(len(ends))]),
+            bounds=(-levels, levels),
+            method="bvls",
+            tol=1e-14,
+        )
+        short = np.abs(rows.T @ found.x - s * push).max()
+        return found.x if short < 1e-6 else None
+
+    scene = Scene(
+        *(Body(name, inertia=m) for name, m in zip(names, inertia, strict=True)),
+        *(
+            Contact(f"c{k}", names[a], GROUND if b < 0 else names[b], DryFriction(1.0, 0.5), normal=level)
+            for k, ((a, b), level) in enumerate(zip(ends, levels.tolist(), strict=True))
+        ),
+        *(Force(name, piecewise_linear([0, 3], [0, 3 * p])) for name, p in zip(names, push, strict=True)),
+    )
+    low, high = 0.0, 3.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if forces(middle) is not None else (low, middle)
+    result = simulate(scene, (0.0, 3.0), formulation=formulation)
+    first = result.events[0].t if result.events else 3.0
+    assert first == pytest.approx(low, abs=1e-5)
+    times = np.linspace(0.0, 0.999 * low, 40)
+    held = simulate(scene, (0.0, 0.9995 * low), t_eval=times, formulation=formulation)
+    assert not held.events
+    wanted = np.array([forces(s) for s in times]).T
+    found = np.array([held.force(f"c{k}") for k in range(len(ends))])
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_through_a_spring(formulation: str) -> None:
+    """A spring drawn at 0.1 m/s with 20 N/m loads both: they let go at 3.6 N, after 1.8 s."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Body("hand", inertia=1.0),
+        Spring("hand", "b", stiffness=20.0),
+        Contact("strong", "b", GROUND, LAW, normal=10.0),
+        Contact("weak", "b", GROUND, LAW, normal=2.0),
+        Contact("rail", "hand", GROUND, DryFriction(0.0, 0.0), normal=1.0),
+        Force("hand", sine(1.0, 0.3)),
+    )
+    # v_hand'' + 20 v_hand = F' from rest: the load on b is 20 x, a sum of two sines
+    omega, own = 2 * math.pi * 0.3, math.sqrt(20.0)
+    times = np.linspace(0.05, 2.0, 40)
+    result = simulate(scene, (0.0, 2.0), t_eval=times, formulation=formulation, rtol=1e-10, atol=1e-12)
+    x = (np.sin(omega * times) - omega / own * np.sin(own * times)) / (20.0 - omega**2)
+    weak = np.clip(10.0 * x, -0.6, 0.6)
+    assert np.abs(20 * x).max() > 1.3
+    np.testing.assert_allclose(both(result), [20 * x - weak, weak], atol=1e-6)
