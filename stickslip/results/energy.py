@@ -1,0 +1,171 @@
+"""Where the energy of a motion comes from, is stored, and goes: a ledger that must balance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.equations.book import Book
+from stickslip.equations.system import System
+from stickslip.results.samples import Samples, integrated
+from stickslip.scene import Damper, Scene, Spring
+
+__all__ = ["EnergyLedger", "energy"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EnergyLedger:
+    """The energies of a motion at the times `t`, in J; work and heat count from the start.
+
+    Attributes
+    ----------
+    t : array (n,)
+        Times in s.
+    kinetic, spring : array (n,)
+        Stored in the bodies and in the springs.
+    loads, drives : array (n,)
+        Work done on the scene by the forces, and by the drives through contacts, springs and dampers.
+    contacts : dict of str to array (n,)
+        Heat of each contact by name; with bristle laws it holds what the bristles store, too.
+    dampers : dict of str to array (n,)
+        Heat of each damper and of each spring's damping; a label that returns is numbered.
+    """
+
+    t: Array = field(repr=False)
+    kinetic: Array = field(repr=False)
+    spring: Array = field(repr=False)
+    loads: Array = field(repr=False)
+    drives: Array = field(repr=False)
+    contacts: dict[str, Array] = field(repr=False)
+    dampers: dict[str, Array] = field(repr=False)
+
+    @property
+    def stored(self) -> Array:
+        """Kinetic energy and energy of the springs."""
+        return self.kinetic + self.spring
+
+    @property
+    def heat(self) -> Array:
+        """Heat of all contacts and dampers together."""
+        return sum((*self.contacts.values(), *self.dampers.values()), np.zeros_like(self.t))
+
+    @property
+    def work(self) -> Array:
+        """Work of the loads and drives together."""
+        return self.loads + self.drives
+
+    @property
+    def error(self) -> Array:
+        """What the balance is off: stored energy gained, plus heat, minus work; it starts at `t[0]`."""
+        balance = self.stored + self.heat - self.work
+        return balance - balance[:1]
+
+    @property
+    def relative_error(self) -> float:
+        """The largest balance error over the largest energy in the ledger, 0 where nothing ever moves."""
+        sizes = (self.stored, self.heat, self.loads, self.drives)
+        largest = max(float(np.abs(size).max(initial=0.0)) for size in sizes)
+        return float(np.abs(self.error).max(initial=0.0)) / largest if largest > 0 else 0.0
+
+    def __str__(self) -> str:
+        """Return the account at the last time as a table."""
+        if not self.t.size:
+            return "energy: nothing was computed"
+        rows = [("kinetic", self.kinetic[-1]), ("springs", self.spring[-1])]
+        rows += [("work of loads", self.loads[-1]), ("work of drives", self.drives[-1])]
+        rows += [(f"heat of contact {name!r}", heat[-1]) for name, heat in self.contacts.items()]
+        rows += [(f"heat of {label}", heat[-1]) for label, heat in self.dampers.items()]
+        rows.append(("balance error", self.error[-1]))
+        wide = max(len(name) for name, _ in rows)
+        lines = [f"energy in J at {self.t[-1]:g} s (at the start {self.stored[0]:.9g} stored)"]
+        return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
+
+
+def energy(samples: Samples) -> EnergyLedger:
+    """Return the energy ledger of a motion at the times of samples.
+
+    Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Raises
+    ------
+    ValueError
+        If only the requested outputs were kept.
+    """
+    if samples.t.size and not samples.trajectory.is_dense:
+        raise ValueError(
+            "energy: the points between the outputs were not kept, so no power can be integrated; "
+            "simulate with dense_output=True"
+        )
+    system, links = samples.system, _Links(samples.system)
+    labels = _labels(samples.scene, links)
+    work = integrated(samples, 2 + system.m + len(labels), lambda at: _powers(at, links))
+    names = [row.name for row in system.rows]
+    heat = dict(zip(names, work[2 : 2 + system.m], strict=True))
+    dampers = dict(zip(labels, work[2 + system.m :], strict=True))
+    kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
+    spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
+    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1], heat, dampers)
+
+
+class _Links:
+    """Springs and dampers as arrays; `ends` are their coefficients on bodies and drives."""
+
+    def __init__(self, system: System) -> None:
+        couplings = Book(system.scene).couplings
+        self.stiffness = np.array([link.stiffness for link in couplings])
+        self.damping = np.array([link.damping for link in couplings])
+        self.damped = (self.damping > 0).nonzero()[0]
+        self._rest = np.array([link.rest for link in couplings])
+        entries = [(k, i, c) for k, link in enumerate(couplings) for i, c in link.coefficients.items()]
+        values = np.array(entries, dtype=float).reshape(-1, 3)
+        places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
+        shape = (len(couplings), system.n + system.drives)
+        self.ends = sparse.csr_array((values[:, 2], places), shape=shape)
+        self._system = system
+
+    def stretch(self, y: Array) -> Array:
+        """Return the stretches beyond rest of all links in m or rad, 0 where nothing is stiff."""
+        system = self._system
+        positions = np.zeros((system.n + system.drives, y.shape[1]))
+        positions[system.placed] = y[system.n : system.first_bristle]
+        found = self.ends @ positions - self._rest[:, None]
+        return np.where(self.stiffness[:, None] > 0, found, 0.0)
+
+
+def _labels(scene: Scene, links: _Links) -> list[str]:
+    """Return the names of what is damped; one that returns is numbered."""
+    every: list[Spring | Damper] = [*scene.springs, *scene.dampers]
+    found: list[str] = []
+    for k in links.damped.tolist():
+        label, count = every[k].label, 1
+        while label in found:
+            count += 1
+            label = f"{every[k].label} #{count}"
+        found.append(label)
+    return found
+
+
+def _powers(at: Samples, links: _Links) -> Array:
+    """Return the powers in W, a line each: of loads, of drives, heat of rows, heat of dampers."""
+    system, velocities = at.system, at.velocities()
+    forces = at.tables.forces
+    bodies = np.array([system.index[force.body] for force in at.scene.forces], dtype=np.intp)
+    loads = (at.inputs[: bodies.size] * velocities[bodies]).sum(axis=0)
+    rates = links.ends @ velocities
+    pulls = links.stiffness[:, None] * links.stretch(at.y) + links.damping[:, None] * rates
+    drives = np.zeros_like(loads)
+    if system.drives:
+        # what the rows and links take from a drive is what it gives
+        given = system.D.T @ forces + links.ends[:, system.n :].T @ pulls
+        drives = (given * at.drive_velocities).sum(axis=0)
+    heat = links.damping[links.damped, None] * rates[links.damped] ** 2
+    return np.concatenate([[loads], [drives], forces * at.relative_velocities, heat])

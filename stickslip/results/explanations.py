@@ -1,0 +1,351 @@
+"""What a scene is compiled to and why, and why each event of a result happened, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.system import System
+from stickslip.laws import DryFriction, Law
+from stickslip.modes import Mode
+from stickslip.regularized import Karnopp, PreSlip
+from stickslip.results.outcome import Event, Outcome
+from stickslip.results.samples import Samples
+from stickslip.scene import Contact, Scene
+from stickslip.signals import Constant, as_signal
+
+__all__ = ["explain_result", "explain_scene", "span_of"]
+
+Array = NDArray[np.float64]
+
+_LISTED = 12
+_MODE_SETS = 20
+_AT_ONCE = 1_000_000
+_WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forward"}
+
+
+def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
+    """Return what a scene is compiled to, and which engine takes it.
+
+    Parameters
+    ----------
+    system : System
+    loads : Loads
+        Over the time span.
+    engine, reason : str
+        The engine, and why it is chosen.
+    """
+    return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
+
+
+def explain_result(result: Outcome) -> str:
+    """Return what was compiled, which guards were watched, and why each event happened.
+
+    Parameters
+    ----------
+    result : Outcome
+        One that kept only its outputs gets causes without numbers.
+    """
+    trajectory = result.samples.trajectory
+    lines = _compiled(trajectory.system, trajectory.loads)
+    return "\n".join([*lines, *_watched(result), *_event_sentences(result)])
+
+
+def span_of(scene: Scene) -> tuple[float, float]:
+    """Return a time span in s from 0 to past the last break of a load."""
+    signals = [as_signal(c.normal, c.label) for c in scene.contacts]
+    signals += [as_signal(f.signal, f.label) for f in scene.forces]
+    signals += [as_signal(d.velocity, d.label) for d in scene.drives]
+    last = max((t for s in signals for t in s.breaks(0.0, math.inf)), default=0.0)
+    return 0.0, last * 1.01 if last > 0 else 1.0
+
+
+# -- the scene --------------------------------------------------------------------------------------------
+
+
+def _compiled(system: System, loads: Loads) -> list[str]:
+    scene = system.scene
+    kinds = {
+        "body": len(scene.bodies),
+        "drive": len(scene.drives),
+        "contact": len(scene.contacts),
+        "spring": len(scene.springs),
+        "damper": len(scene.dampers),
+        "force": len(scene.forces),
+    }
+    present = ", ".join(_count(number, name) for name, number in kinds.items() if number)
+    lines = [f"Scene: {present}", *_states(system), *_contacts(system), *_loads(system, loads)]
+    kind = "sparse" if system.sparse else "dense"
+    lines.append(f"Matrices: {kind} (bodies and contacts together: {system.n + system.m})")
+    return lines
+
+
+def _states(system: System) -> list[str]:
+    moving = [*system.scene.bodies, *system.scene.drives]
+    placed = [moving[i].name for i in system.placed]
+    bristles = [system.scene.contacts[j].name for j in system.bristle_state]
+    lines = [f"States: {system.size}", f"  {_count(system.n, 'velocity')}: {_listed(system.names)}"]
+    if placed:
+        lines.append(f"  {_count(len(placed), 'position')}, where springs act: {_listed(placed)}")
+    else:
+        lines.append("  no positions: no spring acts")
+    if bristles:
+        lines.append(f"  {_count(len(bristles), 'bristle deflection')}: {_listed(bristles)}")
+    return lines
+
+
+def _contacts(system: System) -> list[str]:
+    contacts = system.scene.contacts
+    if not contacts:
+        return ["Contacts: none, so no modes and no guards"]
+    alive = np.flatnonzero(system.alive).tolist()
+    lines = [f"Contacts: {len(alive)} of {len(contacts)} assembled"]
+    lines += [f"  {contacts[j].name}: {_contact(system, j)}" for j in alive[:_LISTED]]
+    if len(alive) > _LISTED:
+        lines.append(f"  ... and {len(alive) - _LISTED} more")
+    frictionless = [c.name for j, c in enumerate(contacts) if system.mu_s[:, j].max() == 0]
+    unloaded = [c.name for j, c in enumerate(contacts) if not (system.loaded[j] or c.name in frictionless)]
+    for names, reason in ((frictionless, "frictionless"), (unloaded, "never loaded")):
+        if names:
+            lines.append(f"  left out, {reason}: {_listed(names)}")
+    return lines
+
+
+def _contact(system: System, j: int) -> str:
+    contact = system.scene.contacts[j]
+    return f"{contact.a} on {contact.b}, {_law(contact)}; {_guards(system, j)}; {_normal(contact)}"
+
+
+def _law(contact: Contact) -> str:
+    law = contact.law
+    core = law if isinstance(law, DryFriction) else law.law  # type: ignore[attr-defined]
+    text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
+    if core.dwell:
+        text += f", dwell {core.dwell:g} s"
+    if core.curved:
+        text += ", kinetic curve"
+    if hasattr(law, "velocity"):
+        text += f", within {law.velocity:g} m/s | rad/s"
+    return text
+
+
+def _guards(system: System, j: int) -> str:
+    if system.free[j]:
+        return "no mode and no guard: its law is smooth"
+    if system.hard[j]:
+        rise = ", with the dwell's rise" if system.dwell[j] > 0 else ""
+        return f"guards: 1 slipping (w), 2 stuck (B - r and B + r{rise})"
+    return "guards: 1 slipping (|w| falls to 0.1 of the pre-slip velocity), 2 in pre-slip (|w| exceeds it)"
+
+
+def _normal(contact: Contact) -> str:
+    signal = as_signal(contact.normal, contact.label)
+    if isinstance(signal, Constant):
+        return f"normal force {signal.value:g} N"
+    if signal.period is None:
+        return "normal force piecewise linear; where it is 0 the contact is open and costs no guard"
+    return "normal force curved; where it is 0 the contact is open and costs no guard"
+
+
+def _loads(system: System, loads: Loads) -> list[str]:
+    times = [f"{t:g}" for t in loads.breaks]
+    stops = (
+        f"{_count(len(times), 'break')}, stop times and not guards: {_listed(times)} s"
+        if times
+        else "no breaks"
+    )
+    lines = [f"Loads: {stops}"]
+    curved = sum(signal.period is not None for signal in (*system.normals, *system.others))
+    if curved:
+        period = f", shortest period {loads.period:g} s" if math.isfinite(loads.period) else ""
+        lines.append(f"  {_count(curved, 'load')} not piecewise linear{period}")
+    elif times:
+        lines.append("  piecewise linear: rates, forces and guards are affine between stops")
+    return lines
+
+
+# -- the result -------------------------------------------------------------------------------------------
+
+
+def _watched(result: Outcome) -> list[str]:
+    """Return which guards were watched in which sets of modes, and for how long."""
+    seen: dict[bytes, tuple[NDArray[np.int8], list[float]]] = {}
+    trajectory = result.samples.trajectory
+    for piece in trajectory.pieces:
+        seen.setdefault(piece.modes.tobytes(), (piece.modes, []))[1].append(piece.stop - piece.t)
+    outcome = "reached the end" if result.success else f"stopped early ({result.message})"
+    lines = [f"Simulation: {outcome}; " + ", ".join(f"{k} {v}" for k, v in result.stats.items())]
+    lines.append(f"Sets of modes met: {len(seen)}")
+    for modes, times in list(seen.values())[:_MODE_SETS]:
+        stretches = f"{sum(times):.4g} s in {_count(len(times), 'stretch')}"
+        lines.append(f"  {stretches}: {_modes(trajectory.system, modes)}")
+    if len(seen) > _MODE_SETS:
+        lines.append(f"  ... and {len(seen) - _MODE_SETS} more")
+    return lines
+
+
+def _modes(system: System, modes: NDArray[np.int8]) -> str:
+    words = {
+        Mode.STUCK: "stuck",
+        Mode.FORWARD: "forward",
+        Mode.BACKWARD: "backward",
+        OPEN: "open",
+        FREE: "smooth",
+        AT_HIGH: "stuck",
+        AT_LOW: "stuck",
+    }
+    names: dict[str, list[str]] = {word: [] for word in words.values()}
+    for row, mode, alive in zip(system.rows, modes.tolist(), system.alive, strict=True):
+        if alive:
+            names[words[mode]].append(row.name)
+    guards = 2 * len(names["stuck"]) + len(names["forward"]) + len(names["backward"])
+    return "; ".join(
+        [_count(guards, "guard"), *(f"{word} {_listed(of)}" for word, of in names.items() if of)]
+    )
+
+
+def _count(number: int, name: str) -> str:
+    if number == 1:
+        return f"1 {name}"
+    plural = name[:-1] + "ies" if name[-1] == "y" else name + ("es" if name.endswith("ch") else "s")
+    return f"{number} {plural}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    all_names = list(names)
+    rest = len(all_names) - _LISTED
+    return ", ".join(all_names[:_LISTED]) + (f", ... ({rest} more)" if rest > 0 else "")
+
+
+# -- events ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Force, breakaway level and relative velocity of a contact just before and just after its event."""
+
+    force: tuple[float, float]
+    level: tuple[float, float]
+    w: tuple[float, float]
+    others: list[str]
+
+
+def _event_sentences(result: Outcome) -> list[str]:
+    """Return a heading and one line per event: time, contact, modes, cause."""
+    events, samples = result.events, result.samples
+    if not events:
+        return ["Events: none"]
+    lines = [f"Events: {len(events)} (forces in N | N m, velocities in m/s | rad/s)"]
+    rows = [samples.row(event.contact) for event in events]
+    limits = _limits(samples, events, rows) if samples.trajectory.is_dense else [None] * len(events)
+    for event, j, around in zip(events, rows, limits, strict=True):
+        law = samples.system.rows[j].law
+        reason = event.cause if around is None else _reason(event, law, around)
+        change = f"{event.before.name} -> {event.after.name}"
+        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}")
+    return lines
+
+
+def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Limits | None]:
+    """Read forces and levels at both sides of every event: the end of one piece, the start of the next."""
+    trajectory = samples.trajectory
+    times = np.array([event.t for event in events])
+    left = np.searchsorted(trajectory.stops, times, side="left")
+    right = np.searchsorted(trajectory.starts, times, side="right") - 1
+    at_once = _AT_ONCE // max(samples.system.m, 1) + 1
+    sides = []
+    for piece_of in (left, right):
+        read = []
+        for first in range(0, times.size, at_once):
+            some = slice(first, first + at_once)
+            taus = trajectory.local(piece_of[some], times[some])
+            at = Samples.at_local(trajectory, piece_of[some], taus)
+            read.append(_at_events(at, np.array(rows[some])))
+        sides.append(np.concatenate(read, axis=1).tolist())
+    together: dict[float, set[str]] = {}
+    for event in events:
+        together.setdefault(event.t, set()).add(event.contact)
+    found: list[_Limits | None] = []
+    for place, event in enumerate(events):
+        force, level, w = ((sides[0][k][place], sides[1][k][place]) for k in range(3))
+        found.append(_Limits(force, level, w, sorted(together[event.t] - {event.contact})))
+    return found
+
+
+def _at_events(at: Samples, rows: NDArray[np.intp]) -> Array:
+    """Return force, level and relative velocity of one row at each time."""
+    tables, place = at.tables, np.arange(rows.size)
+    force, mode = tables.forces[rows, place], tables.modes[rows, place]
+    is_lower = (mode < 0) | ((mode == 0) & (force < 0))
+    level = np.where(is_lower, tables.lower[rows, place], tables.upper[rows, place])
+    return np.array([force, level, at.relative_velocities[rows, place]])
+
+
+def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
+    if isinstance(law, PreSlip) and event.cause != "open":
+        return _slip_state(event, law, limits)
+    if isinstance(law, Karnopp) and event.cause == "relative velocity 0":
+        return f"came into the dead band of {law.velocity:g}; {_held(limits)}"
+    sentence = _SENTENCES.get(event.cause)
+    return event.cause if sentence is None else sentence(event, limits)
+
+
+def _slip_state(event: Event, law: PreSlip, at: _Limits) -> str:
+    drop = f"its force goes from {abs(at.force[0]):.6g} to {abs(at.force[1]):.6g}"
+    if event.after == Mode.STUCK:
+        return f"back in pre-slip at |w| = {abs(at.w[1]):.3g}, a tenth of the pre-slip velocity; {drop}"
+    return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {law.velocity:g}; {drop}"
+
+
+def _broke_away(event: Event, at: _Limits) -> str:
+    needed = f"needed {abs(at.force[0]):.6g} to stay stuck, could hold {at.level[0]:.6g}"
+    return f"broke away {_WORDS[event.after]}: {needed}; slips on with {abs(at.force[1]):.6g}"
+
+
+def _broke_away_with(event: Event, at: _Limits) -> str:
+    reason = f"the change of {', '.join(at.others)}" if at.others else "a jump of the loads"
+    needed = f"needed {abs(at.force[0]):.6g} just before, could then hold {at.level[0]:.6g}"
+    return f"broke away {_WORDS[event.after]} by {reason}: {needed}; slips on with {abs(at.force[1]):.6g}"
+
+
+def _held(at: _Limits) -> str:
+    return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"
+
+
+def _stuck(event: Event, at: _Limits) -> str:
+    return f"its relative velocity reached 0; {_held(at)}"
+
+
+def _stuck_with(event: Event, at: _Limits) -> str:
+    reason = f"the change of {', '.join(at.others)}" if at.others else "a break of the loads"
+    return f"found at rest at {reason}; {_held(at)}"
+
+
+def _relaxed(event: Event, at: _Limits) -> str:
+    return f"relaxed to rest: velocities had become constant, {abs(at.w[0]):.3g} was left; {_held(at)}"
+
+
+def _reversed(event: Event, at: _Limits) -> str:
+    return f"passed 0 without sticking: that would have needed more than the {at.level[1]:.6g} it could hold"
+
+
+def _open(event: Event, at: _Limits) -> str:
+    now = "is now 0" if event.after == Mode.STUCK else f"now points {_WORDS[event.after]}"
+    return f"carries no force; its relative velocity {now}"
+
+
+_SENTENCES: dict[str, Callable[[Event, _Limits], str]] = {
+    "breakaway": _broke_away,
+    "breakaway with another event": _broke_away_with,
+    "relative velocity 0": _stuck,
+    "stuck with another event": _stuck_with,
+    "relaxation": _relaxed,
+    "reversal": _reversed,
+    "open": _open,
+}

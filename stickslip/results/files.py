@@ -1,0 +1,295 @@
+"""Results as files: CSV and JSON for reading elsewhere, npz for reading back without loss, pandas frames."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.path import Path as Steps
+from stickslip.equations.system import System
+from stickslip.modes import Mode
+from stickslip.results.outcome import Event, Outcome
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.scene import Scene
+
+__all__ = ["Kept", "columns", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
+
+Array = NDArray[np.float64]
+Target = str | PathLike[str]
+
+_FORMAT = 2
+_OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
+_OF_PATH = tuple(field.name for field in fields(Steps))
+
+
+def columns(result: Outcome) -> dict[str, NDArray[Any]]:
+    """Return time, velocities, positions that are states, forces and modes, under their names in files.
+
+    Parameters
+    ----------
+    result : Outcome
+
+    Returns
+    -------
+    dict of str to array (n,)
+        ``time``, ``velocity NAME``, ``position NAME``, ``force NAME``, ``breakaway NAME`` and ``mode NAME``.
+    """
+    samples = result.samples
+    system = samples.system
+    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
+    found: dict[str, NDArray[Any]] = {"time": samples.t}
+    found |= {f"velocity {name}": samples.velocity(name) for name in moving}
+    found |= {f"position {moving[i]}": samples.position(moving[i]) for i in system.position_state}
+    names = [row.name for row in system.rows]
+    found |= {f"force {name}": samples.force(name) for name in names}
+    levels = [name for name, has in zip(names, system.is_friction.tolist(), strict=True) if has]
+    found |= {f"breakaway {name}": samples.breakaway(name) for name in levels}
+    found |= {f"mode {name}": samples.mode(name) for name in names}
+    return found
+
+
+def to_csv(result: Outcome, path: Target) -> None:
+    """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
+
+    Parameters
+    ----------
+    result : Outcome
+    path : path
+        Times stand in s, everything else in the SI units of the scene.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    found = columns(result)
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(found)
+        writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
+
+
+def summary(result: Outcome) -> dict[str, Any]:
+    """Return outcome, events, counts and the state at the last time as plain data.
+
+    Parameters
+    ----------
+    result : Outcome
+    """
+    data: dict[str, Any] = {
+        "success": bool(result.success),
+        "status": int(result.status),
+        "message": result.message,
+        "events": [_event_to_dict(event) for event in result.events],
+        "stats": {name: _plain(value) for name, value in result.stats.items()},
+    }
+    if result.samples.t.size:
+        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
+    return data
+
+
+def to_json(result: Outcome, path: Target) -> None:
+    """Write outcome, events, counts and the state at the last time as JSON.
+
+    Parameters
+    ----------
+    result : Outcome
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    Path(path).write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def to_frame(result: Outcome) -> Any:
+    """Return a pandas DataFrame with the columns of a result.
+
+    Times are a column, not the index, because both limits of an event stand at the same time.
+
+    Parameters
+    ----------
+    result : Outcome
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as missing:
+        raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
+    return pandas.DataFrame(columns(result))
+
+
+# -- without loss -----------------------------------------------------------------------------------------
+
+
+def save(result: Outcome, path: Target) -> None:
+    """Write a result as npz, from which `read` brings back all of it.
+
+    Beside what `read` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
+    contact), so that it can be read without this package.
+
+    Parameters
+    ----------
+    result : Outcome
+        Signals and laws made of code are not written; `read` then asks for the scene.
+    path : path
+        Written as it stands, whatever its suffix.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    samples = result.samples
+    system, pieces = samples.system, samples.trajectory.pieces
+    arrays: dict[str, Any] = {"t": samples.t, "y": samples.y, "piece_of": samples.piece_of}
+    for name in ("force", "breakaway", "mode"):
+        rows = [getattr(samples, name)(row.name) for row in system.rows]
+        arrays[name] = np.array(rows).reshape(system.m, samples.t.size)
+    for name in _OF_PIECE:
+        arrays |= _packed(f"piece.{name}", [getattr(piece, name) for piece in pieces])
+    paths = [piece.path for piece in pieces]
+    for name in _OF_PATH:
+        arrays |= _packed(f"path.{name}", [None if path is None else getattr(path, name) for path in paths])
+    start, stop, stepped = samples.trajectory.span
+    about = summary(result) | {
+        "format": _FORMAT,
+        "pieces": len(pieces),
+        "span": [start, stop],
+        "stepped": stepped,
+    }
+    about["scene"] = _scene_to_dict(system.scene)
+    arrays["about"] = np.array(json.dumps(about))
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a file holds of a result."""
+
+    samples: Samples
+    events: list[Event]
+    success: bool
+    status: int
+    message: str
+    stats: dict[str, Any]
+
+
+def read(path: Target, scene: Scene | None = None) -> Kept:
+    """Return what `save` wrote.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene, optional
+        The simulated scene, where its signals or laws are code that no file holds.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not such a file, or the scene is missing or another one.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            data = {name: file[name] for name in file.files}
+        about = json.loads(str(data["about"]))
+        known = about["format"]
+    except (KeyError, ValueError, EOFError) as error:
+        raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
+    if known != _FORMAT:
+        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
+    start, stop = about["span"]
+    system = System(_scene_of(about, scene, path))
+    if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
+        raise ValueError(f"load: {path} holds the motion of another scene than the one given")
+    trajectory = Trajectory(system, (start, stop, about["stepped"]), _pieces(data, about["pieces"]))
+    samples = Samples(trajectory, data["t"], data["y"], data["piece_of"].astype(np.intp))
+    events = [_event_from_dict(row) for row in about["events"]]
+    return Kept(samples, events, about["success"], about["status"], about["message"], about["stats"])
+
+
+def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:
+    own = {name: _unpacked(f"piece.{name}", data, count) for name in _OF_PIECE}
+    of_path = {name: _unpacked(f"path.{name}", data, count) for name in _OF_PATH}
+    found = []
+    for k in range(count):
+        values: dict[str, Any] = {name: of_path[name][k] for name in _OF_PATH}
+        path = None if values["taus"] is None else Steps(**values)
+        found.append(Piece(path=path, **{name: own[name][k] for name in _OF_PIECE}))
+    return tuple(found)
+
+
+def _packed(name: str, values: list[Any]) -> dict[str, NDArray[Any]]:
+    """Return arrays that hold a list of numbers or arrays, some of which may be None."""
+    present = np.array([value is not None for value in values], dtype=bool)
+    there = [value for value in values if value is not None]
+    rows = [np.asarray(value) for value in there]
+    flat = np.concatenate([row.ravel() for row in rows]) if rows else np.empty(0)
+    shapes = np.array([row.shape for row in rows], dtype=np.intp)
+    return {f"{name}.present": present, f"{name}.shapes": shapes, f"{name}.values": flat}
+
+
+def _unpacked(name: str, data: Mapping[str, Any], count: int) -> list[Any]:
+    present = data[f"{name}.present"]
+    shapes = data[f"{name}.shapes"]
+    ends = np.cumsum([math.prod(shape) for shape in shapes.tolist()], dtype=np.intp)
+    flat = np.split(data[f"{name}.values"], ends[:-1])
+    rows: list[Any] = [part.reshape(shape) for part, shape in zip(flat, shapes, strict=False)]
+    rows = [row if row.ndim else row.item() for row in rows]
+    found = iter(rows)
+    return [next(found) if here else None for here in present[:count].tolist()]
+
+
+def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:
+    try:
+        return scene.to_dict()
+    except ValueError:
+        return None
+
+
+def _scene_of(about: Mapping[str, Any], scene: Scene | None, path: Target) -> Scene:
+    if scene is not None:
+        return scene
+    if about["scene"] is None:
+        raise ValueError(f"load: the scene of {path} holds code that no file can; give load(path, scene=...)")
+    return Scene.from_dict(about["scene"])
+
+
+def _event_to_dict(event: Event) -> dict[str, Any]:
+    return asdict(event) | {"before": event.before.name, "after": event.after.name}
+
+
+def _event_from_dict(row: Mapping[str, Any]) -> Event:
+    return Event(row["t"], row["contact"], Mode[row["before"]], Mode[row["after"]], row["cause"])
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it; what is not finite becomes text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    return value

@@ -1,0 +1,72 @@
+"""What a simulation hands back beside the motion: events, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from stickslip.modes import Mode
+from stickslip.results.samples import Samples
+
+__all__ = ["Event", "Outcome"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A contact changes its mode.
+
+    Attributes
+    ----------
+    t : float
+        Time in s.
+    contact : str
+        Name of the contact.
+    before, after : Mode
+        Modes before and after.
+    cause : str
+        Why, in a few words.
+    """
+
+    t: float
+    contact: str
+    before: Mode
+    after: Mode
+    cause: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.t:.12g} s  {self.contact}: {self.before.name} -> {self.after.name} ({self.cause})"
+
+
+class Outcome(Protocol):
+    """What explanations and files read of a result."""
+
+    @property
+    def samples(self) -> Samples:
+        """The motion at the result's times."""
+        ...
+
+    @property
+    def events(self) -> list[Event]:
+        """Events in order of time."""
+        ...
+
+    @property
+    def success(self) -> bool:
+        """Whether the end was reached."""
+        ...
+
+    @property
+    def status(self) -> int:
+        """0 where the end was reached, -1 where not."""
+        ...
+
+    @property
+    def message(self) -> str:
+        """How it ended, in words."""
+        ...
+
+    @property
+    def stats(self) -> Mapping[str, Any]:
+        """Counts of the work done."""
+        ...

@@ -1,0 +1,385 @@
+"""A trajectory read at some times: every quantity by name.
+
+All rows are evaluated together, once for all times, so that asking for every quantity of every name costs hardly more
+than asking for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.system import System
+from stickslip.results.trajectory import Trajectory, by_piece
+from stickslip.scene import GROUND, Body, Drive, Scene
+
+__all__ = ["Samples", "integrated"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Modes = NDArray[np.int8]
+
+_MOST_ENTRIES = 20_000_000
+"""Tables larger than this are not kept, but computed block by block for each name asked for."""
+
+_AT_ONCE = 1_000_000
+_PER_PERIOD = 8
+_MOST_NODES = 10
+"""Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Quantities of all rows at the times of samples, a line per row.
+
+    Attributes
+    ----------
+    forces : array (m, k)
+        Friction forces in N or N m.
+    upper, lower : array (m, k)
+        Breakaway levels in N or N m for forces above and below 0; while a row slips, those at which it would stick.
+    normals : array (m, k)
+        In N.
+    modes : array (m, k) of int8
+    inputs : array
+        Forces on the bodies, then velocities of the drives.
+    """
+
+    forces: Array
+    upper: Array
+    lower: Array
+    normals: Array
+    modes: Modes
+    inputs: Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A trajectory at some times.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    t : array (k,)
+        Times in s.
+    y : array (size, k)
+        States there.
+    piece_of : array (k,) of int
+        The piece that each time belongs to: at an event there is one before and one after.
+    """
+
+    trajectory: Trajectory = field(repr=False)
+    t: Array = field(repr=False)
+    y: Array = field(repr=False)
+    piece_of: Indices = field(repr=False)
+
+    @classmethod
+    def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
+        """Return a trajectory at local times in s of its pieces."""
+        t = np.minimum(trajectory.starts[piece_of] + taus, trajectory.stops[piece_of])
+        return cls(trajectory, t, trajectory.states(piece_of, taus), piece_of)
+
+    @classmethod
+    def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
+        """Return a trajectory at times in s, right limits at events.
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside, or only the requested outputs were kept.
+        """
+        piece_of = trajectory.places(times)
+        return cls(
+            trajectory, times, trajectory.states(piece_of, trajectory.local(piece_of, times)), piece_of
+        )
+
+    @property
+    def system(self) -> System:
+        """The compiled scene."""
+        return self.trajectory.system
+
+    @property
+    def scene(self) -> Scene:
+        """The simulated scene."""
+        return self.system.scene
+
+    @cached_property
+    def taus(self) -> Array:
+        """The times since the start of their pieces in s."""
+        return self.trajectory.local(self.piece_of, self.t)
+
+    # -- by name ------------------------------------------------------------------------------------------
+
+    def body(self, name: str) -> int:
+        """Return the number of a body, drive or the ground."""
+        try:
+            return self.system.index[name]
+        except KeyError:
+            known = ", ".join(map(repr, list(self.system.index)[:10]))
+            raise ValueError(f"no body is called {name!r}; known are {known}") from None
+
+    def row(self, name: str) -> int:
+        """Return the number of a contact or another row."""
+        try:
+            return self._row_of[name]
+        except KeyError:
+            known = ", ".join(map(repr, list(self._row_of)[:10]))
+            raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}") from None
+
+    @cached_property
+    def _row_of(self) -> dict[str, int]:
+        return {row.name: j for j, row in enumerate(self.system.rows)}
+
+    def velocity(self, body: str) -> Array:
+        """Return the velocity of a body or drive, in m/s or rad/s."""
+        i = self.body(body)
+        return np.zeros_like(self.t) if body == GROUND else self._velocity(i)
+
+    def _velocity(self, i: int) -> Array:
+        return self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+
+    def position(self, body: str) -> Array:
+        """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
+        i = self.body(body)
+        state = self.system.position_state.get(i)
+        if state is not None:
+            return self.y[state]
+        return np.zeros_like(self.t) if body == GROUND else self._positions[i]
+
+    def force(self, row: str) -> Array:
+        """Return the friction force r of a row, in N or N m (-r acts on its body a)."""
+        return self._read(self.row(row), lambda tables: tables.forces)
+
+    def normal(self, row: str) -> Array:
+        """Return the normal force of a row in N, zero where it is open."""
+        return self._read(self.row(row), lambda tables: tables.normals)
+
+    def mode(self, row: str) -> Modes:
+        """Return the mode of a row: -1, 0 or +1."""
+        return self._read(self.row(row), lambda tables: tables.modes).astype(np.int8)
+
+    def levels(self, row: str) -> tuple[Array, Array]:
+        """Return the breakaway levels of a row forward and backward, both positive, in N or N m."""
+        j = self.row(row)
+        return self._read(j, lambda tables: tables.upper), self._read(j, lambda tables: tables.lower)
+
+    def breakaway(self, row: str) -> Array:
+        """Return the breakaway level on the side to which a row slips or is pushed, in N or N m."""
+        upper, lower = self.levels(row)
+        side = self.mode(row)
+        return np.where((side < 0) | ((side == 0) & (self.force(row) < 0)), lower, upper)
+
+    def relative_velocity(self, row: str) -> Array:
+        """Return the relative velocity w of a row, in m/s or rad/s."""
+        found = np.zeros_like(self.t)
+        for i, c in self.system.rows[self.row(row)].coefficients.items():
+            found = found + c * self._velocity(i)
+        return found
+
+    # -- all rows at once ---------------------------------------------------------------------------------
+
+    def _read(self, j: int, table: Callable[[Tables], Any]) -> Any:
+        system = self.system
+        if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
+            return table(self.tables)[j]
+        parts = [np.array(table(block._computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
+        return np.concatenate(parts)
+
+    def _blocks(self, count: int) -> list[Samples]:
+        cuts = [slice(first, first + count) for first in range(0, self.t.size, count)]
+        return [Samples(self.trajectory, self.t[c], self.y[:, c], self.piece_of[c]) for c in cuts]
+
+    @cached_property
+    def tables(self) -> Tables:
+        """All rows' quantities."""
+        return self._computed()
+
+    def _computed(self) -> Tables:
+        """Evaluate the inputs piece by piece, and all that is linear in them once for each set of modes."""
+        trajectory, system = self.trajectory, self.system
+        m, count = system.m, self.t.size
+        q = np.empty((system.inputs + system.dwelling.size, count))
+        forces, modes = np.zeros((m, count)), np.empty((m, count), dtype=np.int8)
+        slow = (system.dwell > 0).nonzero()[0]
+        since = np.empty((slow.size, count))
+        sets: dict[bytes, list[Indices | slice]] = {}
+        for number, chosen in by_piece(self.piece_of):
+            motion, piece = trajectory.motion(number), trajectory.pieces[number]
+            taus = self.taus[chosen]
+            q[:, chosen] = motion.inputs(taus)
+            modes[:, chosen] = piece.labels[:, None]
+            since[:, chosen] = piece.since[slow, None]
+            if motion.has_law:
+                forces[:, chosen] = motion.row_forces(taus, self.y[:, chosen])
+            else:
+                sets.setdefault(piece.modes.tobytes(), []).append(chosen)
+            free = motion.equations.free
+            if free.size:
+                w = system.relative_velocity(self.y[:, chosen], q[:, chosen])
+                modes[free[:, None], np.arange(count)[chosen]] = system.sign_of(w)[free]
+        for key, places in sets.items():
+            some = _joined(places, count)
+            forces[:, some] = _forces(system.equations(key), self.y[:, some], q[:, some])
+        normals = np.maximum(q[:m], 0.0)
+        upper, lower = self._levels(normals, modes, slow, since)
+        inputs = q[system.first_force : system.first_acceleration].copy()
+        return Tables(forces, upper, lower, normals, modes, inputs)
+
+    def _levels(self, normals: Array, modes: Modes, slow: Indices, since: Array) -> tuple[Array, Array]:
+        """Return the breakaway levels: static coefficients less what their dwell has not yet raised."""
+        system = self.system
+        coulomb = np.maximum(system.mu_c, system.mu_0)
+        levels = system.mu_s[:, :, None] * normals
+        if slow.size:
+            static, least = system.mu_s[:, slow, None], coulomb[:, slow, None]
+            lag = np.exp(-(self.t - since) / system.dwell[slow, None])
+            levels[:, slow] = (
+                np.where(modes[slow] == 0, static - (static - least) * lag, least) * normals[slow]
+            )
+        return levels[0], levels[1]
+
+    @cached_property
+    def inputs(self) -> Array:
+        """Forces on the bodies in N or N m, then velocities of the drives in m/s or rad/s, a line each."""
+        if "tables" in self.__dict__:
+            return self.tables.inputs
+        system = self.system
+        some = slice(system.first_force, system.first_acceleration)
+        found = np.empty((some.stop - some.start, self.t.size))
+        for number, chosen in by_piece(self.piece_of):
+            found[:, chosen] = self.trajectory.motion(number).inputs(self.taus[chosen])[some]
+        return found
+
+    @property
+    def drive_velocities(self) -> Array:
+        """Velocities of the drives in m/s or rad/s, a line each."""
+        return self.inputs[self.system.first_drive - self.system.first_force :]
+
+    @property
+    def relative_velocities(self) -> Array:
+        """Relative velocities of all rows in m/s or rad/s."""
+        system = self.system
+        w: Array = system.G @ self.y[: system.n]
+        return w + system.D @ self.drive_velocities if system.drives else w
+
+    @cached_property
+    def _positions(self) -> Array:
+        """Positions of all bodies and drives, integrated from their velocities."""
+        elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
+        start = np.array([element.position for element in elements])
+        return start[:, None] + integrated(self, len(elements), Samples.velocities)
+
+    def velocities(self) -> Array:
+        """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
+        own = self.y[: self.system.n]
+        return np.concatenate([own, self.drive_velocities]) if self.system.drives else own
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what follows from the rest."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+
+
+def _joined(places: list[Indices | slice], count: int) -> Indices | slice:
+    if len(places) == 1:
+        return places[0]
+    every = np.arange(count)
+    return np.concatenate([every[place] for place in places])
+
+
+def _forces(equations: ModeEquations, y: Array, q: Array) -> Array:
+    """Return the forces of all rows where none depends on velocity."""
+    system = equations.system
+    forces: Array = equations.friction @ q
+    if equations.held.size:
+        found = equations.apply(y) + equations.respond(q)
+        first = system.size + system.m
+        forces[equations.held] = found[first : first + equations.held.size]
+    return forces
+
+
+def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:
+    """Return time integrals from the start of the trajectory to the times of samples, by Gauss quadrature.
+
+    Every step of the solver, every part of a period of the loads, and the times themselves bound an interval. Its
+    nodes are enough for the polynomials within the steps.
+
+    Parameters
+    ----------
+    samples : Samples
+    lines : int
+        How many quantities the integrand has.
+    integrand : callable
+        Returns them at the times of other samples, a line each.
+
+    Raises
+    ------
+    ValueError
+        If only the requested outputs were kept.
+    """
+    trajectory = samples.trajectory
+    out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)
+    if not samples.t.size:
+        return out
+    held = dict(by_piece(samples.piece_of))
+    last = max(held)
+    block: list[int] = []
+    edges: list[Array] = []
+    total = 0
+    for number in range(last + 1):
+        wanted = samples.taus[held[number]] if number in held else np.empty(0)
+        edges.append(_edges(trajectory, number, wanted))
+        block.append(number)
+        total += edges[-1].size * _MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)
+        if total < _AT_ONCE and number < last:
+            continue
+        for own, edge, steps in zip(block, edges, _over(trajectory, block, edges, integrand), strict=True):
+            sums = base[:, None] + np.cumsum(np.pad(steps, ((0, 0), (1, 0))), axis=1)
+            if own in held:
+                out[:, held[own]] = sums[:, np.searchsorted(edge, samples.taus[held[own]])]
+            base = sums[:, -1]
+        block, edges, total = [], [], 0
+    return out
+
+
+def _over(
+    trajectory: Trajectory, block: list[int], edges: list[Array], integrand: Callable[[Samples], Array]
+) -> list[Array]:
+    """Return the integrals between the edges, for each piece of a block."""
+    order = max(trajectory.order(number) for number in block)
+    nodes, weights = _gauss(min(order + 1, _MOST_NODES))
+    middle = np.concatenate([0.5 * (edge[1:] + edge[:-1]) for edge in edges])
+    half = np.concatenate([0.5 * (edge[1:] - edge[:-1]) for edge in edges])
+    sizes = np.array([edge.size - 1 for edge in edges])
+    piece_of = np.repeat(np.array(block, dtype=np.intp), sizes * nodes.size)
+    at = Samples.at_local(trajectory, piece_of, (middle[:, None] + half[:, None] * nodes).ravel())
+    values = integrand(at)
+    steps = (values.reshape(values.shape[0], -1, nodes.size) @ weights) * half
+    return np.split(steps, np.cumsum(sizes)[:-1], axis=1)
+
+
+@lru_cache(maxsize=_MOST_NODES)
+def _gauss(count: int) -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes, weights
+
+
+def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:
+    """Return the local times between which a piece is smooth: steps, wanted times, parts of a period."""
+    path = trajectory.pieces[number].path
+    if path is None:
+        raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
+    edges = np.union1d(path.taus, wanted)
+    period, end = trajectory.loads.period, float(path.taus[-1])
+    if np.isfinite(period) and end > 0:
+        parts = int(np.ceil(_PER_PERIOD * end / period))
+        edges = np.union1d(edges, np.linspace(0.0, end, parts + 1))
+    return edges

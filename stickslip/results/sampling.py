@@ -1,0 +1,169 @@
+"""At which times a trajectory is read: fit for a plot, as the solver stepped, or evenly spaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.path import Path
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
+
+__all__ = ["at_steps", "fit_for_plot", "refined"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_STRAIGHT = 1e-3
+"""How far straight lines between the times may be off, as a part of each quantity's range."""
+
+_NOTHING = 1e-9
+"""A range below this part of the largest one is roundoff and no reason for more times."""
+
+_MOST_PARTS = 200
+_AT_ONCE = 2_000_000
+
+
+def fit_for_plot(trajectory: Trajectory) -> Samples:
+    """Return a trajectory at times so close that straight lines between them look like it.
+
+    Within a step of length 1 a straight line over a part ``1/k`` is off by at most ``max|y''| / (8 k^2)``. The second
+    derivative is bounded by the coefficients of the step's polynomial. Velocities and positions are right to 1e-3 of
+    their ranges, also positions that are no states. Both limits stand at every event, and all ends of steps are kept.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    """
+    paths = _paths(trajectory)
+    if not paths:
+        return _of(trajectory, [])
+    parts = _parts(trajectory.system.n, paths)
+    firsts = np.cumsum([0, *(path.taus.size - 1 for path in paths)]).tolist()
+    taus = []
+    for path, first in zip(paths, firsts, strict=False):
+        ends, count = path.taus, parts[first : first + path.taus.size - 1]
+        if not count.size or count.max() == 1:
+            taus.append(ends)
+            continue
+        step = np.repeat(np.arange(count.size), count)
+        inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
+        within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
+        taus.append(np.append(within, ends[-1]))
+    return _of(trajectory, taus)
+
+
+def at_steps(trajectory: Trajectory) -> Samples:
+    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
+    return _of(trajectory, [path.taus for path in _paths(trajectory)])
+
+
+def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
+    fit = fit_for_plot(trajectory)
+    pieces = trajectory.pieces
+    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
+    least = 16 if 16 * len(pieces) <= points else 1
+    places = np.searchsorted(fit.piece_of, np.arange(1, len(pieces)))
+    taus = []
+    for piece, own in zip(pieces, np.split(fit.taus, places), strict=True):
+        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
+        taus.append(np.union1d(own, np.linspace(0.0, piece.end, count + 1)))
+    return _of(trajectory, taus)
+
+
+def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
+    piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
+    return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
+
+
+def _paths(trajectory: Trajectory) -> list[Path]:
+    return [piece.path for piece in trajectory.pieces if piece.path is not None]
+
+
+def _parts(n: int, paths: list[Path]) -> Indices:
+    """Return into how many parts each step of all paths is cut."""
+    size = paths[0].last.size
+    bends, lows, highs = [], [], []
+    travel = np.zeros(n)
+    for h, c, is_chebyshev in _blocks(paths):
+        bend = np.empty((h.size, size + n))
+        bend[:, :size] = np.einsum("j,kjs->ks", _second(c.shape[1], is_chebyshev), np.abs(c))
+        bend[:, size:] = (
+            np.einsum("j,kjs->ks", _first(c.shape[1], is_chebyshev), np.abs(c[:, :, :n])) * h[:, None]
+        )
+        bends.append(bend)
+        values = np.einsum("pj,kjs->pks", _values(c.shape[1], is_chebyshev), c).reshape(-1, size)
+        moved = np.einsum("j,kjs->ks", _whole(c.shape[1], is_chebyshev), c[:, :, :n]) * h[:, None]
+        places = np.concatenate([travel[None, :], travel + np.cumsum(moved, axis=0)])
+        travel = places[-1]
+        lows.append(np.concatenate([values.min(axis=0), places.min(axis=0)]))
+        highs.append(np.concatenate([values.max(axis=0), places.max(axis=0)]))
+    if not bends:
+        return np.empty(0, dtype=np.intp)
+    ranges = np.max(highs, axis=0) - np.min(lows, axis=0)
+    for group in (slice(0, n), slice(n, size), slice(size, None)):
+        least = _NOTHING * max(
+            np.abs(np.max(highs, axis=0)[group]).max(initial=0.0),
+            np.abs(np.min(lows, axis=0)[group]).max(initial=0.0),
+        )
+        ranges[group] = np.maximum(ranges[group], least)
+    allowed = np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
+    worst = np.concatenate([(bend / allowed).max(axis=1, initial=0.0) for bend in bends])
+    return np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS).astype(np.intp)
+
+
+def _blocks(paths: list[Path]) -> Iterator[tuple[Array, Array, bool]]:
+    """Yield lengths and coefficients of the steps of many paths that have the same order."""
+    block: list[Path] = []
+    entries = 0
+    for path in paths:
+        if path.taus.size < 2:
+            continue
+        if block and (entries > _AT_ONCE or not _alike(block[0], path)):
+            yield _stacked(block)
+            block, entries = [], 0
+        block.append(path)
+        entries += path.coefficients.size
+    if block:
+        yield _stacked(block)
+
+
+def _alike(a: Path, b: Path) -> bool:
+    return a.coefficients.shape[1] == b.coefficients.shape[1] and a.is_chebyshev == b.is_chebyshev
+
+
+def _stacked(paths: list[Path]) -> tuple[Array, Array, bool]:
+    lengths = np.concatenate([np.diff(path.taus) for path in paths])
+    return lengths, np.concatenate([path.coefficients for path in paths]), paths[0].is_chebyshev
+
+
+# -- of the polynomials p_j(s), s from 0 to 1: s^j or T_j(2 s - 1) ---------------------------------------------
+
+
+def _second(count: int, is_chebyshev: bool) -> Array:
+    """Return ``max |p_j''|``."""
+    j = np.arange(count, dtype=float)
+    return 4 * j**2 * (j**2 - 1) / 3 if is_chebyshev else j * (j - 1)
+
+
+def _first(count: int, is_chebyshev: bool) -> Array:
+    """Return ``max |p_j'|``."""
+    j = np.arange(count, dtype=float)
+    return 2 * j**2 if is_chebyshev else j
+
+
+def _whole(count: int, is_chebyshev: bool) -> Array:
+    """Return the integral of ``p_j``."""
+    j = np.arange(count, dtype=float)
+    return np.where(j % 2 == 0, 1 / (1 - np.where(j == 1, 0, j) ** 2), 0.0) if is_chebyshev else 1 / (j + 1)
+
+
+def _values(count: int, is_chebyshev: bool) -> Array:
+    """Return the values of ``p_j`` at a few places, a line per place."""
+    places = np.linspace(0.0, 1.0, 5)
+    if is_chebyshev:
+        return np.asarray(np.polynomial.chebyshev.chebvander(2 * places - 1, count - 1))
+    return np.asarray(np.polynomial.polynomial.polyvander(places, count - 1))

@@ -1,0 +1,95 @@
+"""What a run keeps: pieces of motion or outputs, and events."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.events.settle import Settled
+from stickslip.modes import Mode
+from stickslip.results.outcome import Event
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.simulation.result import Result
+
+__all__ = ["Recorder"]
+
+Array = NDArray[np.float64]
+
+
+class Recorder:
+    """Collects the pieces of a motion and its events.
+
+    Parameters
+    ----------
+    system : System
+    span : (float, float, bool)
+        Start and end in s, and whether a fixed-step method reads the loads.
+    outputs : array or None
+        Times in s at which outputs are wanted, None for times fit for a plot.
+    dense : bool
+        Whether the motion is kept, or only the outputs.
+
+    Attributes
+    ----------
+    events : list of Event
+    fewest_states : int
+        Fewest velocities, positions and bristles that did not depend on others.
+    """
+
+    def __init__(
+        self, system: System, span: tuple[float, float, bool], outputs: Array | None, dense: bool
+    ) -> None:
+        self._system, self._span, self._outputs = system, span, outputs
+        self._keeps_paths = dense or outputs is None
+        self.events: list[Event] = []
+        self.fewest_states = system.size
+        self._pieces: list[Piece] = []
+        self._done = 0
+        self._states: list[Array] = []
+        self._counts: list[int] = []
+
+    def keep(self, now: Settled, path: Path, stop: float) -> None:
+        """Keep the path of a motion that ends at `stop`."""
+        motion = now.motion
+        self.fewest_states = min(self.fewest_states, self._system.size - motion.equations.dependent.size)
+        if self._keeps_paths:
+            self._pieces.append(self._piece(now, stop, path))
+        if self._outputs is None:
+            return
+        first = self._done
+        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
+        if self._keeps_paths or self._done == first:
+            return
+        taus = np.clip(self._outputs[first : self._done] - motion.t, 0.0, path.taus[-1])
+        self._states.append(motion.exact(taus, path.at(taus).T))
+        self._counts.append(taus.size)
+        self._pieces.append(self._piece(now, stop, None))
+
+    @staticmethod
+    def _piece(now: Settled, stop: float, path: Path | None) -> Piece:
+        motion = now.motion
+        return Piece(motion.t, stop, motion.y, motion.equations.modes, now.labels, motion.since, path)
+
+    def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
+        """Keep an event."""
+        self.events.append(Event(t, self._system.rows[row].name, Mode(before), Mode(after), cause))
+
+    def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
+        """Return all that was kept."""
+        trajectory = Trajectory(self._system, self._span, tuple(self._pieces))
+        events = sorted(self.events, key=lambda event: event.t)
+        stats = stats | {"events": len(events)}
+        at: Samples | Array | None = None
+        if self._outputs is not None:
+            times = self._outputs[: self._done]
+            at = times if self._keeps_paths else self._kept(trajectory, times)
+        return Result(self._system.scene, events, status == 0, status, message, stats, trajectory, at)
+
+    def _kept(self, trajectory: Trajectory, times: Array) -> Samples:
+        states = np.concatenate([np.empty((self._system.size, 0)), *self._states], axis=1)
+        return Samples(trajectory, times, states, np.repeat(np.arange(len(self._pieces)), self._counts))

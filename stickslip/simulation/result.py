@@ -1,0 +1,363 @@
+"""What a simulation computed: data, and the quantities read off it by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.modes import Mode
+from stickslip.results import energy, files
+from stickslip.results.explanations import explain_result
+from stickslip.results.outcome import Event
+from stickslip.results.samples import Samples
+from stickslip.results.sampling import fit_for_plot
+from stickslip.results.trajectory import Trajectory
+from stickslip.scene import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
+
+Array = NDArray[np.float64]
+Target = str | PathLike[str]
+
+
+class SimulationError(RuntimeError):
+    """A simulation that could not go on.
+
+    Attributes
+    ----------
+    t : float
+        Time in s that was reached.
+    modes : dict
+        The mode of each contact then.
+    result : Result
+        All that was computed so far.
+    """
+
+    def __init__(self, message: str, t: float, modes: Mapping[str, Mode], result: Result) -> None:
+        super().__init__(message)
+        self.t, self.modes, self.result = t, dict(modes), result
+
+
+class SimulationInterrupted(KeyboardInterrupt):
+    """A simulation that was interrupted from the keyboard.
+
+    Attributes
+    ----------
+    result : Result
+        All that was computed so far.
+    """
+
+    def __init__(self, message: str, result: Result) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+@dataclass(frozen=True)
+class Result:
+    """A simulated motion, in the manner of scipy's `solve_ivp`.
+
+    Attributes
+    ----------
+    scene : Scene
+    events : list of Event
+        In order of time.
+    success : bool
+    status : int
+        0 where the end was reached, -1 where not.
+    message : str
+    stats : dict
+        What was assembled and how much work was done.
+    trajectory : Trajectory
+        The motion, piece by piece.
+    """
+
+    scene: Scene
+    events: list[Event]
+    success: bool
+    status: int
+    message: str
+    stats: dict[str, Any]
+    trajectory: Trajectory = field(repr=False)
+    _at: Samples | Array | None = field(repr=False)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The motion at the times `t`."""
+        if isinstance(self._at, Samples):
+            return self._at
+        if self._at is None:
+            return fit_for_plot(self.trajectory)
+        return Samples.at_times(self.trajectory, self._at)
+
+    @property
+    def t(self) -> Array:
+        """Times in s, shape (n,).
+
+        They are `t_eval`, or so close that straight lines between them are right to 1e-3 of each quantity's range;
+        then every event stands twice (left and right limit).
+        """
+        return self.samples.t
+
+    @property
+    def y(self) -> Array:
+        """States, shape (size, n): velocities of the bodies, positions of what springs touch, bristles."""
+        return self.samples.y
+
+    @property
+    def nfev(self) -> int:
+        """Number of rate evaluations."""
+        return int(self.stats["rate_calls"])
+
+    @property
+    def njev(self) -> int:
+        """Number of Jacobian evaluations."""
+        return int(self.stats["jacobian_calls"])
+
+    # -- by name ------------------------------------------------------------------------------------------
+
+    def velocity(self, body: str) -> Array:
+        """Return the velocity of a body or drive at the times `t`, in m/s or rad/s.
+
+        The velocity of a body held to a drive equals the drive's to the bit.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body.
+        """
+        return self.samples.velocity(body)
+
+    def position(self, body: str) -> Array:
+        """Return the position of a body or drive at the times `t`, in m or rad.
+
+        ``x = x_0 + integral of v dt`` by Gauss quadrature where no spring made it a state.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body, or its position was not kept.
+        """
+        i = self.samples.body(body)
+        placed = (
+            i in self.samples.system.position_state or i >= self.samples.system.n + self.samples.system.drives
+        )
+        if not (placed or self.trajectory.is_dense) and self.trajectory.pieces:
+            raise ValueError(
+                f"the position of {body!r} was not kept; simulate with dense_output=True, "
+                "or let a spring touch the body"
+            )
+        return self.samples.position(body)
+
+    def force(self, contact: str) -> Array:
+        """Return the friction force r of a contact at the times `t`, in N or N m (-r acts on its body a).
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.samples.force(contact)
+
+    def breakaway(self, contact: str) -> Array:
+        """Return the breakaway level B of a contact at the times `t`, in N or N m.
+
+        ``B = (mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)) N`` (Breedveld 2000, eqs. 8 and 9). While the contact
+        slips it is the level at which it would start to be stuck.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.samples.breakaway(contact)
+
+    def mode(self, contact: str) -> NDArray[np.int8]:
+        """Return the mode of a contact at the times `t`: -1, 0 or +1.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.samples.mode(contact)
+
+    def relative_velocity(self, contact: str) -> Array:
+        """Return ``w = v_a - v_b`` of a contact at the times `t`, in m/s or rad/s.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.samples.relative_velocity(contact)
+
+    def power(self, contact: str) -> Array:
+        """Return the power ``r w`` that a contact dissipates at the times `t`, in W.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.force(contact) * self.relative_velocity(contact)
+
+    def normal(self, contact: str) -> Array:
+        """Return the normal force of a contact at the times `t`, in N, zero where it is open.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact.
+        """
+        return self.samples.normal(contact)
+
+    # -- between and beyond -------------------------------------------------------------------------------
+
+    def __call__(self, t: float | Array) -> Array:
+        """Return the states at any times of the simulated span, right limits at events.
+
+        Parameters
+        ----------
+        t : float or array (k,)
+            Times in s.
+
+        Returns
+        -------
+        array (size,) or (size, k)
+
+        Raises
+        ------
+        ValueError
+            If a time lies outside, or only the requested outputs were kept.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=float))
+        states = Samples.at_times(self.trajectory, times).y
+        return states[:, 0] if np.ndim(t) == 0 else states
+
+    def sample(self, times: int | Sequence[float] | Array) -> Result:
+        """Return the same result at other times: right limits at events, as with `t_eval`.
+
+        Parameters
+        ----------
+        times : int or array (k,)
+            Times in s within the simulated span, or how many evenly spaced ones.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a time lies outside, or only the requested outputs were kept.
+        """
+        if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
+            if times < 2:
+                raise ValueError(f"sample: give at least 2 times, got {times}")
+            if not self.trajectory.pieces:
+                raise ValueError("sample: nothing was computed")
+            times = np.linspace(self.trajectory.pieces[0].t, self.trajectory.pieces[-1].stop, int(times))
+        try:
+            wanted = np.array(times, dtype=float)
+        except (TypeError, ValueError):
+            raise TypeError(f"sample: give times or their number, got {times!r}") from None
+        if wanted.ndim != 1:
+            raise ValueError(f"sample: give times in one line, got an array of shape {wanted.shape}")
+        return replace(self, _at=Samples.at_times(self.trajectory, wanted))
+
+    def energy(self) -> energy.EnergyLedger:
+        """Return where the energy went, and by how much the balance is off: a free check of accuracy.
+
+        Raises
+        ------
+        ValueError
+            If only the requested outputs were kept.
+        """
+        return energy.energy(self.samples)
+
+    def explain(self) -> str:
+        """Return in words what was assembled, which guards were watched, and why each event happened."""
+        return explain_result(self)
+
+    def to_csv(self, path: Target) -> None:
+        """Write time, velocities, positions, forces and modes as a table.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        files.to_csv(self, path)
+
+    def to_frame(self) -> Any:
+        """Return the same as a pandas data frame (extra `stickslip[frames]`).
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return files.to_frame(self)
+
+    def save(self, path: Target) -> None:
+        """Write all of the result to an npz file, without loss; `stickslip.load` reads it.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        files.save(self, path)
+
+    def plot(self, **options: Any) -> Figure:
+        """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8)."""
+        from stickslip import plots
+
+        return plots.overview(self, **options)
+
+    def __str__(self) -> str:
+        lines = [self.message, *map(str, self.events)]
+        lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))
+        return "\n".join(lines)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what follows from the rest."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+
+
+def load(path: Target, scene: Scene | None = None) -> Result:
+    """Return the result that `Result.save` wrote: the same numbers, and `result(t)` between them.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene, optional
+        The simulated scene, where its signals or laws are code that no file holds.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not such a file, or the scene is missing or another one.
+    """
+    kept = files.read(path, scene)
+    trajectory = kept.samples.trajectory
+    return Result(
+        trajectory.system.scene,
+        kept.events,
+        kept.success,
+        kept.status,
+        kept.message,
+        dict(kept.stats),
+        trajectory,
+        kept.samples,
+    )

@@ -1,0 +1,262 @@
+"""`simulate`: check the arguments, choose an engine, run, and keep what was computed whatever happens."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
+from stickslip.equations.loads import Loads
+from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.events.settle import Inconsistent
+from stickslip.modes import Mode
+from stickslip.scene import Scene
+from stickslip.simulation import arguments
+from stickslip.simulation.choice import ENGINES, choose
+from stickslip.simulation.recorder import Recorder
+from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
+from stickslip.simulation.run import Engine, Run
+from stickslip.simulation.tolerances import Tolerances, tolerances
+
+__all__ = ["compiled", "simulate"]
+
+_METHODS = ("auto", "series", "BDF", "Adams", *arguments.FIXED)
+_FORMULATIONS = ("contact-force", "merged", "multiplier")
+_OF_FORCES = 100.0
+"""The multiplier formulation knows forces this many times less accurately than states."""
+
+_BLUR = 1e-12
+
+
+def simulate(
+    scene: Scene,
+    t_span: Sequence[float],
+    *,
+    formulation: str = "contact-force",
+    method: str = "auto",
+    step: float | None = None,
+    rtol: float = 1e-8,
+    atol: float = 1e-10,
+    t_eval: Iterable[float] | None = None,
+    velocity_margin: float | None = None,
+    max_step: float = math.inf,
+    dense_output: bool = True,
+    progress: bool = False,
+) -> Result:
+    """Simulate a scene with exact sticking and exact events.
+
+    Between events the motion follows ``M v' = F - G^T r`` with the contact forces r of Breedveld (2000), eqs. (1)
+    and (5)-(9), up to the first root of ``w`` of a slipping or ``B -+ lambda`` of a stuck contact.
+
+    Parameters
+    ----------
+    scene : Scene
+    t_span : (float, float)
+        Start and end in s.
+    formulation : str
+        "contact-force": static structure, all velocities are states (the paper's final model). "merged": dynamic
+        structure, stuck bodies become one inertia and the state shrinks (figs. 4 and 5). "multiplier": the contact
+        forces are unknowns of an index-1 DAE (figs. 2 and 3), solved by IDA.
+    method : str
+        "auto": Taylor series where loads and laws are linear between events, else CVODE's BDF; `explain` says which
+        and why. "series": exact to roundoff, whatever the tolerances. "BDF" or "Adams": CVODE. "RK4" or "Euler":
+        fixed steps, mode changes at step ends.
+    step : float, optional
+        Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
+        names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
+    rtol, atol : float
+        Relative and absolute tolerance of the states; the series needs none.
+    t_eval : sequence of float, optional
+        Times in s of the outputs; without it they are fit for a plot, every event twice.
+    velocity_margin : float, optional
+        Relative velocity in m/s or rad/s below which a contact counts as stuck once its velocities are constant; 0
+        switches the check off. By default a hundred times what the tolerances leave uncertain.
+    max_step : float
+        Longest step in s.
+    dense_output : bool
+        Keep the motion between the outputs; False keeps only the outputs at `t_eval`.
+    progress : bool
+        Show a progress bar.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not usable, before anything runs.
+    SimulationError
+        If the simulation cannot go on; what was computed is in its `result`.
+    SimulationInterrupted
+        On Ctrl-C, with the same.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"simulate: scene must be a Scene, got {type(scene).__name__}")
+    start, stop = arguments.span(t_span)
+    arguments.choice("formulation", formulation, _FORMULATIONS)
+    arguments.choice("method", method, _METHODS)
+    rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
+    atol = arguments.between("atol", atol, 0.0, math.inf)
+    max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
+    margin = arguments.margin(velocity_margin)
+    outputs = arguments.outputs(t_eval, start, stop, dense_output)
+    step = arguments.step_length(method, step, formulation)
+    arguments.check_dead_bands(scene)
+    arguments.check_bristles(scene, start, stop)
+    system = compiled(scene)
+    span = (start, stop, step is not None)
+    loads = system.loads(*span)
+    name, _ = choose(system, loads, formulation, method, stop - start)
+    wanted = tolerances(system, start, stop, rtol, atol, margin, name)
+    interruption = Interruption()
+    engine = _engine(name, system, loads, wanted, step, max_step, formulation == "merged", interruption)
+    blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
+    recorder = Recorder(system, span, outputs, dense_output)
+    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    simulation = _Simulation(run, recorder, interruption, (start, stop), name, formulation == "merged")
+    return simulation.to_end(progress)
+
+
+_COMPILED: dict[int, System] = {}
+
+
+def compiled(scene: Scene) -> System:
+    """Return the scene as constant matrices, built once for each scene object."""
+    known = _COMPILED.get(id(scene))
+    if known is None:
+        known = _COMPILED[id(scene)] = System(scene)
+        # the entry of a scene that nobody holds would keep it alive
+        weakref.finalize(scene, _COMPILED.pop, id(scene), None)
+    return known
+
+
+def _engine(
+    name: str,
+    system: System,
+    loads: Loads,
+    wanted: Tolerances,
+    step: float | None,
+    max_step: float,
+    merged: bool,
+    interruption: Interruption,
+) -> Engine:
+    """Return an engine; those on SUNDIALS are imported where they are needed."""
+    work = Work()
+    if name == "series":
+        from stickslip.engines.series import Series
+
+        return Series(max_step, work, interruption)
+    if name == "IDA":
+        from stickslip.engines.ida import Ida
+
+        return Ida(system, loads, wanted.rtol, wanted.atol, max_step, work, interruption)
+    if step is not None:
+        from stickslip.engines.fixed_step import FixedStep
+
+        return FixedStep(name, step, work, interruption)
+    from stickslip.engines.cvode import Cvode
+
+    return Cvode(system, loads, name, wanted.rtol, wanted.atol, max_step, merged, work, interruption)
+
+
+class _Simulation:
+    """A run with its progress bar, its way out when something fails, and its counts."""
+
+    def __init__(
+        self,
+        run: Run,
+        recorder: Recorder,
+        interruption: Interruption,
+        span: tuple[float, float],
+        name: str,
+        merged: bool,
+    ) -> None:
+        self._run, self._recorder, self._interruption = run, recorder, interruption
+        self._start, self._stop = span
+        self._name, self._merged = name, merged
+
+    def to_end(self, progress: bool) -> Result:
+        """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
+        run = self._run
+        bar = _bar(self._stop - self._start) if progress else None
+        if bar is not None:
+            run.engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+        try:
+            with self._interruption as interruption:
+                run.begin()
+                while run.t < self._stop:
+                    run.advance()
+                    if bar is not None:
+                        _advance_bar(bar, run.t - self._start)
+                    if interruption.pressed:
+                        raise KeyboardInterrupt
+        except SolverFailure as failure:
+            error = self._error(failure.sentence, failure.remedy, failure.path)
+            raise error from failure.__cause__ or failure
+        except Inconsistent as conflict:
+            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            message = f"no consistent modes for the contacts {names}"
+            remedy = "their laws contradict each other: look at their coefficients"
+            raise self._error(message, remedy) from conflict
+        except (ArithmeticError, ValueError) as fault:
+            raise self._error(str(fault), LOOK_AT_SCENE) from fault
+        except KeyboardInterrupt as interrupted:
+            t = self._keep(interrupted.path) if isinstance(interrupted, Interrupted) else run.t
+            message = f"interrupted at t = {t:.9g} s"
+            raise SimulationInterrupted(message, self._result(message, -1)) from None
+        finally:
+            if bar is not None:
+                bar.close()
+        return self._result("the end of the time span was reached", 0)
+
+    def _keep(self, path: Path | None) -> float:
+        """Keep the path of a motion that has come to no end; return the time of its last point."""
+        run = self._run
+        if run.now is None or path is None:
+            return run.t
+        t = run.now.motion.t + float(path.taus[-1])
+        self._recorder.keep(run.now, path, t)
+        return t
+
+    def _error(self, message: str, remedy: str, path: Path | None = None) -> SimulationError:
+        run = self._run
+        t = self._keep(path)
+        modes = {}
+        if run.now is not None:
+            labels = run.now.labels.tolist()
+            modes = {row.name: Mode(k) for row, k in zip(run.system.rows, labels, strict=True)}
+        listed = ", ".join(f"{name} {mode.name}" for name, mode in list(modes.items())[:10])
+        text = f"at t = {t:.9g} s: {message}; modes: {listed or 'not settled yet'}; {remedy}"
+        return SimulationError(text, t, modes, self._result(text, -1))
+
+    def _result(self, message: str, status: int) -> Result:
+        work, size = self._run.engine.work, self._run.system.size
+        stats: dict[str, Any] = {
+            "engine": ENGINES[self._name],
+            "states": size,
+            "fewest_states": self._recorder.fewest_states if self._merged else size,
+            "guards": self._run.most_guards,
+            "restarts": self._run.restarts,
+            "steps": work.steps,
+            "rate_calls": work.rate_calls,
+            "jacobian_calls": work.jacobian_calls,
+            "guard_calls": work.guard_calls,
+            "solvers": work.solvers,
+        }
+        return self._recorder.result(message, status, stats)
+
+
+def _advance_bar(bar: Any, t: float) -> None:
+    bar.update(max(t - bar.n, 0.0))
+
+
+def _bar(span: float) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(
+        total=span, unit="s", desc="simulated", bar_format="{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}]"
+    )
