@@ -27,8 +27,8 @@ from stickslip import (
     simulate,
     triangle,
 )
-from stickslip.engine_sundials import CVODE
-from stickslip.laws import Law
+from stickslip.engines.sundials import CVODE
+from stickslip.model.laws.dry_friction import Law
 
 LAW = DryFriction(0.3, 0.2)
 FLOOR = Contact("floor", "a", GROUND, LAW, normal=1.0)
@@ -67,7 +67,7 @@ def test_a_load_that_fails_half_way(
     force: Callable[[float], float], sentence: str, formulation: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the natural scales are read off the loads before anything runs: let them see the good part only
-    monkeypatch.setattr("stickslip.scales._largest", lambda *_: 1.0)
+    monkeypatch.setattr("stickslip.simulation.tolerances._largest", lambda *_: 1.0)
     with pytest.raises(SimulationError, match=sentence) as caught:
         simulate(oscillator(force), (0.0, 10.0), formulation=formulation)
     error = caught.value
@@ -96,9 +96,9 @@ def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
 
 def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyPatch) -> None:
     """IDA too is stopped where the end is out of reach, here by allowing a hundred evaluations only."""
-    monkeypatch.setattr("stickslip.progress._CALLS_BETWEEN_SIGNS", 50)
-    monkeypatch.setattr("stickslip.progress._CALLS_BETWEEN_LOOKS", 50)
-    monkeypatch.setattr("stickslip.progress._CALLS_AT_MOST", 100)
+    monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_SIGNS", 50)
+    monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_LOOKS", 50)
+    monkeypatch.setattr("stickslip.engines.progress._CALLS_AT_MOST", 100)
     scene = oscillator(lambda t: 0.1 * math.sin(t))
     with pytest.raises(SimulationError, match="the steps have become too small") as caught:
         simulate(scene, (0.0, 10.0), formulation="multiplier")
@@ -209,7 +209,7 @@ NOISY_RUN = """
 import math
 import numpy as np
 from stickslip import Body, Contact, DryFriction, Force, GROUND, Scene, SimulationError, Spring, signal, simulate
-from stickslip.engine_sundials import CVODE, IDA
+from stickslip.engines.sundials import CVODE, IDA
 
 
 def decays(t, y, yp):

@@ -27,7 +27,7 @@ from stickslip import (
     sine,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark
-from stickslip.result import Result
+from stickslip.simulation.result import Result
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 WITHIN = {"contact-force": 1e-7, "merged": 1e-7, "multiplier": 1e-6}

@@ -28,8 +28,8 @@ from stickslip import (
     step,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
-from stickslip.energy import energy
-from stickslip.sampling import refined, sampled
+from stickslip.results.energy import energy
+from stickslip.results.sampling import refined, sampled
 
 VELOCITY = "velocity [m/s | rad/s]"
 FORCE = "force [N | N m]"
@@ -392,7 +392,7 @@ def test_axes_given_are_the_axes_returned(wheels):
 
 
 def test_study_drawings_are_here_too():
-    from stickslip import plots_study
+    from stickslip.plots import studies
 
     assert plots.work_precision is plots_study.work_precision
     assert plots.sweep_map is plots_study.sweep_map

@@ -27,8 +27,8 @@ from stickslip import (
     sine,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark, four_flywheels
-from stickslip.laws import Law
-from stickslip.result import Result
+from stickslip.model.laws.dry_friction import Law
+from stickslip.simulation.result import Result
 
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}

@@ -12,8 +12,8 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 
-from stickslip import sweeps
-from stickslip.sweeps import SweepInterrupted, sweep
+from stickslip.studies import sweeps
+from stickslip.studies.sweeps import SweepInterrupted, sweep
 
 GRID = {"a": [1.0, 2.0, 3.0], "b": np.array([0.1, 0.2])}
 
@@ -254,7 +254,7 @@ def test_a_point_that_kills_a_worker_of_dask_takes_no_other_with_it(monkeypatch)
 
 ORPHANS = """
 import os, sys, time
-from stickslip.sweeps import sweep
+from stickslip.studies.sweeps import sweep
 
 def never_ends(a):
     print(os.getpid(), flush=True)
@@ -420,7 +420,7 @@ def test_interrupt_cancels_the_points_that_have_not_begun(monkeypatch):
 
 INTERRUPTED_SWEEP = """
 import os, signal, sys, time
-from stickslip.sweeps import SweepInterrupted, sweep
+from stickslip.studies.sweeps import SweepInterrupted, sweep
 
 def interrupts_parent(a):
     if a == 3:
@@ -585,7 +585,7 @@ def axes():
 
 
 def test_map_shows_the_values_with_x_across_and_marks_missing_points(axes):
-    from stickslip.plots_study import sweep_map
+    from stickslip.plots.studies import sweep_map
 
     result = serial(moody, {"a": [1.0, 2.0, 3.0], "b": [0.1, 1.0, 10.0, 100.0]})
     assert sweep_map(result, "a", "b", ax=axes, labels={"a": "a / m", "value": "force / N"}) is axes
@@ -601,7 +601,7 @@ def test_map_shows_the_values_with_x_across_and_marks_missing_points(axes):
 
 
 def test_map_sets_texts_side_by_side_and_drops_single_values(axes):
-    from stickslip.plots_study import sweep_map
+    from stickslip.plots.studies import sweep_map
 
     grid = {"kind": ["x", "y"], "fixed": [7], "n": [1, 2, 3]}
     result = serial(lambda kind, fixed, n: n + fixed * (kind == "y"), grid)
@@ -612,7 +612,7 @@ def test_map_sets_texts_side_by_side_and_drops_single_values(axes):
 
 
 def test_map_refuses_what_it_cannot_draw():
-    from stickslip.plots_study import sweep_map
+    from stickslip.plots.studies import sweep_map
 
     result = serial(several)
     with pytest.raises(ValueError, match="no parameter 'c'; choose from a, b"):

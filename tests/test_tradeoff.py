@@ -9,12 +9,12 @@ import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate, study
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.regularized import PreSlip
-from stickslip.study import WorkPrecision, WorkRow
-from stickslip.tradeoff import Advice, Skipped, Tradeoff, tradeoff
-from stickslip.tradeoff_setups import Call, calls, reference_calls
+from stickslip.model.laws.regularized import PreSlip
+from stickslip.studies.work_precision import WorkPrecision, WorkRow
+from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
+from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 
-module = importlib.import_module("stickslip.tradeoff")
+module = importlib.import_module("stickslip.studies.tradeoff")
 
 
 def count_work(patch):

@@ -421,8 +421,8 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
         )
 
     assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
-    monkeypatch.setattr("stickslip.friction._STEEPEST", 0.0)
-    monkeypatch.setattr("stickslip.integrate._HITS_BETWEEN_LOOKS", 100)
+    monkeypatch.setattr("stickslip.model.laws.kernels._STEEPEST", 0.0)
+    monkeypatch.setattr("stickslip.simulation.simulate._HITS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
         # another scene: equal ones share their equations
         simulate(scene(0.1), (0.0, 20.0))

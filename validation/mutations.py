@@ -207,7 +207,7 @@ def _sticky(original: Any) -> Any:
         return original(system, t, y, modes, since, np.zeros_like(touching), *rest)
 
     # nor where it alone changes
-    importlib.import_module("stickslip.integrate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
+    importlib.import_module("stickslip.simulation.simulate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
     return changed
 
 
@@ -249,11 +249,11 @@ MUTATIONS = (
         "stickslip.transitions:_Search._ratios",
         _first_come,
     ),
-    Mutation("kinks-missed", "load breaks are stepped over", "stickslip.loads:Loads.next_break", _to_the_end),
+    Mutation("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads:Loads.next_break", _to_the_end),
     Mutation(
         "static-slip",
         "slipping friction at the static level",
-        "stickslip.friction:Coefficients.__init__",
+        "stickslip.model.laws.kernels:Coefficients.__init__",
         _after(_static_while_slipping),
     ),
     Mutation(
@@ -286,7 +286,7 @@ MUTATIONS = (
     Mutation(
         "never-stuck",
         "contacts that come to rest are not found at rest",
-        "stickslip.integrate:settle",
+        "stickslip.simulation.simulate:settle",
         _sticky,
     ),
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.path import Path
-from stickslip.progress import Interruption, Progress
+from stickslip.engines.progress import Interruption, Progress
 
 __all__ = ["LOOK_AT_SCENE", "Interrupted", "Interruption", "Progress", "SolverFailure", "Work", "failure_of", "sound"]
 

@@ -18,10 +18,10 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import ModeEquations
-from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
-from stickslip.laws import DryFriction
-from stickslip.scene import GROUND, Scene
-from stickslip.signals import Constant, PiecewiseLinear, Signal
+from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.scene import GROUND, Scene
+from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.system import System
 from stickslip.results.trajectory import Trajectory, by_piece
-from stickslip.scene import GROUND, Body, Drive, Scene
+from stickslip.model.scene import GROUND, Body, Drive, Scene
 
 __all__ = ["Samples", "integrated"]
 
