@@ -18,7 +18,7 @@ from stickslip.benchmark import (
     flywheel_chain,
     four_flywheels,
 )
-from stickslip.results.files import load
+from stickslip import load
 
 SCENE = """
 [simulation]

@@ -29,7 +29,6 @@ from stickslip import (
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.results.energy import energy
-from stickslip.results.sampling import refined, sampled
 
 VELOCITY = "velocity [m/s | rad/s]"
 FORCE = "force [N | N m]"
@@ -138,7 +137,7 @@ def test_velocities_follow_the_motion_between_computed_points(wheels):
     one, two = curve(ax, "wheel1"), curve(ax, "wheel2")
     assert one.get_linestyle() != two.get_linestyle()
     t, v = one.get_data()
-    assert np.array_equal(v, refined(wheels).velocity("wheel1"))
+    assert np.array_equal(v, wheels.fit_for_plot(1500).velocity("wheel1"))
     assert np.abs(v - wheels(t)[0]).max() < 1e-12
     dots = [line for line in ax.get_lines() if line.get_linestyle() == "None" and line.get_xdata().size]
     assert [line.get_xdata().size for line in dots] == [wheels.t.size] * 2
@@ -152,7 +151,7 @@ def test_broad_lines_run_where_a_contact_holds(wheels):
     assert len(broad) == 2  # the interface holds it, then the brake
     for line, name in zip(broad, ("interface", "brake"), strict=True):
         t, v = line.get_data()
-        assert np.array_equal(np.isfinite(v), refined(wheels).mode(name) == 0)
+        assert np.array_equal(np.isfinite(v), wheels.fit_for_plot(1500).mode(name) == 0)
         assert t.min() == 0.0
 
 
@@ -405,10 +404,10 @@ def test_every_label_is_text_that_the_font_has(chain, blocks):
 
 
 def test_sampling_keeps_the_limits_at_events(wheels):
-    fine = refined(wheels)
+    fine = wheels.fit_for_plot(1500)
     for event in wheels.events:
         assert np.count_nonzero(fine.t == event.t) == 2
     assert np.isin(wheels.t, fine.t).all()
-    third = sampled(wheels, [2], [np.array([0.0, 0.01])])
+    third = wheels.sample([0.05, 0.06])
     assert third.t == pytest.approx([0.05, 0.06])
     assert np.array_equal(third.y, wheels(third.t))

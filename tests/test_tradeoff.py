@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate, study
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
+from stickslip.studies import work_precision as study
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws.regularized import PreSlip
 from stickslip.studies.work_precision import WorkPrecision, WorkRow

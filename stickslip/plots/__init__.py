@@ -19,6 +19,7 @@ from stickslip.plots.contact import (
     varying,
 )
 from stickslip.plots.motion import MANY, modes, velocities
+from stickslip.plots.points import FINE
 from stickslip.plots.studies import sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.simulation.result import Result
