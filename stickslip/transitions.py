@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 
 from stickslip.assembly import System
 from stickslip.labels import label
@@ -26,6 +27,9 @@ _STANDING = 1e-9
 """A contact this slow, as a part of the largest speed, is looked at together with all others."""
 
 _ENUMERATED = 6
+_SOON = (1e-6, 1e-4)
+_BALANCE = 1e4
+"""Weight of the balance of forces beside their norm."""
 _LOOSEST = 1e-4
 """The largest distance from its limit, as a part of it, at which a contact that comes back at once is there."""
 
@@ -321,7 +325,13 @@ class _Search:
         """Return the armed segment of the first consistent trial."""
         while True:
             if trial.tobytes() in self._tried:
-                return self._enumerate()
+                shared = (self._shared(trial, soon) for soon in _SOON)
+                fresh = [
+                    modes for modes in shared if modes is not None and modes.tobytes() not in self._tried
+                ]
+                if not fresh:
+                    return self._enumerate()
+                trial = fresh[0]
             self._tried.add(trial.tobytes())
             segment, released, retried = self._check(trial)
             if not released.any() and not retried.size:
@@ -388,6 +398,33 @@ class _Search:
             if self._system.hard[j] and j in self._system.mode_set(modes.tobytes()).at_level:
                 return int(row)
         return None
+
+    def _shared(self, trial: Modes, soon: float) -> Modes | None:
+        """Return the modes in which stuck contacts share their loads within all levels, by bounded least squares.
+
+        Limiting one after another may end with forces across a cut that point both ways. Just after the start, at
+        a part `soon` of the horizon, shows which of those at their level stay there. None where nothing is shared.
+        """
+        system, trial = self._system, trial.copy()
+        trial[system.mode_set(trial.tobytes()).at_level] = 0
+        mode_set = system.mode_set(trial.tobytes())
+        if not mode_set.groups.redundant:
+            return None
+        segment = Segment(system, mode_set, self._t, self._y, self._since, self._candidates, self._stop)
+        stuck, k = mode_set.stuck, segment.slips
+        tau = soon * segment.horizon
+        force = segment.watched(tau, segment.y + tau * segment.f0)[k:]
+        high, low = segment.levels(tau).reshape(2, -1)
+        force, high, low = force[: stuck.size], high[: stuck.size], low[: stuck.size]
+        balance = system.G[stuck].T
+        balance = balance if isinstance(balance, np.ndarray) else balance.toarray()
+        rows = np.vstack([_BALANCE * balance, np.eye(stuck.size)])
+        wanted = np.concatenate([_BALANCE * (balance @ force), np.zeros(stuck.size)])
+        wide = np.maximum(high + low, np.finfo(float).tiny)
+        found = lsq_linear(rows, wanted, (-low, -low + wide), method="bvls", tol=1e-15, max_iter=1000)
+        modes = trial.copy()
+        modes[stuck] = found.active_mask
+        return modes
 
     def _exceeds(self, segment: Segment, j: int) -> bool:
         """Tell whether the share of a contact that carries its level would exceed it, were it not limited."""
