@@ -164,7 +164,7 @@ def _loads(system: System, loads: Loads) -> list[str]:
     curved = sum(signal.period is not None for signal in (*system.normals, *system.others))
     if curved:
         period = f", shortest period {loads.period:g} s" if math.isfinite(loads.period) else ""
-        lines.append(f"  {_count(curved, 'load')} not piecewise linear{period}")
+        lines.append(f"  {_count(curved, 'load entry')} not piecewise linear{period}")
     elif times:
         lines.append("  piecewise linear: rates, forces and guards are affine between stops")
     return lines

@@ -239,7 +239,7 @@ class _Simulation:
             "engine": ENGINES[self._name],
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._merged else size,
-            "guards": self._run.most_guards,
+            "guards": int(self._run.most_guards),
             "restarts": self._run.restarts,
             "steps": work.steps,
             "rate_calls": work.rate_calls,
