@@ -37,9 +37,36 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
     ----------
     trajectory : Trajectory
     """
+    return _of(trajectory, _fit(trajectory))
+
+
+def at_steps(trajectory: Trajectory) -> Samples:
+    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
+    return _of(trajectory, [path.taus for path in _paths(trajectory)])
+
+
+def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
+    pieces = trajectory.pieces
+    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
+    least = 16 if 16 * len(pieces) <= points else 1
+    taus = []
+    for piece, fit in zip(pieces, _fit(trajectory), strict=True):
+        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
+        taus.append(np.union1d(fit, np.linspace(0.0, piece.end, count + 1)))
+    return _of(trajectory, taus)
+
+
+def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
+    piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
+    return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
+
+
+def _fit(trajectory: Trajectory) -> list[Array]:
+    """Return for each piece the local times fit for a plot."""
     paths = _paths(trajectory)
     if not paths:
-        return _of(trajectory, [])
+        return []
     parts = _parts(trajectory.system.n, paths)
     firsts = np.cumsum([0, *(path.taus.size - 1 for path in paths)]).tolist()
     taus = []
@@ -52,31 +79,7 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
         inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
         within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
         taus.append(np.append(within, ends[-1]))
-    return _of(trajectory, taus)
-
-
-def at_steps(trajectory: Trajectory) -> Samples:
-    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
-    return _of(trajectory, [path.taus for path in _paths(trajectory)])
-
-
-def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
-    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
-    fit = fit_for_plot(trajectory)
-    pieces = trajectory.pieces
-    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
-    least = 16 if 16 * len(pieces) <= points else 1
-    places = np.searchsorted(fit.piece_of, np.arange(1, len(pieces)))
-    taus = []
-    for piece, own in zip(pieces, np.split(fit.taus, places), strict=True):
-        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
-        taus.append(np.union1d(own, np.linspace(0.0, piece.end, count + 1)))
-    return _of(trajectory, taus)
-
-
-def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
-    piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
-    return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
+    return taus
 
 
 def _paths(trajectory: Trajectory) -> list[Path]:
@@ -112,7 +115,7 @@ def _parts(n: int, paths: list[Path]) -> Indices:
         ranges[group] = np.maximum(ranges[group], least)
     allowed = np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
     worst = np.concatenate([(bend / allowed).max(axis=1, initial=0.0) for bend in bends])
-    return np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS).astype(np.intp)
+    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
 
 
 def _blocks(paths: list[Path]) -> Iterator[tuple[Array, Array, bool]]:

@@ -236,7 +236,6 @@ class _Simulation:
     def _result(self, message: str, status: int) -> Result:
         work, size = self._run.engine.work, self._run.system.size
         stats: dict[str, Any] = {
-            "engine": ENGINES[self._name],
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._merged else size,
             "guards": int(self._run.most_guards),
@@ -246,6 +245,7 @@ class _Simulation:
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
             "solvers": work.solvers,
+            "engine": ENGINES[self._name],
         }
         return self._recorder.result(message, status, stats)
 
