@@ -13,7 +13,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from stickslip.benchmark import four_flywheels
-from stickslip.tradeoff import tradeoff
+from stickslip.studies.tradeoff import tradeoff
 
 FIGURE = Path(__file__).parent / "figures" / "speed_accuracy.png"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from stickslip import Body, Contact, Drive, DryFriction, Scene, Spring, simulate, sweep
-from stickslip.sweeps import SweepResult
+from stickslip.studies.sweeps import SweepResult
 
 FIGURE = Path(__file__).parent / "figures" / "stick_slip_map.png"
 

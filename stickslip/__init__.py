@@ -1,17 +1,19 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
-from stickslip.explain import explain
-from stickslip.integrate import simulate
-from stickslip.laws import DryFriction
-from stickslip.modes import Mode
-from stickslip.output import load
-from stickslip.regularized import Dahl, Karnopp, LuGre, PreSlip
-from stickslip.result import Event, Result, SimulationError, SimulationInterrupted
-from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
-from stickslip.signals import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.study import work_precision
-from stickslip.sweeps import sweep
-from stickslip.tradeoff import tradeoff
+from stickslip.model.elements import GROUND, Body, Contact, Damper, Drive, Force, Spring
+from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
+from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.results import files as output
+from stickslip.results.outcome import Event
+from stickslip.simulation.explain import explain
+from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
+from stickslip.simulation.simulate import simulate
+from stickslip.studies.sweeps import sweep
+from stickslip.studies.tradeoff import tradeoff
+from stickslip.studies.work_precision import work_precision
 
 __all__ = [
     "GROUND",
@@ -35,6 +37,7 @@ __all__ = [
     "Spring",
     "explain",
     "load",
+    "output",
     "piecewise_linear",
     "signal",
     "simulate",

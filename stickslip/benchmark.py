@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from stickslip.laws import DryFriction, Law
-from stickslip.modes import Mode
-from stickslip.result import Event
-from stickslip.scene import GROUND, Body, Contact, Damper, Element, Scene
-from stickslip.signals import Signal, triangle
+from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.modes import Mode
+from stickslip.model.scene import GROUND, Body, Contact, Damper, Element, Scene
+from stickslip.model.signal_makers import Signal, triangle
+from stickslip.simulation.result import Event
 
 __all__ = [
     "BENCHMARK_SPAN",

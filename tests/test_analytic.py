@@ -250,6 +250,7 @@ def chains(draw: st.DrawFn) -> tuple[list[Fraction], list[Fraction], list[Contac
     return [draw(tenths(1, 50)) for _ in range(size)], [draw(tenths(-20, 20)) for _ in range(size)], contacts
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(chains())
 def test_any_chain_obeys_the_laws(case: tuple[list[Fraction], list[Fraction], list[Contact]]) -> None:

@@ -145,7 +145,7 @@ def test_importing_the_package_loads_no_plots_and_no_tables() -> None:
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()
-    assert "stickslip.integrate" in loaded
+    assert "stickslip.simulation.simulate" in loaded
     for library in ("matplotlib", "pandas", "xarray", "stickslip.plots"):
         assert library not in loaded
 

@@ -1,5 +1,6 @@
 """Bad input is refused before anything runs, with errors that name the element, the value and the remedy."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +23,71 @@ from validation.bad_input import TABLES, refusal
 )
 def test_bad_input_is_refused(case: Case) -> None:
     assert refusal(case) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("function", "declared"),
+    [
+        (lambda t, w: t * w, "(t, w)"),
+        (lambda: 1.0, "()"),
+        (lambda *, t: t, "(*, t)"),
+        (math.atan2, ""),
+        (functools.partial(lambda t, w: t), "(t, w)"),
+    ],
+)
+def test_a_signal_of_more_than_time_is_refused_where_it_is_made(
+    function: Callable[..., float], declared: str
+) -> None:
+    with pytest.raises(TypeError, match="signal: function must take one argument, the time t in s") as raised:
+        signal(function)
+    assert declared in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [math.sin, np.sin, abs, lambda t, scale=2.0: t * scale, functools.partial(lambda a, t: a * t, 2.0)],
+)
+def test_a_signal_of_time_alone_is_taken(function: Callable[[float], float]) -> None:
+    assert signal(function)(0.5) == pytest.approx(float(function(0.5)))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (
+            {"law": {"mu_statc": 0.2, "mu_coulomb": 0.1}},
+            ["law: unknown field 'mu_statc'; a DryFriction has mu_static"],
+        ),
+        ({"law": {"mu_static": 0.2}}, ["law: field 'mu_coulomb' is missing; a DryFriction needs it"]),
+        (
+            {"law": {"type": "PreSlip", "law": {"mu_static": 0.2, "mu_coulomb": 0.1}, "speed": 1.0}},
+            ["law: unknown field 'speed'; a PreSlip has law, velocity"],
+        ),
+        (
+            {"normal": {"type": "sine", "amplitud": 1.0}},
+            ["normal: unknown field 'amplitud'; a sine has amplitude"],
+        ),
+        (
+            {"normal": {"type": "triangle", "start": 1.0}},
+            ["normal: field", "is missing; a triangle needs it"],
+        ),
+    ],
+)
+def test_misspelt_entries_of_a_file_are_named(row: dict[str, Any], words: list[str]) -> None:
+    contacts = {
+        "name": "c",
+        "a": "a",
+        "b": "ground",
+        "law": {"mu_static": 0.2, "mu_coulomb": 0.1},
+        "normal": 1.0,
+    }
+    data = {"bodies": [{"name": "a", "inertia": 1.0}], "contacts": [contacts | row]}
+    with pytest.raises(TypeError, match=r"contacts\[0\]") as raised:
+        Scene.from_dict(data)
+    for word in words:
+        assert word in str(raised.value)
+    for leak in ("__init__", "keyword argument", "positional"):
+        assert leak not in str(raised.value)
 
 
 # what can be found out only on the way

@@ -25,6 +25,7 @@ def pools() -> list[tuple[str, partial[Executor]]]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "make"), pools())
 def test_pools_change_no_bit(kind: str, make: partial[Executor]) -> None:
     cases = [load(name) for name in NAMES]
@@ -40,6 +41,7 @@ def test_pools_change_no_bit(kind: str, make: partial[Executor]) -> None:
                 assert np.array_equal(result.force(contact.name), alone[k].force(contact.name))
 
 
+@pytest.mark.slow
 def test_one_scene_in_many_threads() -> None:
     """All share the compiled scene and its mode sets."""
     case = load("two-blocks")

@@ -22,7 +22,7 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
-from stickslip.energy import energy
+from stickslip.results.energy import energy
 
 DRY = DryFriction(0.2, 0.1)
 

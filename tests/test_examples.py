@@ -44,7 +44,7 @@ def run(*arguments, folder):
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
         check=False,
     )
 
@@ -57,6 +57,7 @@ def test_every_example_is_tested():
     assert [path.stem for path in EXAMPLES] == sorted(SAYS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", EXAMPLES, ids=name_of)
 def test_example_runs_headless(path, tmp_path):
     figure = tmp_path / "figure.png"
@@ -91,6 +92,7 @@ def test_there_are_scene_files_of_both_kinds():
     assert len(SCENES) >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SCENES, ids=name_of)
 def test_scene_file_runs(path, tmp_path):
     done = run("-m", "stickslip", "run", path, "--csv", "o.csv", "--json", "o.json", folder=tmp_path)
@@ -109,6 +111,7 @@ def test_gallery_shows_every_example():
         assert f"`{path.name}`" in text
 
 
+@pytest.mark.slow
 def test_first_scene_of_the_documentation_runs(tmp_path):
     text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
@@ -141,10 +144,12 @@ def test_sweep_tells_stick_slip_from_sliding(serial):
     assert serial.value()[1, 1] == 0.0
 
 
+@pytest.mark.slow
 def test_sweep_is_the_same_on_processes(module, serial):
     np.testing.assert_array_equal(module.compute(2, dask=False).value(), serial.value())
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_sweep_is_the_same_on_a_dask_cluster(module, serial):
     pytest.importorskip("distributed")

@@ -21,7 +21,7 @@ from stickslip import (
     step,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
-from stickslip.explain import explain
+from stickslip.simulation.explain import explain
 
 DRY = DryFriction(0.2, 0.1)
 

@@ -26,8 +26,8 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.result import Result
-from stickslip.stability import Unstable
+from stickslip.simulation.result import Result
+from stickslip.engines.stability import Unstable
 
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 
@@ -147,6 +147,7 @@ def test_mode_changes_stand_at_step_ends() -> None:
         assert -1e-3 < event.t - exact.t < 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK4", "Euler"])
 def test_the_benchmark_converges_with_first_order(method: str) -> None:
     # the worst of steps of no common measure: one step's luck at the five events is not its order

@@ -27,7 +27,7 @@ from stickslip import (
     sine,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark
-from stickslip.result import Result
+from stickslip.simulation.result import Result
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 WITHIN = {"contact-force": 1e-7, "merged": 1e-7, "multiplier": 1e-6}
@@ -68,6 +68,7 @@ def test_events_and_velocities(name: str, formulation: str) -> None:
     np.testing.assert_allclose(found, reference.v, rtol=0, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_forces_and_modes_agree(name: str) -> None:
     reference = load(name)
@@ -218,6 +219,7 @@ def test_forces_of_random_redundant_groups_have_least_norm() -> None:
 # Laws that act through velocity, and large scenes
 
 
+@pytest.mark.slow
 def test_soft_laws_in_every_formulation() -> None:
     curve = DryFriction(0.5, 0.3, stribeck_velocity=0.2)
     scene = Scene(
@@ -303,6 +305,7 @@ def scenes(draw: Any) -> Scene:
     return Scene(*bodies, *contacts, *others)
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None, derandomize=True, database=None)
 @given(scenes())
 def test_any_scene_is_the_same_in_all_three(scene: Scene) -> None:

@@ -26,9 +26,9 @@ from stickslip import (
     step,
     triangle,
 )
-from stickslip.friction import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
-from stickslip.laws import Law
-from stickslip.result import Result
+from stickslip.model.laws.kernels import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
+from stickslip.model.laws.dry_friction import Law
+from stickslip.simulation.result import Result
 
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
 

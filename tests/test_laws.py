@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Dahl, DryFriction, Karnopp, LuGre, PreSlip
-from stickslip.laws import Law, law_from_dict
+from stickslip.model.laws.dry_friction import Law, law_from_dict
 
 PLAIN = DryFriction(0.2, 0.1)
 STRIBECK = DryFriction(0.4, 0.1, stribeck_velocity=0.05, stribeck_exponent=1.5)

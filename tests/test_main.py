@@ -18,7 +18,7 @@ from stickslip.benchmark import (
     flywheel_chain,
     four_flywheels,
 )
-from stickslip.output import load
+from stickslip import load
 
 SCENE = """
 [simulation]

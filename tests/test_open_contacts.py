@@ -237,3 +237,18 @@ def test_it_rests_with_a_body_that_is_held(formulation: str) -> None:
     result = simulate(scene, (0.0, 3.0), formulation=formulation)
     assert told(result) == [("floor", 0, 1), ("floor", 1, 0), ("smooth", 0, 1), ("smooth", 1, 0)]
     assert [e.t for e in result.events] == pytest.approx([0.5, 0.5, 2.375, 2.375], abs=1e-9)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_is_named_after_a_motion_that_starts_slowly(formulation: str) -> None:
+    """A spring passes on a force that rises from 0: v of the second body starts as t^4, and it moves from the start."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.0),
+        Spring("a", "b", stiffness=10.0),
+        Contact("open", "b", GROUND, DRY, normal=LATER),
+        Force("a", sine(1.0, 0.2)),
+    )
+    result = simulate(scene, (0.0, 0.9), t_eval=[0.0, 0.4, 0.8], formulation=formulation)
+    assert not result.events
+    assert result.mode("open").tolist() == [1, 1, 1]

@@ -16,8 +16,10 @@ from stickslip import (
     Body,
     Contact,
     DryFriction,
+    Force,
     Karnopp,
     LuGre,
+    Mode,
     PreSlip,
     Scene,
     plots,
@@ -26,8 +28,7 @@ from stickslip import (
     step,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
-from stickslip.energy import energy
-from stickslip.sampling import refined, sampled
+from stickslip.results.energy import energy
 
 VELOCITY = "velocity [m/s | rad/s]"
 FORCE = "force [N | N m]"
@@ -73,6 +74,7 @@ def raster(ax):
     return np.asarray(ax.collections[0].get_array())
 
 
+@pytest.mark.slow
 def test_import_loads_no_matplotlib_and_drawing_no_pyplot(tmp_path):
     code = (
         "import sys, stickslip; assert 'matplotlib' not in sys.modules;"
@@ -135,7 +137,7 @@ def test_velocities_follow_the_motion_between_computed_points(wheels):
     one, two = curve(ax, "wheel1"), curve(ax, "wheel2")
     assert one.get_linestyle() != two.get_linestyle()
     t, v = one.get_data()
-    assert np.array_equal(v, refined(wheels).velocity("wheel1"))
+    assert np.array_equal(v, wheels.fit_for_plot(1500).velocity("wheel1"))
     assert np.abs(v - wheels(t)[0]).max() < 1e-12
     dots = [line for line in ax.get_lines() if line.get_linestyle() == "None" and line.get_xdata().size]
     assert [line.get_xdata().size for line in dots] == [wheels.t.size] * 2
@@ -149,7 +151,7 @@ def test_broad_lines_run_where_a_contact_holds(wheels):
     assert len(broad) == 2  # the interface holds it, then the brake
     for line, name in zip(broad, ("interface", "brake"), strict=True):
         t, v = line.get_data()
-        assert np.array_equal(np.isfinite(v), refined(wheels).mode(name) == 0)
+        assert np.array_equal(np.isfinite(v), wheels.fit_for_plot(1500).mode(name) == 0)
         assert t.min() == 0.0
 
 
@@ -254,6 +256,51 @@ def test_force_lies_within_its_level(wheels):
     drawn(ax)
 
 
+def anisotropic(**options):
+    """A body on ground that holds 5 N forward (0.5 10 N) and 1 N backward (0.1 10 N), pushed to and fro."""
+    dry = DryFriction(0.5, 0.4, mu_static_backward=0.1, mu_coulomb_backward=0.05, **options)
+    scene = Scene(
+        Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0), Force("m", sine(6.0, 1.0))
+    )
+    return simulate(scene, (0.0, 2.0))
+
+
+def test_both_levels_of_an_anisotropic_contact_are_drawn_as_they_are():
+    result = anisotropic()
+    ax = plots.contact_forces(result, "c")
+    assert labels(ax) == ["breakaway levels", "force r"]
+    upper, lower = ax.get_lines()[:2]
+    assert set(upper.get_ydata()) == {5.0} and set(lower.get_ydata()) == {-1.0}
+    force = curve(ax, "force r").get_ydata()
+    assert force.max() == pytest.approx(5.0, rel=1e-6) and force.min() == pytest.approx(-1.0, rel=1e-6)
+    low, high = ax.collections[0].get_paths()[0].get_extents().intervaly
+    assert (low, high) == (-1.0, 5.0)
+    drawn(ax)
+
+
+def test_breakaway_says_which_side_it_returns():
+    result = anisotropic()
+    assert set(result.breakaway("c", 1)) == {5.0} and set(result.breakaway("c", -1)) == {1.0}
+    assert set(result.breakaway("c", Mode.BACKWARD)) == {1.0}
+    # by default the side of the force
+    force, level = result.force("c"), result.breakaway("c")
+    assert np.array_equal(level, np.where(force < 0, 1.0, 5.0))
+    assert np.all(np.abs(force) <= level * (1 + 1e-9))
+    for wrong in (0, 2, "forward"):
+        with pytest.raises(ValueError, match=r"breakaway of contact 'c': direction must be \+1"):
+            result.breakaway("c", wrong)
+
+
+def test_both_levels_rise_with_the_dwell_time():
+    # from mu_c N where it becomes stuck, by the factor 1 - exp(-age / tau): here from the start of the motion
+    dry = DryFriction(0.5, 0.4, mu_static_backward=0.1, mu_coulomb_backward=0.05, dwell=0.2)
+    scene = Scene(Body("m", inertia=1.0), Contact("c", "m", GROUND, dry, normal=10.0))
+    result = simulate(scene, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 11))
+    lag = np.exp(-result.t / 0.2)
+    np.testing.assert_allclose(result.breakaway("c", 1), 5.0 - 1.0 * lag, rtol=1e-14)
+    np.testing.assert_allclose(result.breakaway("c", -1), 1.0 - 0.5 * lag, rtol=1e-14)
+
+
 def test_normal_forces_of_many_contacts_become_a_raster():
     normal, law = sine(1.0, 1.0, offset=2.0), DryFriction(0.2, 0.1)
     pads = [Contact(f"p{i}", "a", GROUND, law, normal=normal) for i in range(14)]
@@ -344,7 +391,7 @@ def test_axes_given_are_the_axes_returned(wheels):
 
 
 def test_study_drawings_are_here_too():
-    from stickslip import plots_study
+    from stickslip.plots import studies
 
     assert plots.work_precision is plots_study.work_precision
     assert plots.sweep_map is plots_study.sweep_map
@@ -357,10 +404,10 @@ def test_every_label_is_text_that_the_font_has(chain, blocks):
 
 
 def test_sampling_keeps_the_limits_at_events(wheels):
-    fine = refined(wheels)
+    fine = wheels.fit_for_plot(1500)
     for event in wheels.events:
         assert np.count_nonzero(fine.t == event.t) == 2
     assert np.isin(wheels.t, fine.t).all()
-    third = sampled(wheels, [2], [np.array([0.0, 0.01])])
+    third = wheels.sample([0.05, 0.06])
     assert third.t == pytest.approx([0.05, 0.06])
     assert np.array_equal(third.y, wheels(third.t))

@@ -29,7 +29,6 @@ from stickslip import (
     sine,
     triangle,
 )
-from stickslip.connection import unconnected_parts
 
 STOP = 2.0
 SCENES = settings(
@@ -237,6 +236,7 @@ def check_momentum(scene: Scene, whole: Result, result: Result) -> None:
         np.testing.assert_allclose(gained, impulse, rtol=0, atol=1e-6 * (body.inertia * speed + force))
 
 
+@pytest.mark.slow
 @SCENES
 @given(seeds)
 def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
@@ -252,6 +252,7 @@ def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
     check_laws(scene, again)
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_formulations_agree(seed: int) -> None:
@@ -279,6 +280,7 @@ def told(result: Result, sign: float = 1.0) -> list[tuple[float, str, float, flo
     return [(0.0, *row[1:]) for row in sorted(rows, key=lambda row: row[:2])]
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_momentum_is_kept_without_ground_drives_and_loads(seed: int) -> None:
@@ -296,6 +298,7 @@ def energy(scene: Scene, result: Result) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_energy_only_falls_without_drives_and_loads(seed: int) -> None:
@@ -313,6 +316,7 @@ CHANGES: dict[str, tuple[Change, Callable[[Result, str], np.ndarray]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", CHANGES)
 @FEWER
 @given(seeds)
@@ -337,6 +341,7 @@ def test_changed_scenes_move_accordingly(kind: str, seed: int) -> None:
         )
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_reruns_are_bit_identical(seed: int) -> None:
@@ -346,6 +351,7 @@ def test_reruns_are_bit_identical(seed: int) -> None:
     assert first.events == second.events and first.stats == second.stats
 
 
+@pytest.mark.slow
 @FEWER
 @given(seeds)
 def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:
@@ -356,7 +362,6 @@ def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:
         Contact("beside", "unconnected", GROUND, DryFriction(0.3, 0.2), normal=10.0),
     )
     both = Scene(*scene.elements, *other)
-    assume(unconnected_parts(both))
     times = np.linspace(0.0, STOP, 31)
     alone, beside = (simulate(one, (0.0, STOP), t_eval=times) for one in (scene, both))
     assert [e for e in beside.events if e.contact != "beside"] == alone.events

@@ -22,6 +22,7 @@ def test_a_number_gives_the_same_scene_every_time(family: str) -> None:
     assert draw(5) == draw(5) != draw(6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_both_sides_get_the_same_scene(family: str) -> None:
     data = FAMILIES[family][0](3)
@@ -123,3 +124,12 @@ def test_the_oracle_and_the_package_agree_on_what_a_contact_is() -> None:
     assert t == pytest.approx(0.5, abs=1e-14) and modes == ["c", -1, 0]
     (event,) = simulate(scene_of(data), (0.0, 1.0)).events
     assert event.t == pytest.approx(0.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize(
+    ("family", "number"), [("one-way", 26), ("closing", 18), ("closing-loops", 10), ("together", 3)]
+)
+def test_scenes_that_differed(family: str, number: int, group: str) -> None:
+    assert truth(family, number).t.size
+    assert difference(family, group, number) < 1e-6

@@ -204,3 +204,37 @@ def test_through_a_spring(formulation: str) -> None:
     weak = np.clip(10.0 * x, -0.6, 0.6)
     assert np.abs(20 * x).max() > 1.3
     np.testing.assert_allclose(both(result), [20 * x - weak, weak], atol=1e-6)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("tiny", [0.0, 1e-25])
+def test_they_close_together_and_let_go_together(formulation: str, tiny: float) -> None:
+    """Levels rise by 2.3 and 1.428 N/s, the load by 5.7 N/s: both slip from the start on, v = -a' (t - 1)^2 / 2."""
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Contact("strong", "b", GROUND, DryFriction(0.5, 0.4), normal=piecewise_linear([1, 2], [0, 4.6])),
+        Contact("weak", "b", GROUND, DryFriction(0.28, 0.2), normal=piecewise_linear([1, 2], [0, 5.1])),
+        Force("b", piecewise_linear([1, 2], [0, -5.7])),
+        *([Force("b", sine(tiny, 0.5))] if tiny else []),
+    )
+    result = simulate(scene, (0.0, 2.0), t_eval=[1.0, 1.5, 2.0], formulation=formulation)
+    assert {e for e in told(result) if e[2]} == {("strong", 0, -1), ("weak", 0, -1)}
+    jerk = (5.7 - 0.4 * 4.6 - 0.2 * 5.1) / 2.0
+    assert result.velocity("b").tolist() == pytest.approx([0.0, -jerk / 8, -jerk / 2], abs=1e-7)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_two_freewheels_hold_one_way_each(formulation: str) -> None:
+    """One holds 8 N forward, the other 12 N backward: under a sine of 7 N each carries what points its way."""
+    forward = DryFriction(0.4, 0.3, mu_static_backward=0.0, mu_coulomb_backward=0.0)
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("forward", "b", GROUND, forward, normal=20.0),
+        Contact("backward", GROUND, "b", forward, normal=30.0),
+        Force("b", sine(7.0, 1.05, 2.0)),
+    )
+    result = simulate(scene, (0.0, 3.0), t_eval=np.linspace(0.0, 3.0, 301), formulation=formulation)
+    assert not result.events
+    load = 7.0 * np.sin(2 * np.pi * 1.05 * result.t + 2.0)
+    np.testing.assert_allclose(result.force("forward"), np.maximum(load, 0.0), atol=1e-5)
+    np.testing.assert_allclose(result.force("backward"), np.maximum(-load, 0.0), atol=1e-5)

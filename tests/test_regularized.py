@@ -27,8 +27,8 @@ from stickslip import (
     sine,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark, four_flywheels
-from stickslip.laws import Law
-from stickslip.result import Result
+from stickslip.model.laws.dry_friction import Law
+from stickslip.simulation.result import Result
 
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}
@@ -256,6 +256,7 @@ def test_hard_and_soft_contacts_in_one_scene() -> None:
         assert stuck.any() and np.all(result.relative_velocity(hard)[stuck & (result.normal(hard) > 0)] == 0)
 
 
+@pytest.mark.slow
 def test_all_laws_together_agree_with_fixed_steps() -> None:
     bdf = simulate(mixed(9), (0.0, 0.5), **TIGHT)
     rk4 = simulate(mixed(9), (0.0, 0.5), method="RK4", step=2e-4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from references import NAMES, load
@@ -19,12 +20,14 @@ PLAIN = st.recursive(
 SCENES = [json.loads(json.dumps(load(name).scene.to_dict())) for name in NAMES]
 
 
+@pytest.mark.slow
 @given(PLAIN)
 @settings(max_examples=200, deadline=None)
 def test_anything(data: Any) -> None:
     read(data)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(SCENES), st.data())
 @settings(max_examples=400, deadline=None)
 def test_a_scene_with_one_thing_changed(scene: dict[str, Any], data: st.DataObject) -> None:
@@ -32,6 +35,7 @@ def test_a_scene_with_one_thing_changed(scene: dict[str, Any], data: st.DataObje
     read(put(scene, path, data.draw(PLAIN)))
 
 
+@pytest.mark.slow
 @given(st.sampled_from(SCENES), st.data())
 @settings(max_examples=200, deadline=None)
 def test_a_scene_with_one_thing_too_many(scene: dict[str, Any], data: st.DataObject) -> None:

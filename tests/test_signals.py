@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.signals import (
+from stickslip.model.signal_makers import (
     Constant,
     Function,
     PiecewiseLinear,

@@ -223,6 +223,7 @@ LOADS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LOADS)
 def test_a_stuck_contact_does_not_creep(kind: str) -> None:
     load, stop = LOADS[kind]

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip import study
-from stickslip.study import Setup, WorkPrecision, WorkRow, work_precision
+from stickslip.studies import work_precision
+from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 
 
 def row(name, median, error, failure=None, family=None):
@@ -261,14 +261,14 @@ def test_studies_know_no_friction_and_draw_nothing_on_import(module):
     outer = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
     names = {a.name for n in outer if isinstance(n, ast.Import) for a in n.names}
     names |= {n.module for n in outer if isinstance(n, ast.ImportFrom)}
-    names -= {"stickslip.study_table", "stickslip.sweep_data"}
+    names -= {"stickslip.studies.table", "stickslip.studies.sweep_data"}
     assert {name.split(".")[0] for name in names} <= {"numpy", "tqdm", *sys.stdlib_module_names}
     inner = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == "stickslip"]
     assert all([a.name for a in n.names] == ["plots"] for n in inner)
 
 
 def test_plot_has_a_marker_and_a_line_per_family_and_marks_the_front(axes):
-    from stickslip.plots_study import work_precision as draw
+    from stickslip.plots.studies import work_precision as draw
 
     table = WorkPrecision(
         (
@@ -302,7 +302,7 @@ def test_plot_has_a_marker_and_a_line_per_family_and_marks_the_front(axes):
 
 
 def test_plot_of_nothing_but_failures_is_an_empty_frame_with_a_note(axes):
-    from stickslip.plots_study import work_precision as draw
+    from stickslip.plots.studies import work_precision as draw
 
     draw(WorkPrecision((row("a", math.nan, math.nan, "ValueError: no"),)), ax=axes)
     assert not axes.get_lines()

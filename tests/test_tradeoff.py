@@ -2,23 +2,42 @@ import ast
 import importlib
 import math
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
+from stickslip.studies import work_precision as study
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.regularized import PreSlip
-from stickslip.study import WorkPrecision, WorkRow
-from stickslip.tradeoff import Advice, Skipped, Tradeoff, tradeoff
-from stickslip.tradeoff_setups import Call, calls, reference_calls
+from stickslip.model.laws.regularized import PreSlip
+from stickslip.studies.work_precision import WorkPrecision, WorkRow
+from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
+from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 
-module = importlib.import_module("stickslip.tradeoff")
+module = importlib.import_module("stickslip.studies.tradeoff")
+
+
+def count_work(patch):
+    """Let clocks tell the work done instead of the time: 10 us for each evaluation of the rates, 1 ms for each run."""
+    now = 0.0
+    run = Call.run
+
+    def counted(self, scene, span):
+        nonlocal now
+        result = run(self, scene, span)
+        now += 1e-3 + 1e-5 * result.stats["rate_calls"]
+        return result
+
+    patch.setattr(Call, "run", counted)
+    for timed in (module, study):
+        patch.setattr(timed, "clock", SimpleNamespace(perf_counter=lambda: now))
 
 
 @pytest.fixture(scope="module")
 def benchmark():
     with pytest.MonkeyPatch.context() as patch:
+        count_work(patch)
         patch.setattr(module, "_REPEATS", 1)
         return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=12.0)
 
@@ -129,6 +148,7 @@ def test_the_text_of_a_call_does_what_the_call_does():
 # measured
 
 
+@pytest.mark.slow
 def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(benchmark):
     assert benchmark.limit < 1e-12
     hard = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
@@ -136,11 +156,13 @@ def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(ben
     assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
 
 
+@pytest.mark.slow
 def test_pre_slip_errors_are_told(benchmark):
     coarse = [r for r in benchmark.work.rows if "regularized(0.01)" in r.name]
     assert coarse and all(1e-3 < r.error < 0.1 for r in coarse)
 
 
+@pytest.mark.slow
 def test_what_is_recommended_can_be_pasted_and_is_as_exact_as_said(benchmark):
     advice = benchmark.recommend(error=1e-4)
     line = str(advice)
@@ -151,12 +173,14 @@ def test_what_is_recommended_can_be_pasted_and_is_as_exact_as_said(benchmark):
     assert advice.error <= 1e-4 and advice.time > 0
 
 
+@pytest.mark.slow
 def test_the_most_accurate_call_within_a_time_is_on_the_front(benchmark):
     slowest = max(r.median for r in benchmark.work.rows if r.failure is None)
     advice = benchmark.recommend(time=slowest)
     assert advice.error == min(r.error for r in benchmark.work.rows if r.failure is None)
 
 
+@pytest.mark.slow
 def test_text_frame_and_plot(benchmark, axes):
     pytest.importorskip("pandas")
     text = str(benchmark)
@@ -168,13 +192,16 @@ def test_text_frame_and_plot(benchmark, axes):
     assert drawn is axes and "below what the reference can tell" in labels and "contact-force, BDF" in labels
 
 
+@pytest.mark.slow
 def test_a_crowded_legend_leaves_the_curves_free(benchmark, axes):
     benchmark.plot(ax=axes)
     axes.figure.canvas.draw()
     assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
 
 
-def test_errors_of_ones_own_get_the_reference():
+@pytest.mark.slow
+def test_errors_of_ones_own_get_the_reference(monkeypatch):
+    count_work(monkeypatch)
     seen = []
 
     def error(result, reference):
@@ -186,7 +213,8 @@ def test_errors_of_ones_own_get_the_reference():
     assert found.recommend(error=1e-6).error <= 1e-6
 
 
-def test_a_small_budget_leaves_out_the_costly_and_says_so():
+def test_a_small_budget_leaves_out_the_costly_and_says_so(monkeypatch):
+    count_work(monkeypatch)
     found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=1.0)
     assert found.skipped and "left out" in str(found)
     measured = {r.name for r in found.work.rows}
@@ -201,6 +229,7 @@ def test_warnings_of_calls_are_not_passed_on(monkeypatch):
         return simulate(scene, span)
 
     monkeypatch.setattr(Call, "run", warn)
+    count_work(monkeypatch)
     assert tradeoff(sliding_block(), (0.0, 1.5), budget=1.0).work.rows
 
 

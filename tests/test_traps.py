@@ -216,6 +216,7 @@ def test_the_state_after_a_root_is_projected() -> None:
 # The solver library
 
 
+@pytest.mark.slow
 def test_many_events_are_neither_mixed_nor_slow() -> None:
     """Records of events grow on a shared function: hundreds of events cost no more than few, each."""
     scene = Scene(*block(sine(20.0, 1.0), 10.0, DryFriction(0.4, 0.4)).elements)
@@ -253,6 +254,7 @@ def test_more_steps_than_the_solver_takes_at_once(method: str) -> None:
     assert end == pytest.approx(1.0, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_solver_that_gets_nowhere_gives_up() -> None:
     calls = [0]
 
@@ -272,6 +274,7 @@ def test_a_solver_that_gets_nowhere_gives_up() -> None:
     assert not so_far.success and so_far.t.size > 1 and so_far.t[-1] <= caught.value.t < 1.5
 
 
+@pytest.mark.slow
 def test_nothing_is_printed() -> None:
     """SUNDIALS writes its own errors and warnings to stderr."""
     code = (
@@ -404,6 +407,7 @@ def test_stribeck_exponent_one_half(velocity: float) -> None:
     assert result.velocity("a")[-1] == pytest.approx(exact, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Modes flip every 1e-8 s, which would take a day, on such a curve with the slopes that it has."""
     law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=0.5)
@@ -417,8 +421,8 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
         )
 
     assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
-    monkeypatch.setattr("stickslip.friction._STEEPEST", 0.0)
-    monkeypatch.setattr("stickslip.integrate._HITS_BETWEEN_LOOKS", 100)
+    monkeypatch.setattr("stickslip.model.laws.kernels._STEEPEST", 0.0)
+    monkeypatch.setattr("stickslip.simulation.simulate._HITS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
         # another scene: equal ones share their equations
         simulate(scene(0.1), (0.0, 20.0))
@@ -562,6 +566,7 @@ def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, kind
         assert force[0] == pytest.approx(force[1], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hundred_and_fifty_bodies() -> None:
     scene = chain(150, springs=False)
     result = simulate(scene, (0.0, 0.2))

@@ -14,6 +14,7 @@ from tqdm import tqdm
 try:
     from validation import (
         bad_input,
+        between,
         conservation,
         edges,
         endurance,
@@ -37,6 +38,8 @@ from validation.runner import run
 from validation.tried import summary
 
 QUICK_SCENES, QUICK_MULTIPLIED, SCENES = 16, 6, 500
+QUICK_RUNS = 2
+"""Random runs of each family that is read off between its computed points."""
 QUICK_FAMILY, FAMILY = 2, 100
 """Scenes of each family against the oracle; in proportion where another number of random scenes is asked for."""
 
@@ -49,6 +52,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *published.ROWS,
         *conservation.ROWS,
         *extremes.ROWS,
+        *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
         *bad_input.ROWS,

@@ -28,7 +28,7 @@ from stickslip import (
     step,
     triangle,
 )
-from stickslip.laws import Law
+from stickslip.model.laws.dry_friction import Law
 
 DRY = DryFriction(0.2, 0.1)
 A, B, BELT = Body("a", inertia=1.0), Body("b", inertia=1.0), Drive("belt", velocity=1.0)

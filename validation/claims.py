@@ -41,7 +41,7 @@ from stickslip.benchmark import (
     flywheel_benchmark,
     four_flywheels,
 )
-from stickslip.signals import piecewise_linear
+from stickslip.model.signal_makers import piecewise_linear
 
 PRE_SLIP = 1e-3
 """The paper's pre-slip velocity in rad/s (table 1)."""

@@ -1,6 +1,6 @@
 """Rows on what no motion may violate: momentum, energy, heat, and the limit of friction.
 
-Everything is summed up here from velocities, positions and forces at given times; `stickslip.energy` is not asked.
+Everything is summed up here from velocities, positions and forces at given times; `stickslip.results.energy` is not asked.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from stickslip import (
     GROUND,
@@ -263,7 +264,7 @@ def lock_up(formulation: str) -> Answer:
         mode = 1 if w0 > 0 else -1
         errors.append(event_error(changes(result), [(exact.time, "c", mode, 0)], stop))
         # r is constant and w straight: the trapezoidal rule between computed points is exact
-        heat = np.trapezoid(result.force("c") * (result.velocity("a") - result.velocity("b")), result.t)
+        heat = trapezoid(result.force("c") * (result.velocity("a") - result.velocity("b")), result.t)
         errors.append(worst(heat, float(exact.heat)))
     return max(errors)
 

@@ -2,6 +2,9 @@
 
 Each mutation replaces a part of the package in a process of its own; rows that pass on the sound package must then
 fail. A mutation that no row notices has survived, and is a hole in the table.
+
+With `--generate N` it makes N small changes of the source instead, drawn from the syntax tree, and has the tests watch:
+those that run the changed function, each change in a scratch copy. What survives is a hole in the tests, or harmless.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +25,7 @@ from tqdm import tqdm
 from validation.__main__ import table
 from validation.rows import Row
 from validation.runner import run
+from validation.survivors import Trial, try_generated
 
 ENOUGH = 3
 """Rows that must notice before the next mutation is tried."""
@@ -177,8 +182,8 @@ def _one_sided(original: Any) -> Any:
 
 
 def _straight(original: Any) -> Any:
-    def changed(taus: Any, states: Any, rates: Any, seconds: Any, query: Any) -> Any:
-        return np.column_stack([np.interp(query, taus, column) for column in states.T])
+    def changed(points: Any, query: Any) -> Any:
+        return np.column_stack([np.interp(query, points.taus, column) for column in points.states.T])
 
     return changed
 
@@ -202,7 +207,7 @@ def _sticky(original: Any) -> Any:
         return original(system, t, y, modes, since, np.zeros_like(touching), *rest)
 
     # nor where it alone changes
-    importlib.import_module("stickslip.integrate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
+    importlib.import_module("stickslip.simulation.simulate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
     return changed
 
 
@@ -244,11 +249,11 @@ MUTATIONS = (
         "stickslip.transitions:_Search._ratios",
         _first_come,
     ),
-    Mutation("kinks-missed", "load breaks are stepped over", "stickslip.loads:Loads.next_break", _to_the_end),
+    Mutation("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads:Loads.next_break", _to_the_end),
     Mutation(
         "static-slip",
         "slipping friction at the static level",
-        "stickslip.friction:Coefficients.__init__",
+        "stickslip.model.laws.kernels:Coefficients.__init__",
         _after(_static_while_slipping),
     ),
     Mutation(
@@ -277,11 +282,11 @@ MUTATIONS = (
         "shares", "groups accelerate as if all were heavy", "stickslip.grouping:Groups.mean", _equal_shares
     ),
     Mutation("one-sided", "no breakaway backwards", "stickslip.guards:Guarded.raw_guards", _one_sided),
-    Mutation("straight-lines", "linear interpolation of outputs", "stickslip.motion:hermite", _straight),
+    Mutation("straight-lines", "linear interpolation of outputs", "stickslip.pieces:read_off", _straight),
     Mutation(
         "never-stuck",
         "contacts that come to rest are not found at rest",
-        "stickslip.integrate:settle",
+        "stickslip.simulation.simulate:settle",
         _sticky,
     ),
 )
@@ -299,7 +304,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Try the mutations; return 1 if one survives."""
     parser = argparse.ArgumentParser("python -m validation.mutations", description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="mutations to try; all by default")
-    names = parser.parse_args(arguments).names
+    parser.add_argument(
+        "--generate", type=int, metavar="N", help="make N changes of the source for the tests"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="which changes to make (default 0)")
+    parser.add_argument("--only", default="*", metavar="PATTERN", help="files to change, such as '*/plots*'")
+    parser.add_argument(
+        "--limit", type=float, default=30.0, help="seconds that the tests of one change may take (default 30)"
+    )
+    parser.add_argument("--slow", action="store_true", help="let slow tests watch too")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="keep here which test runs what, and read it"
+    )
+    options = parser.parse_args(arguments)
+    if options.generate is not None:
+        if options.names:
+            parser.error("--generate makes changes of its own; leave the names out")
+        return _generate(options)
+    names = options.names
     chosen = [m for m in MUTATIONS if not names or m.name in names]
     if not chosen or len(chosen) < len(set(names)):
         print(f"known mutations: {', '.join(m.name for m in MUTATIONS)}", file=sys.stderr)
@@ -316,6 +338,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{mutation.name:20s} {mutation.what:50s} {seen}", flush=True)
     print(f"\n{len(chosen)} mutations: {len(chosen) - len(survived)} noticed, {len(survived)} survive")
     return 1 if survived else 0
+
+
+def _generate(options: argparse.Namespace) -> int:
+    """Try generated changes; return 1 if one survives."""
+    tests = ["tests"] if options.slow else ["tests", "-m", "not slow"]
+    trials: list[Trial] = []
+    for trial in try_generated(
+        options.generate, options.seed, options.only, tests, options.limit, options.keep
+    ):
+        trials.append(trial)
+        print(trial, flush=True)
+    survivors = [trial for trial in trials if trial.survived]
+    print(f"\n{len(trials)} changes: {len(trials) - len(survivors)} noticed, {len(survivors)} survive")
+    for trial in survivors:
+        print(f"  {trial.change}")
+    return 1 if survivors else 0
 
 
 def _noticed(mutation: Mutation, rows: Sequence[Row]) -> list[str]:

@@ -23,6 +23,8 @@ from validation.oracle_system import Array, Data, Doubt, System
 Event = tuple[float, str, int, int]
 """Time in s, contact, mode before, mode after."""
 MOST_EVENTS, MOST_STALLS = 5000, 20
+GRAZE = 1e-6
+"""Part of the span within which a contact that changes twice grazes: whether it does is lost in any tolerance."""
 PARTS = 20
 """Into which a motion that is integrated is divided at least: beyond an event it would be in vain."""
 
@@ -81,7 +83,7 @@ def solve(data: Data) -> Solution:
     try:
         run.to_the_end()
     except Doubt as doubt:
-        run.solution.known, run.solution.doubt = run.settled, doubt.reason
+        run.solution.known, run.solution.doubt = min(run.settled, doubt.time), doubt.reason
     return run.solution
 
 
@@ -94,6 +96,7 @@ class _Run:
         self._modes: list[int] = []
         self._since: dict[int, float] = {}
         self._reached: set[int] = set()
+        self._changed: dict[str, float] = {}
         self._speed = max(1e-300, 1e-5 * system.force_scale * system.mobility.max() * system.span)
         self.solution = Solution(system, system.stop)
 
@@ -191,6 +194,10 @@ class _Run:
         else:
             for name, before, after in zip(self._system.names, self._modes, modes, strict=True):
                 if before != after:
+                    last = self._changed.get(name, -np.inf)
+                    if self._t - last < GRAZE * self._system.span:
+                        raise Doubt(last, "a graze")
+                    self._changed[name] = self._t
                     self.solution.events.append((self._t, name, before, after))
         self._modes = modes
 

@@ -330,9 +330,13 @@ def closing(seed: int, loops: bool = False) -> Scene:
         forces.append({"body": body["name"], "load": load})
     scene: Scene = {"bodies": bodies, "contacts": contacts, "springs": [], "forces": forces, "t_end": stop}
     if draw.chance(0.7):
-        # a sine beside which nothing changes, or one from a time on at which it is 0
-        amplitude = draw.one([1e-25, 1e-25, draw.number(0.5, 4, 1)])
-        sine = {"amplitude": amplitude, "frequency": draw.one([0.5, 1.0, 2.0])}
+        # a sine beside which nothing changes, or one that moves all
+        amplitude = draw.one([draw.number(0.5, 4, 1), 0.1 if loops else 1e-25])
+        sine = {
+            "amplitude": amplitude,
+            "frequency": draw.number(0.3, 2, 2),
+            "phase": draw.one([0, draw.number(0, 3, 1)]),
+        }
         forces.append({"body": draw.one(bodies)["name"], "load": sine})
         scene["max_step"] = 0.05
     if draw.chance(0.3):

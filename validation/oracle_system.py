@@ -22,7 +22,7 @@ class Doubt(Exception):
 
     def __init__(self, time: float, reason: str) -> None:
         super().__init__(f"{reason} at t = {time:.9g} s")
-        self.reason = reason
+        self.time, self.reason = time, reason
 
 
 class Loads(NamedTuple):
@@ -195,7 +195,8 @@ class System:
         key = tuple(stuck)
         if key not in self._independent:
             rows = self.incidence[list(key)]
-            rank = np.linalg.matrix_rank((rows * self.mobility) @ rows.T, hermitian=True)
+            # older numpy has no rank for a matrix without entries
+            rank = np.linalg.matrix_rank((rows * self.mobility) @ rows.T, hermitian=True) if key else 0
             self._independent[key] = bool(rank == len(key))
         return self._independent[key]
 

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from validation.rows import Outcome, Row, judge
+from validation.tried import patience
 
 
 def run(rows: Sequence[Row], prepare: Callable[[], None] | None = None) -> Iterator[Outcome]:
@@ -61,7 +62,7 @@ class _Worker:
                     return Outcome(row, math.inf, 0.0, refusal)
                 self._ready, start = True, time.perf_counter()
             self._line.send(row)
-            if not self._line.poll(row.limit):
+            if not self._line.poll(row.limit * patience()):
                 return None
             error, seconds, remark, tried = self._line.recv()
         except (EOFError, ConnectionError):

@@ -168,7 +168,7 @@ class _Residual:
 
     def _null_space(self, held: NDArray[np.intp]) -> Array | None:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
-        if not self._motion.equations.balance.redundant.any():
+        if self._motion.equations.balance.loop.max(initial=-1) < 0:
             return None
         G, D = (x.toarray() if sparse.issparse(x) else x for x in (self._G, self._D))
         scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))

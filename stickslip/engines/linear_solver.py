@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from stickslip.assembly import System
+from stickslip.equations.system import System
 
 __all__ = ["LinearSolver", "band_order", "sparsity_pattern"]
 

@@ -48,7 +48,7 @@ def first_root(coefficients: Array) -> float | None:
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
-    else is halved. A root at which the polynomial only touches 0 is none.
+    else is halved. A polynomial that only touches 0, to roundoff, has no root.
     """
     order = coefficients.size - 1
     bernstein = _to_bernstein(order) @ coefficients
@@ -59,7 +59,7 @@ def first_root(coefficients: Array) -> float | None:
         b, low, high, depth = stack.pop()
         if b.min() >= -noise:
             continue
-        if b[-1] < 0 <= b[0] and _changes(b) == 1:
+        if b[-1] < -noise and b[0] >= -noise and _changes(b, noise) == 1:
             return _bracketed(coefficients.tolist(), low, high)
         if b[0] < -noise and depth:
             return low
@@ -73,9 +73,8 @@ def first_root(coefficients: Array) -> float | None:
     return None
 
 
-def _changes(b: Array) -> int:
-    signs = np.sign(b)
-    signs = signs[signs != 0]
+def _changes(b: Array, noise: float) -> int:
+    signs = np.sign(b[np.abs(b) > noise])
     return int(np.count_nonzero(signs[1:] != signs[:-1]))
 
 

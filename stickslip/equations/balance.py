@@ -52,8 +52,8 @@ class Balance:
         What the drives' velocities add.
     dependent : array of int
         Bodies whose velocities follow.
-    redundant : array (h,) of bool
-        Rows whose forces are not unique.
+    loop : array (h,) of int
+        Rows whose forces are not unique have the number of their loop, all others -1. Loops that share no row differ.
     singular : array of int
         Independent bodies without inertia: nothing decides their motion.
     """
@@ -61,7 +61,7 @@ class Balance:
     def __init__(self, inertia: Array, G: Any, D: Any) -> None:
         self._inertia, self._is_sparse = inertia, sparse.issparse(G)
         self._n, self.count = inertia.size, G.shape[0]
-        self.redundant = np.zeros(self.count, dtype=bool)
+        self.loop = np.full(self.count, -1)
         if not self.count:
             self._nothing(D.shape[1])
             return
@@ -71,7 +71,7 @@ class Balance:
             part = _Component(inertia, G, D)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
             self._S = part.S
-            self._parting, self.redundant = part.parting, part.redundant
+            self._parting, self.loop = part.parting, part.loop
             self._large: list[tuple[Indices, _Tree]] = []
         self._finish()
 
@@ -138,7 +138,7 @@ class Balance:
                 T.block(bodies, bodies, part.T), U.block(bodies, np.arange(d), part.U)
                 own = bodies[part.dependent]
                 S.block(rows, first + np.arange(own.size), part.S)
-                self.redundant[rows] = part.redundant
+                self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
                 if part.parting is not None:
                     parting.append((rows, part.parting))
             first += own.size
@@ -240,14 +240,17 @@ class _Component:
         self.U = np.zeros((n, D.shape[1]))
         self.U[self.dependent] = -drives
         self.S = combine.T
-        self.redundant = np.zeros(h, dtype=bool)
+        self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
             self._least_norm(inertia, D, work[done:, n + D.shape[1] :], scale)
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
-        self.redundant = np.abs(null).max(axis=0) > _ZERO
+        links = sparse.csr_array(np.abs(null) > _ZERO)
+        graph = sparse.block_array([[None, links.T], [links, None]], format="csr")
+        label = connected_components(graph, directed=False)[1][: null.shape[1]]
+        self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
         # forces of unit rows: lambda * scale
         unit = null * (1.0 / scale)
         gram = np.linalg.pinv(unit @ unit.T)

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from stickslip.laws import Law
-from stickslip.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
-from stickslip.signals import Constant, Signal
+from stickslip.model.laws.dry_friction import Law
+from stickslip.model.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
+from stickslip.model.signal_makers import Constant, Signal
 
 __all__ = ["Book", "Coupling", "Row"]
 

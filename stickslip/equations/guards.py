@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 
 __all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
@@ -31,6 +32,10 @@ _AS_FIRED = 1e-6
 
 _NEAR = 1e-5
 """A held row this near to its level, as a part of it, deserves a closer look."""
+
+_NEAR_IN_TIME = 1e-12
+_TIME = 1e-15
+"""Part of the time that is uncertain."""
 
 _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
@@ -146,7 +151,11 @@ class Guards:
         g0 = self.start[0]
         q = self.motion.start.q[0]
         assert q is not None
-        near = np.where(self.is_velocity, 0.0, _NEAR * self.levels(q) + _NEAR * self._constant)
+        # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
+        held = ~self.is_velocity
+        level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
+        soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
+        near = np.where(held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant)
         close = ~(g0 > near)
         if self.at_rest.any():
             close |= self.is_velocity & self.at_rest[self.row]
@@ -165,7 +174,11 @@ class Guards:
                 if not self.at_rest[self.row[i]]:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
-                limits = [closeness * majorant[1, i], *(AT_LIMIT * majorant[2:, i])]
+                if self.motion.equations.modes[self.row[i]] == OPEN:
+                    # nothing but roundoff is uncertain where no force can hold it
+                    limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
+                else:
+                    limits = [closeness * majorant[1, i], AT_LIMIT * majorant[2, i]]
             else:
                 if not abs(coefficients[0, i]) <= closeness * size[i] + rough:
                     self.violated[i] = coefficients[0, i] < 0
@@ -219,27 +232,24 @@ class Guards:
     @cached_property
     def _higher(self) -> tuple[Array, Array]:
         expansion = self.motion.expand(0.0, self.motion.y, _HIGHEST)
-        return self.series(expansion), self._majorant(expansion)
+        return self.series(expansion), self._majorant(_HIGHEST)
 
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        return self._majorant(self.motion.start)
+        return self._majorant(2)
 
-    def _majorant(self, expansion: Expansion) -> Array:
-        equations = self.motion.equations
-        y = np.abs(expansion.y[0])
-        found = np.zeros((expansion.y.shape[0], self.size))
-        zero = np.zeros(self.motion.inputs(0.0).size)
-        for k in range(found.shape[0]):
-            q = expansion.q[k]
-            q = zero if q is None else np.abs(q)
-            rate, z = equations.magnitudes(y, q)
+    def _majorant(self, order: int) -> Array:
+        found = np.zeros((order + 2, self.size))
+        for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
             found[k] = z[self._source] + np.abs(self._mu) * q[self._row]
             if self._rising.size:
-                found[k, self._rising] += self._rise * q[self._dwell]
-            y = rate / (k + 1)
-        return found
+                found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
+        # the roundoff of the time is one of all that changes
+        late = _TIME / ROUNDOFF * abs(self.motion.t)
+        for k in range(order + 1):
+            found[k] += late * (k + 1) * found[k + 1]
+        return found[:-1]
 
     @cached_property
     def scale(self) -> Array:

@@ -12,7 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.signals import Clipped, Constant, Function, PiecewiseLinear, Signal, Sine, Sum, time_scale
+from stickslip.model.signal_makers import (
+    Clipped,
+    Constant,
+    Function,
+    PiecewiseLinear,
+    Signal,
+    Sine,
+    Sum,
+    time_scale,
+)
 
 __all__ = ["Loads", "Stretch"]
 
@@ -203,6 +212,21 @@ class Stretch:
                     part = found[k] = np.zeros(self.value.size)
                 np.add.at(part, self._entry, size * np.sin(angle))
                 angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
+        return found
+
+    def magnitudes(self, t: float, order: int) -> list[Array]:
+        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order`."""
+        none = np.zeros(self.value.size)
+        found = [np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)]
+        found += [none.copy() for _ in range(order - 1)]
+        if self.has_waves:
+            size = np.abs(self._amplitude)
+            for k, part in enumerate(found):
+                np.add.at(part, self._entry, size)
+                size = size * np.abs(self._turn) / (k + 1)
+        for i, function in self._functions:
+            found[0][i] += abs(function(min(t, self._before_stop)))
+            found[1][i] += abs(self._slope_of(function, t))
         return found
 
     def _angle(self, t: float) -> Array:

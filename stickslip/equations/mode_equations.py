@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from stickslip.friction import LINEAR, ActingForces
+from stickslip.model.laws.kernels import LINEAR, ActingForces
 
 if TYPE_CHECKING:
     from stickslip.equations.system import System

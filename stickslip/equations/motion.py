@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -277,6 +278,26 @@ class Motion:
                 following[equations.dependent] = led
             finite = not following.any()
         return Expansion(ys, q, zs, finite)
+
+    def magnitudes(self, order: int) -> list[tuple[Array, Array]]:
+        """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
+
+        Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
+        """
+        size = self.system.inputs + self._dwelling.size
+        y, found = np.abs(self.y), []
+        parts = self.stretch.magnitudes(self.t, order)
+        for k in range(order + 1):
+            q = np.zeros(size)
+            q[: self.system.inputs] = parts[k]
+            if self._dwelling.size and self._rising.size:
+                rows = self._dwelling[self._rising]
+                fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
+                q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+            rate, z = self.equations.magnitudes(y, q)
+            found.append((q, z))
+            y = rate / (k + 1)
+        return found
 
     # -- starts ----------------------------------------------------------------------------------------------
 

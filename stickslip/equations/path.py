@@ -63,6 +63,13 @@ class Path:
         found[taus >= self.taus[-1]] = self.last
         return found
 
+    @property
+    def largest(self) -> Array:
+        """A bound of the sizes of the states along the path."""
+        if not self.coefficients.shape[0]:
+            return np.abs(self.last)
+        return np.asarray(np.abs(self.coefficients).sum(axis=1).max(axis=0))
+
     def curvature(self) -> Array:
         """Return a bound of ``|d^2 y / d s^2|`` in each step, one row each."""
         j = np.arange(self.coefficients.shape[1], dtype=float)

@@ -18,10 +18,10 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import ModeEquations
-from stickslip.friction import BRISTLE, HARD, SMOOTH, Coefficients
-from stickslip.laws import DryFriction
-from stickslip.scene import GROUND, Scene
-from stickslip.signals import Constant, PiecewiseLinear, Signal
+from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.model.scene import GROUND, Scene
+from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -165,6 +165,15 @@ class System:
         """Return ``w`` of every row."""
         w = self.G @ y[: self.n]
         return w + self.D @ self.drive_velocities(q) if self.drives else w
+
+    def level(self, rows: Any, side: int, q: Array) -> Array:
+        """Return the breakaway levels of some rows, forward (0) or backward (1), from inputs and dwells."""
+        level: Array = self.mu_s[side, rows] * q[rows]
+        place = self.dwell_place[rows]
+        rising = place >= 0
+        if rising.any():
+            level[rising] -= self.rise[side, rows][rising] * q[self.inputs + place[rising]]
+        return level
 
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""

@@ -16,6 +16,7 @@ Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _DIFFERENCED = 1e-6
+_HIGHEST = 8
 _CALM = 1e-7
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
@@ -48,36 +49,35 @@ def label(motion: Motion, w: Array, resting: Mask, quiet: float, blur: float) ->
 
 def _to_come(motion: Motion, w: Array, resting: Mask, quiet: float, blur: float) -> Array:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
-    m = motion.system.m
-    start, horizon = motion.start, max(motion.horizon, np.finfo(float).tiny)
-    magnitude = _magnitudes(motion)
-    uncertain = [max(blur, ROUNDOFF), ROUNDOFF if motion.is_linear else _DIFFERENCED]
-    to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
-    for k in (1, 2):
-        term = start.z[k, :m]
-        significant = np.abs(term) > uncertain[k - 1] * magnitude[k]
-        to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
-        rise += np.abs(term) * horizon ** (k - 1)
-        push += magnitude[k] * horizon ** (k - 1)
+    is_open = motion.equations.modes == OPEN
+    to_come, calm = _first_terms(motion, 2, quiet, blur)
+    if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
+        # orders that only springs and oscillating loads have
+        to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
     named = np.where(resting, to_come, np.sign(w))
     # what the solver's errors leave of a rest is a rest
-    calm = (rise <= _CALM * push) | (rise * horizon <= quiet)
     named[calm & (np.abs(w) <= quiet)] = 0.0
     return named
 
 
-def _magnitudes(motion: Motion) -> Array:
-    """Return what adds up in the Taylor coefficients of the relative velocities, orders 0 to 2."""
-    equations, m = motion.equations, motion.system.m
-    y = np.abs(motion.start.y[0])
-    found = np.zeros((3, m))
-    for k in range(3):
-        q = motion.start.q[k]
-        q = np.zeros_like(motion.start.q[0]) if q is None else np.abs(q)
-        rate, z = equations.magnitudes(y, q)
-        found[k] = z[:m]
-        y = rate / (k + 1)
-    return found
+def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:
+    """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
+    m = motion.system.m
+    expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
+    magnitude, horizon = _magnitudes(motion, order), max(motion.horizon, np.finfo(float).tiny)
+    to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
+    for k in range(1, order + 1):
+        term = expansion.z[k, :m]
+        uncertain = max(blur, ROUNDOFF) if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
+        if k > 1 and not motion.is_linear:
+            uncertain = _DIFFERENCED
+        significant = np.abs(term) > uncertain * magnitude[k]
+        to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
+        rise += np.abs(term) * horizon ** (k - 1)
+        push += magnitude[k] * horizon ** (k - 1)
+    return to_come, (rise <= _CALM * push) | (rise * horizon <= quiet)
 
 
-_ = AT_LIMIT
+def _magnitudes(motion: Motion, order: int = 2) -> Array:
+    """Return what adds up in the Taylor coefficients of the relative velocities."""
+    return np.array([z[: motion.system.m] for _, z in motion.magnitudes(order)])

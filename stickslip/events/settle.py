@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
+_ALONG = 1e-9
+"""Part of the largest relative acceleration below which a row does not move along."""
+
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
 
@@ -237,30 +240,64 @@ class _Search:
         system, held = self._system, ~guards.is_velocity
         over = (guards.violated & held).nonzero()[0]
         following = trial.copy()
-        carrying = over[np.abs(guards.direction[over]) == 0]
+        carrying = over[guards.direction[over] == 0]
         if carrying.size:
             # the share of a row that carries its level is within it again: it holds
             following[guards.row[carrying]] = 0
             return following
-        if over.size:
-            ratio = self._ratios(motion, guards, over)
-            first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
-            redundant = motion.equations.balance.redundant
-            place = np.full(system.m, -1)
-            place[motion.equations.held] = np.arange(motion.equations.held.size)
-            spared = first[redundant[place[guards.row[first]]]]
-            if spared.size:
-                # others can carry what is beyond its level
-                one = spared[0]
-                following[guards.row[one]] = AT_HIGH if guards.direction[one] > 0 else AT_LOW
-                return following
-            # those that carried their level have to hold again, or give way themselves
-            following[trial >= AT_HIGH] = 0
-            for i in first.tolist():
-                following[guards.row[i]] = 1 if guards.direction[i] > 0 else -1
+        if not over.size:
+            following[guards.row[guards.violated]] = 0
             return following
-        following[guards.row[guards.violated]] = 0
+        ratio = self._ratios(motion, guards, over)
+        first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
+        rows, side = guards.row[first], guards.direction[first]
+        spared = self._spared(motion, rows)
+        if spared.any():
+            # others can carry what is beyond their level
+            following[rows[spared]] = np.where(side[spared] > 0, AT_HIGH, AT_LOW)
+            return following
+        return self._released(trial, motion, rows, side)
+
+    def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
+        """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
+
+        Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
+        their level in their place.
+        """
+        system, following = self._system, trial.copy()
+        top = (trial >= AT_HIGH).nonzero()[0]
+        if top.size:
+            rest = motion.equations.is_held.copy()
+            rest[rows] = False
+            push = system.GT[:, rows] @ side
+            along = np.asarray(system.G[top] @ system.balance(rest.tobytes()).accelerations(push))
+            along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
+            least = _ALONG * np.abs(along).max()
+            following[top] = 0
+            if np.any(along < -least):
+                following[top[along > least]] = trial[top[along > least]]
+                following[rows] = np.where(side > 0, AT_HIGH, AT_LOW)
+                if following.tobytes() not in self._tried:
+                    return following
+            let_go = top[along > least]
+            following[top] = 0
+            following[let_go] = np.where(trial[let_go] == AT_HIGH, 1, -1)
+        following[rows] = np.sign(side)
         return following
+
+    def _spared(self, motion: Motion, rows: NDArray[np.intp]) -> Mask:
+        """Tell which of some held rows others can spare: in each loop, rows that tie all together or none."""
+        held, balance = motion.equations.held, motion.equations.balance
+        spared = np.zeros(rows.size, dtype=bool)
+        if balance.loop.max(initial=-1) < 0:
+            return spared
+        loop = balance.loop[np.searchsorted(held, rows)]
+        for number in np.unique(loop[loop >= 0]).tolist():
+            rest = motion.equations.is_held.copy()
+            rest[rows[loop == number]] = False
+            locked = self._system.balance(rest.tobytes()).dependent.size
+            spared[loop == number] = locked == balance.dependent.size
+        return spared
 
     def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""

@@ -10,8 +10,8 @@ from scipy import sparse
 
 from stickslip.equations.book import Book
 from stickslip.equations.system import System
+from stickslip.model.scene import Damper, Scene, Spring
 from stickslip.results.samples import Samples, integrated
-from stickslip.scene import Damper, Scene, Spring
 
 __all__ = ["EnergyLedger", "energy"]
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
-from stickslip.laws import DryFriction, Law
-from stickslip.modes import Mode
-from stickslip.regularized import Karnopp, PreSlip
+from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.laws.regularized import Karnopp, PreSlip
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Contact, Scene
+from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
-from stickslip.scene import Contact, Scene
-from stickslip.signals import Constant, as_signal
 
 __all__ = ["explain_result", "explain_scene", "span_of"]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from stickslip.modes import Mode
+from stickslip.model.modes import Mode
 from stickslip.results.samples import Samples
 
 __all__ = ["Event", "Outcome"]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
 from stickslip.equations.system import System
-from stickslip.friction import LINEAR
+from stickslip.model.laws.kernels import LINEAR
+from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.results.trajectory import Trajectory, by_piece
-from stickslip.scene import GROUND, Body, Drive, Scene
 
 __all__ = ["Samples", "integrated"]
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.checks import finite
-from stickslip.regularized import Dahl, Karnopp, LuGre
-from stickslip.scene import Scene
-from stickslip.signals import as_signal
+from stickslip.model.checks import finite
+from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
+from stickslip.model.scene import Scene
+from stickslip.model.signal_makers import as_signal
 
 __all__ = [
     "FIXED",

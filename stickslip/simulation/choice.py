@@ -6,7 +6,7 @@ import math
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
-from stickslip.friction import BRISTLE, LINEAR, SMOOTH
+from stickslip.model.laws.kernels import BRISTLE, LINEAR, SMOOTH
 from stickslip.simulation.arguments import FIXED
 
 __all__ = ["ENGINES", "choose", "why_no_series"]

@@ -11,7 +11,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
-from stickslip.modes import Mode
+from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory, balances_kept

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.modes import Mode
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.results import energy, files
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
-from stickslip.results.sampling import at_steps, fit_for_plot
+from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
-from stickslip.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -168,18 +168,35 @@ class Result:
         """
         return self.samples.force(contact)
 
-    def breakaway(self, contact: str) -> Array:
-        """Return the breakaway level B of a contact at the times `t`, in N or N m.
+    def breakaway(self, contact: str, direction: int | None = None) -> Array:
+        """Return a breakaway level B of a contact at the times `t`, in N or N m, never negative.
 
-        ``B = (mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)) N`` (Breedveld 2000, eqs. 8 and 9). While the contact
-        slips it is the level at which it would start to be stuck.
+        ``B = (mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)) N`` (Breedveld 2000, eqs. 8 and 9). A stuck contact holds
+        forces from ``-breakaway(contact, -1)`` to ``+breakaway(contact, +1)``; the two differ where forward and
+        backward coefficients do. While the contact slips they are the levels at which it would start to be stuck.
+
+        Parameters
+        ----------
+        contact : str
+            Name of the contact.
+        direction : +1 or -1, optional
+            +1 (`Mode.FORWARD`) for the level above which it slips forward, -1 (`Mode.BACKWARD`) for the other. By
+            default the level on the side of the force: that of the direction in which the contact slips, or, while
+            it is stuck, of the sign of its force.
 
         Raises
         ------
         ValueError
-            If there is no such contact.
+            If there is no such contact or direction.
         """
-        return self.samples.breakaway(contact)
+        if direction is None:
+            return self.samples.breakaway(contact)
+        if direction not in (1, -1):
+            raise ValueError(
+                f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
+                f"got {direction!r}; leave it out for the side of the force"
+            )
+        return self.samples.levels(contact)[0 if direction == 1 else 1]
 
     def mode(self, contact: str) -> NDArray[np.int8]:
         """Return the mode of a contact at the times `t`: -1, 0 or +1.
@@ -270,6 +287,19 @@ class Result:
         if wanted.ndim != 1:
             raise ValueError(f"sample: give times in one line, got an array of shape {wanted.shape}")
         return replace(self, _at=Samples.at_times(self.trajectory, wanted))
+
+    def fit_for_plot(self, points: int = 0) -> Result:
+        """Return the same result at times between which straight lines look like the motion, events twice.
+
+        Parameters
+        ----------
+        points : int
+            About how many evenly spaced times to add.
+        """
+        if not self.trajectory.is_dense:
+            return self
+        at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)
+        return replace(self, _at=at)
 
     def energy(self) -> energy.EnergyLedger:
         """Return where the energy went, and by how much the balance is off: a free check of accuracy.

@@ -131,7 +131,7 @@ class Run:
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         touching |= (before == 0) & ~jumped(motion, self.loads, float(path.taus[-1]), t)
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, path.last, before, since, touching, fired, motion.y)
+        situation = Situation(t, path.last, before, since, touching, fired, path.largest)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():

@@ -12,8 +12,8 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Inconsistent
-from stickslip.modes import Mode
-from stickslip.scene import Scene
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
 from stickslip.simulation.choice import ENGINES, choose
 from stickslip.simulation.recorder import Recorder

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.system import System
-from stickslip.friction import BRISTLE, HARD
-from stickslip.scene import GROUND
-from stickslip.signals import Signal
+from stickslip.model.laws.kernels import BRISTLE, HARD
+from stickslip.model.scene import GROUND
+from stickslip.model.signal_makers import Signal
 
 __all__ = ["Tolerances", "tolerances"]
 

@@ -1,0 +1,1 @@
+"""What is simulated, as frozen data; knows no solver."""

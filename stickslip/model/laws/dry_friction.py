@@ -1,0 +1,220 @@
+"""Friction laws as frozen data: what a contact's coefficients are, not how they are solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from stickslip.model.checks import check_entries, finite
+
+__all__ = ["DryFriction", "Law", "law_from_dict", "register"]
+
+_MAKERS: dict[str, type[Law]] = {}
+
+
+class Law:
+    """A friction law of a contact."""
+
+    @property
+    def core(self) -> DryFriction:
+        """The dry friction from which the law takes its coefficients."""
+        return self if isinstance(self, DryFriction) else self.law  # type: ignore[attr-defined]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the law as plain data."""
+        data: dict[str, Any] = {"type": type(self).__name__}
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if value == field.default:
+                continue
+            if callable(value):
+                raise ValueError(
+                    f"{type(self).__name__}.{field.name} is code, not data; it cannot be written to a file"
+                )
+            data[field.name] = value.to_dict() if isinstance(value, Law) else value
+        return data
+
+
+def register(law: type[Law]) -> type[Law]:
+    """Let scene files name a law by its class."""
+    _MAKERS[law.__name__] = law
+    return law
+
+
+@register
+@dataclass(frozen=True)
+class DryFriction(Law):
+    """Static and Coulomb friction with an optional dwell time and Stribeck curve.
+
+    Slipping, ``r = sign(w) mu_k(|w|) N`` with
+    ``mu_k = mu_c + (mu_s - mu_c) exp(-(|w|/v_s)^delta)`` where a Stribeck velocity is given and
+    ``mu_k = mu_c`` where it is not. Stuck, ``|r| <= B = mu_st N`` with
+    ``mu_st = mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)`` for a dwell time ``tau > 0`` and
+    ``mu_st = mu_s`` for ``tau = 0`` (Breedveld 2000, eqs. 8 and 9).
+
+    A contact cannot stick at less than it resists slow slip: with a kinetic curve, mu_c in ``mu_st`` is ``mu_k(0)``.
+    On a Stribeck curve that is mu_s, so that a dwell time has no effect there.
+
+    Parameters
+    ----------
+    mu_static, mu_coulomb : float
+        Coefficients, ``mu_static >= mu_coulomb >= 0``; lengths in m where the normal force acts on an arm.
+    dwell : float
+        Dwell time tau in s, in which the static coefficient rises after sticking; without effect beside a
+        Stribeck curve.
+    stribeck_velocity : float, optional
+        Velocity v_s in rad/s or m/s of the Stribeck curve.
+    stribeck_exponent : float
+        Exponent delta of the Stribeck curve. Below 1 the curve falls infinitely fast at rest, which takes the solver
+        several times as many steps.
+    mu_static_backward, mu_coulomb_backward : float, optional
+        Coefficients for ``w < 0`` of an anisotropic contact.
+    kinetic : callable, optional
+        ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a coefficient is negative, not finite, or the static one is below the Coulomb one.
+    """
+
+    mu_static: float
+    mu_coulomb: float
+    dwell: float = 0.0
+    stribeck_velocity: float | None = None
+    stribeck_exponent: float = 2.0
+    mu_static_backward: float | None = None
+    mu_coulomb_backward: float | None = None
+    kinetic: Callable[[float], float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the coefficients."""
+        for name in ("mu_static", "mu_coulomb", "dwell", "mu_static_backward", "mu_coulomb_backward"):
+            if getattr(self, name) is None and name.endswith("_backward"):
+                continue
+            if (number := self._number(name)) < 0:
+                raise ValueError(f"DryFriction: {name} must not be negative, got {number:g}")
+        for direction, suffix in ((1, ""), (-1, "_backward")):
+            static, coulomb = self.mu_s(direction), self.mu_c(direction)
+            if static < coulomb:
+                raise ValueError(
+                    f"DryFriction: mu_static{suffix} = {static:g} is below mu_coulomb{suffix} = {coulomb:g}; "
+                    "static friction is at least Coulomb friction: swap or equalise them"
+                )
+        if self.stribeck_velocity is not None and (number := self._number("stribeck_velocity")) <= 0:
+            raise ValueError(
+                f"DryFriction: stribeck_velocity must be positive, got {number:g}; "
+                "leave it out for plain Coulomb friction"
+            )
+        if (number := self._number("stribeck_exponent")) <= 0:
+            raise ValueError(f"DryFriction: stribeck_exponent must be positive, got {number:g}")
+        if self.kinetic is not None:
+            self._check_kinetic()
+
+    def _number(self, name: str) -> float:
+        number = finite(getattr(self, name), f"DryFriction: {name}")
+        object.__setattr__(self, name, number)
+        return number
+
+    def _check_kinetic(self) -> None:
+        if not callable(self.kinetic):
+            raise TypeError(
+                f"DryFriction: kinetic must be callable, got {self.kinetic!r}; a constant one is mu_coulomb"
+            )
+        if self.stribeck_velocity is not None:
+            raise ValueError("DryFriction: give either kinetic or stribeck_velocity, not both")
+        try:
+            at_rest = self.kinetic(0.0)
+        except Exception as error:
+            raise ValueError(
+                f"DryFriction: kinetic(0) raised {error!r}; it must be defined at rest"
+            ) from error
+        at_rest = finite(at_rest, "DryFriction: kinetic(0)")
+        # one curve for both directions: at rest it may exceed neither static coefficient
+        side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
+        if not 0 <= at_rest <= self.mu_s(side):
+            raise ValueError(
+                f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and "
+                f"mu_static{suffix} = {self.mu_s(side):g}"
+            )
+
+    def mu_s(self, direction: int) -> float:
+        """Return the static coefficient for slip in `direction` (-1 or +1)."""
+        backward = self.mu_static_backward
+        return self.mu_static if direction > 0 or backward is None else backward
+
+    def mu_c(self, direction: int) -> float:
+        """Return the Coulomb coefficient for slip in `direction` (-1 or +1)."""
+        backward = self.mu_coulomb_backward
+        return self.mu_coulomb if direction > 0 or backward is None else backward
+
+    @property
+    def curved(self) -> bool:
+        """Whether the kinetic coefficient depends on speed."""
+        return self.stribeck_velocity is not None or self.kinetic is not None
+
+    def mu_k(self, speed: float, direction: int) -> float:
+        """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""
+        if self.kinetic is not None:
+            try:
+                mu = float(self.kinetic(speed))
+            except Exception as error:
+                raise ValueError(
+                    f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number"
+                ) from error
+            if not 0 <= mu < math.inf:
+                raise ValueError(
+                    f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0"
+                )
+            return mu
+        mu_c = self.mu_c(direction)
+        if self.stribeck_velocity is None:
+            return mu_c
+        return mu_c + (self.mu_s(direction) - mu_c) * math.exp(-self._power(speed))
+
+    def mu_k_slope(self, speed: float, direction: int) -> float:
+        """Return the derivative of the kinetic coefficient with respect to speed."""
+        if self.kinetic is not None:
+            h = 1e-6 * max(speed, 1e-3)
+            left, right = max(speed - h, 0.0), speed + h
+            return (self.mu_k(right, direction) - self.mu_k(left, direction)) / (right - left)
+        if self.stribeck_velocity is None or speed <= 0:
+            return 0.0
+        power = self._power(speed)
+        fall = self.mu_s(direction) - self.mu_c(direction)
+        return -fall * self.stribeck_exponent * power / speed * math.exp(-power)
+
+    def _power(self, speed: float) -> float:
+        """Return ``(speed / v_s)^delta``, cut off where the exponential of the Stribeck curve is 0."""
+        assert self.stribeck_velocity is not None
+        ratio = speed / self.stribeck_velocity
+        if ratio <= 1:
+            return ratio**self.stribeck_exponent
+        return math.exp(min(self.stribeck_exponent * math.log(ratio), 7.0))
+
+
+def law_from_dict(data: Any, what: str) -> Law:
+    """Return the law that `Law.to_dict` wrote.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the data do not describe a law; `what` begins the message.
+    """
+    if not isinstance(data, Mapping):
+        raise TypeError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
+    values = dict(data)
+    kind = values.pop("type", "DryFriction")
+    if not isinstance(kind, str) or kind not in _MAKERS:
+        raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
+    if "kinetic" in values:
+        raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
+    check_entries(_MAKERS[kind], kind, values, what, code=("kinetic",))
+    if "law" in values:
+        values["law"] = law_from_dict(values["law"], what)
+    try:
+        return _MAKERS[kind](**values)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{what}: {error}") from None

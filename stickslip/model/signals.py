@@ -1,0 +1,383 @@
+"""What signals are made of: frozen data with a value, a slope and break times, that add up and scale."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.checks import finite
+from stickslip.model.crossings import positive_pieces
+
+__all__ = ["Clipped", "Constant", "PiecewiseLinear", "Signal", "Sine", "Sum", "as_signal", "time_scale"]
+
+Array = NDArray[np.float64]
+
+_SAMPLES_PER_PERIOD = 16
+
+
+class Signal:
+    """A load over time; ``+`` adds signals and numbers, ``*`` scales by a number."""
+
+    __array_ufunc__ = None
+    """NumPy's numbers leave ``+`` and ``*`` to the signal."""
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t` (the right limit where it jumps)."""
+        raise NotImplementedError
+
+    def slope(self, t: float) -> float:
+        """Return the derivative at `t` (the right limit where it jumps)."""
+        raise NotImplementedError
+
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times."""
+        return np.array([self(t) for t in times.tolist()])
+
+    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the times in ``start < t < stop`` at which the value or the slope jumps."""
+        return ()
+
+    @property
+    def period(self) -> float | None:
+        """Shortest time in which the signal oscillates: None where it is piecewise linear, inf if unknown."""
+        return None
+
+    def clipped(self, start: float, stop: float) -> Signal:
+        """Return ``max(0, signal)``, with its kinks within the time span among the breaks."""
+        return Clipped.of(self, start, stop)
+
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the signal for one time span: functions are called within it only."""
+        return self
+
+    def to_dict(self) -> Any:
+        """Return the signal as plain data."""
+        raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the signal times a number that is not 0."""
+        raise TypeError(f"a {type(self).__name__} signal cannot be scaled; scale the signal it was made from")
+
+    def __add__(self, other: Signal | float) -> Signal:
+        """Return the sum with a signal or a number."""
+        return _sum(self, as_signal(other, "a signal's summand"))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Signal:
+        """Return the signal with its sign changed."""
+        return self * -1.0
+
+    def __sub__(self, other: Signal | float) -> Signal:
+        """Return the difference from a signal or a number."""
+        return self + -as_signal(other, "a signal's subtrahend")
+
+    def __rsub__(self, other: float) -> Signal:
+        """Return a number minus the signal."""
+        return -self + other
+
+    def __mul__(self, factor: float) -> Signal:
+        """Return the signal times a number."""
+        if isinstance(factor, Signal):
+            raise TypeError(
+                "signals are scaled by numbers, not by signals; use signal(function) for a product"
+            )
+        number = finite(factor, "a signal's factor")
+        return self.scaled(number) if number else Constant(0.0)
+
+    __rmul__ = __mul__
+
+
+@dataclass(frozen=True)
+class Constant(Signal):
+    """A number at all times."""
+
+    value: float
+
+    def __call__(self, t: float) -> float:
+        """Return the number."""
+        return self.value
+
+    def slope(self, t: float) -> float:
+        """Return 0."""
+        return 0.0
+
+    def clipped(self, start: float, stop: float) -> Signal:
+        """Return the number, or 0 where it is negative."""
+        return self if self.value >= 0 else Constant(0.0)
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the number times another."""
+        return Constant(factor * self.value)
+
+    def to_dict(self) -> float:
+        """Return the number."""
+        return self.value
+
+
+@dataclass(frozen=True)
+class PiecewiseLinear(Signal):
+    """Straight lines between points; the end values are held and a repeated time is a jump."""
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t`, after the jump where it jumps."""
+        times, values = self.times, self.values
+        i = bisect_right(times, t)
+        if i == 0:
+            return values[0]
+        if i == len(times):
+            return values[-1]
+        t0, v0 = times[i - 1], values[i - 1]
+        return v0 + (values[i] - v0) * ((t - t0) / (times[i] - t0))
+
+    def before(self, t: float) -> float:
+        """Return the left limit at `t`."""
+        i = bisect_left(self.times, t)
+        return self.values[i] if i < len(self.times) and self.times[i] == t else self(t)
+
+    def slope(self, t: float) -> float:
+        """Return the slope of the line that begins or goes on at `t`."""
+        return self._slope_of(bisect_right(self.times, t))
+
+    def _slope_of(self, i: int) -> float:
+        """Return the slope of the line that ends at point `i`."""
+        if i in (0, len(self.times)):
+            return 0.0
+        return (self.values[i] - self.values[i - 1]) / (self.times[i] - self.times[i - 1])
+
+    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the times of the kinks and jumps; a point in the middle of a line is none."""
+        found = []
+        i, end = bisect_right(self.times, start), bisect_left(self.times, stop)
+        while i < end:
+            t = self.times[i]
+            after = bisect_right(self.times, t, lo=i)
+            if self.values[after - 1] != self.values[i] or self._slope_of(i) != self._slope_of(after):
+                found.append(t)
+            i = after
+        return tuple(found)
+
+    def clipped(self, start: float, stop: float) -> Signal:
+        """Return the signal with its negative parts cut off where their lines cross 0."""
+        if min(self.values) >= 0:
+            return self
+        if max(self.values) <= 0:
+            return Constant(0.0)
+        points = [(self.times[0], self.values[0])]
+        for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.values, strict=True)):
+            if t1 > t0 and min(v0, v1) < 0 < max(v0, v1):
+                points.append((t0 + (t1 - t0) * (v0 / (v0 - v1)), 0.0))
+            points.append((t1, v1))
+        return PiecewiseLinear(tuple(t for t, _ in points), tuple(max(0.0, v) for _, v in points))
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the lines through the scaled values."""
+        return PiecewiseLinear(self.times, tuple(factor * v for v in self.values))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the points."""
+        return {"type": "piecewise_linear", "times": list(self.times), "values": list(self.values)}
+
+
+@dataclass(frozen=True)
+class Sine(Signal):
+    """``offset + amplitude sin(2 pi frequency t + phase)``."""
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    offset: float = 0.0
+
+    def _angle(self, t: float) -> float:
+        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
+        return 2 * math.pi * math.fmod(self.frequency * t, 1.0) + self.phase
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t`."""
+        return self.offset + self.amplitude * math.sin(self._angle(t))
+
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times."""
+        angles = 2 * math.pi * np.fmod(self.frequency * times, 1.0) + self.phase
+        return self.offset + self.amplitude * np.sin(angles)
+
+    def slope(self, t: float) -> float:
+        """Return the derivative at `t`."""
+        return self.amplitude * 2 * math.pi * self.frequency * math.cos(self._angle(t))
+
+    @property
+    def period(self) -> float | None:
+        """The time of one turn."""
+        return 1.0 / abs(self.frequency) if self.frequency else None
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the sine with its amplitude and offset scaled."""
+        return Sine(factor * self.amplitude, self.frequency, self.phase, factor * self.offset)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the parameters."""
+        return {"type": "sine", **asdict(self)}
+
+
+@dataclass(frozen=True)
+class Sum(Signal):
+    """A sum of signals that no single kind can hold."""
+
+    terms: tuple[Signal, ...]
+
+    def __call__(self, t: float) -> float:
+        """Return the sum of the values."""
+        return sum(term(t) for term in self.terms)
+
+    def sampled(self, times: Array) -> Array:
+        """Return the sums of the values at many times."""
+        return np.sum([term.sampled(times) for term in self.terms], axis=0)
+
+    def slope(self, t: float) -> float:
+        """Return the sum of the slopes."""
+        return sum(term.slope(t) for term in self.terms)
+
+    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the breaks of all terms."""
+        return tuple(sorted({b for term in self.terms for b in term.breaks(start, stop)}))
+
+    @property
+    def period(self) -> float | None:
+        """The shortest period of the terms."""
+        return min((p for term in self.terms if (p := term.period) is not None), default=None)
+
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the sum for one time span."""
+        return Sum(tuple(term.within(start, stop) for term in self.terms))
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the sum of the scaled terms."""
+        return Sum(tuple(term.scaled(factor) for term in self.terms))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the terms."""
+        return {"type": "sum", "terms": [term.to_dict() for term in self.terms]}
+
+
+@dataclass(frozen=True)
+class Clipped(Signal):
+    """``max(0, base)`` within one time span; `positive` tells between which kinks the base is."""
+
+    base: Signal
+    kinks: tuple[float, ...]
+    positive: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, base: Signal, start: float, stop: float) -> Signal:
+        """Find the zero crossings of a curved signal, each by root finding."""
+        base = base.within(start, stop)
+        distance = time_scale(base, stop - start) / _SAMPLES_PER_PERIOD
+        ends = (start, *base.breaks(start, stop), stop)
+        kinks, positive = positive_pieces(base, base.slope, ends, distance)
+        if not any(positive):
+            return Constant(0.0)
+        return base if all(positive) else cls(base, kinks, positive)
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t`, never negative."""
+        return max(0.0, self.base(t)) if self.positive[bisect_right(self.kinks, t)] else 0.0
+
+    def sampled(self, times: Array) -> Array:
+        """Return the values at many times, none negative."""
+        positive = np.array(self.positive)[np.searchsorted(self.kinks, times, side="right")]
+        return np.where(positive, np.maximum(self.base.sampled(times), 0.0), 0.0)
+
+    def slope(self, t: float) -> float:
+        """Return the slope of the base, 0 where that is cut off."""
+        return self.base.slope(t) if self.positive[bisect_right(self.kinks, t)] else 0.0
+
+    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the zero crossings, and the breaks of the base where it is positive."""
+        return self.kinks[bisect_right(self.kinks, start) : bisect_left(self.kinks, stop)]
+
+    @property
+    def period(self) -> float | None:
+        """The period of the base."""
+        return self.base.period
+
+    def clipped(self, start: float, stop: float) -> Signal:
+        """Return the signal itself."""
+        return self
+
+
+def time_scale(signal: Signal, span: float) -> float:
+    """Return the shortest period of a signal, infinite if it is piecewise linear.
+
+    Of a function that does not tell its period, a tenth of the time span is all that anybody can hope to see.
+    """
+    if isinstance(signal, Sum):
+        return min(time_scale(term, span) for term in signal.terms)
+    if isinstance(signal, Clipped):
+        return time_scale(signal.base, span)
+    if signal.period is None:
+        return math.inf
+    return min(signal.period, span / 10) if math.isinf(signal.period) else signal.period
+
+
+def as_signal(value: Signal | float, what: str) -> Signal:
+    """Return a number as a constant signal and a signal as it is.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither; `what` begins the message.
+    """
+    if isinstance(value, Signal):
+        return value
+    if callable(value):
+        raise TypeError(
+            f"{what} must be a number or a signal, got {value!r}; wrap a function in signal(function)"
+        )
+    try:
+        return Constant(finite(value, what))
+    except TypeError:
+        raise TypeError(f"{what} must be a number or a signal, got {value!r}") from None
+
+
+def _sum(*signals: Signal) -> Signal:
+    """Return the sum with all straight lines in one term."""
+    terms = [term for s in signals for term in (s.terms if isinstance(s, Sum) else (s,))]
+    line: Constant | PiecewiseLinear = Constant(0.0)
+    curved: list[Signal] = []
+    for term in terms:
+        if isinstance(term, (Constant, PiecewiseLinear)):
+            line = _straight_sum(line, term)
+        else:
+            curved.append(term)
+    if not curved:
+        return line
+    if isinstance(line, Constant) and isinstance(wave := curved[0], Sine):
+        curved[0] = replace(wave, offset=wave.offset + line.value)
+    elif line != Constant(0.0):
+        curved.insert(0, line)
+    return curved[0] if len(curved) == 1 else Sum(tuple(curved))
+
+
+def _straight_sum(a: Constant | PiecewiseLinear, b: Constant | PiecewiseLinear) -> Constant | PiecewiseLinear:
+    if isinstance(a, Constant):
+        if isinstance(b, Constant):
+            return Constant(a.value + b.value)
+        return PiecewiseLinear(b.times, tuple(a.value + v for v in b.values))
+    if isinstance(b, Constant):
+        return _straight_sum(b, a)
+    points: list[tuple[float, float]] = []
+    for t in sorted({*a.times, *b.times}):
+        left, right = a.before(t) + b.before(t), a(t) + b(t)
+        points.append((t, left))
+        if right != left:
+            points.append((t, right))
+    return PiecewiseLinear(tuple(t for t, _ in points), tuple(v for _, v in points))

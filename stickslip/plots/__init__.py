@@ -1,0 +1,148 @@
+"""Drawings of results and studies. Everything draws on axes and returns them; nothing opens a window.
+
+This module and its parts are the only ones that load matplotlib.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from stickslip.plots.contact import (
+    characteristic,
+    contact_forces,
+    load_of_contacts,
+    normal_forces,
+    phase_portrait,
+    varying,
+)
+from stickslip.plots.motion import MANY, modes, velocities
+from stickslip.plots.points import FINE
+from stickslip.plots.studies import sweep_map, work_precision
+from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
+from stickslip.simulation.result import Result
+
+__all__ = [
+    "characteristic",
+    "contact_forces",
+    "energy",
+    "load_of_contacts",
+    "modes",
+    "normal_forces",
+    "overview",
+    "phase_portrait",
+    "sweep_map",
+    "velocities",
+    "work_precision",
+]
+
+_FORCE_PANELS = 4
+_CURVES = 6
+Panel = tuple[float, Callable[[Any], Any]]
+
+
+def overview(
+    result: Result,
+    *,
+    bodies: Sequence[str] | None = None,
+    contacts: Sequence[str] | None = None,
+    t_span: tuple[float, float] | None = None,
+    axes: Sequence[Any] | None = None,
+) -> Figure:
+    """Draw velocities, modes, contact forces within breakaway levels, and normal forces that vary, over time.
+
+    This is figure 8 of Breedveld (2000). More than four contacts share one raster of ``|r| / B``; panels with
+    nothing to show are left out.
+
+    Parameters
+    ----------
+    result : Result
+    bodies, contacts : sequence of str, optional
+        What to draw; by default everything.
+    t_span : (float, float), optional
+        Times in s to show; by default all.
+    axes : sequence of matplotlib axes, optional
+        One per panel, from top to bottom; by default a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the number of axes is not that of the panels.
+    """
+    names = contact_names(result, contacts)
+    panels = _panels(result, bodies, names)
+    if axes is None:
+        ratios = [height for height, _ in panels]
+        figure = Figure(figsize=(9.0, 0.6 + sum(ratios)), layout="constrained")
+        axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
+        figure.align_ylabels(axes)
+    elif len(axes) != len(panels):
+        raise ValueError(f"overview: {len(panels)} panels need as many axes, got {len(axes)}")
+    for ax, (_, draw) in zip(axes, panels, strict=True):
+        draw(ax)
+        mark_events(ax, result)
+        ax.set_xlabel("")
+        if t_span is not None:
+            ax.set_xlim(t_span)
+    axes[-1].set_xlabel(TIME)
+    return axes[0].get_figure()
+
+
+def _panels(result: Result, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
+    """Return height in inches and drawing of each panel."""
+    panels: list[Panel] = [(2.4, lambda ax: velocities(result, bodies, ax=ax))]
+    if not names:
+        return panels
+    height = 0.5 + 0.22 * len(names) if len(names) <= MANY else 2.2
+    panels.append((max(height, 0.95), lambda ax: modes(result, names, ax=ax)))
+    if len(names) <= _FORCE_PANELS:
+        panels += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
+    else:
+        panels.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
+    loaded = [name for name in varying(result) if name in names]
+    if loaded:
+        panels.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
+    return panels
+
+
+def energy(result: Result, *, ax: Any = None) -> Any:
+    """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If only the requested outputs were kept.
+    """
+    ax = own_axes(ax)
+    ledger = result.fit_for_plot(FINE).energy()
+    curves = {"kinetic": ledger.kinetic}
+    if result.scene.springs:
+        curves["springs"] = ledger.spring
+    if result.scene.forces:
+        curves["work of loads"] = ledger.loads
+    if result.scene.drives:
+        curves["work of drives"] = ledger.drives
+    heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
+    if len(heat) > _CURVES:
+        heat = {"heat of contacts and dampers": ledger.heat}
+    for k, (label, value) in enumerate((curves | heat).items()):
+        ax.plot(ledger.t, value, label=label, **look(k))
+    ax.set(xlabel=TIME, ylabel="energy [J]")
+    ax.set_title(
+        f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small"
+    )
+    ax.margins(x=0.01)
+    beside(ax)
+    return ax

@@ -1,0 +1,255 @@
+"""Drawings of contacts: forces and what they can hold, phase portraits, characteristics, normal forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from numpy.typing import NDArray
+
+from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Contact
+from stickslip.model.signal_makers import Constant
+from stickslip.plots.motion import MANY
+from stickslip.plots.points import FINE, computed_points, even_points
+from stickslip.plots.style import (
+    DISPLACEMENT,
+    FORCE,
+    NORMAL,
+    TIME,
+    VELOCITY,
+    WITH_DOTS,
+    beside,
+    color_bar,
+    contact_names,
+    dots,
+    look,
+    own_axes,
+    raster,
+)
+from stickslip.simulation.result import Result
+
+__all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
+
+Array = NDArray[np.float64]
+
+_GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
+
+
+def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
+    """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
+
+    The upper line is the level above which the contact slips forward, the lower one that below which it slips
+    backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
+    ax = own_axes(ax)
+    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    upper, lower = fine.breakaway(contact, 1), -fine.breakaway(contact, -1)
+    label = "± breakaway level" if np.array_equal(upper, -lower) else "breakaway levels"
+    grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
+    ax.fill_between(fine.t, lower, upper, color="0.92", linewidth=0, zorder=0)
+    ax.plot(fine.t, upper, label=label, **grey)
+    ax.plot(fine.t, lower, **grey)
+    ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
+    if computed.t.size <= WITH_DOTS:
+        ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
+    ax.set(xlabel=TIME, ylabel=FORCE)
+    ax.margins(x=0.01)
+    beside(ax, title=f"contact {contact}", alignment="left")
+    return ax
+
+
+def load_of_contacts(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+    """Draw ``|r| / B`` of many contacts over time as a raster with a colour bar, and return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
+    names = contact_names(result, contacts)
+    ax = own_axes(ax)
+    coarse = even_points(result)
+    rows = np.array([_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names])
+    mesh = raster(ax, coarse.t, np.ma.masked_invalid(rows), names, cmap=_GREYS, vmin=0.0, vmax=1.0)
+    color_bar(ax, mesh, "|force| / breakaway level")
+    ax.set(xlabel=TIME, ylabel="contact")
+    return ax
+
+
+def _ratio(force: Array, level: Array) -> Array:
+    carries = level > 1e-9 * level.max(initial=0.0)
+    return np.divide(force, level, out=np.full_like(force, np.nan), where=carries)
+
+
+def normal_forces(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+    """Draw normal forces over time and return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default those whose normal force varies.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
+    names = varying(result) if contacts is None else list(contacts)
+    ax = own_axes(ax)
+    if len(names) > MANY:
+        coarse = even_points(result)
+        rows = np.array([coarse.normal(name) for name in names])
+        color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), NORMAL)
+        ax.set(xlabel=TIME, ylabel="contact")
+        return ax
+    fine = result.fit_for_plot(FINE)
+    for k, name in enumerate(names):
+        ax.plot(fine.t, fine.normal(name), label=name, **look(k))
+    ax.set(xlabel=TIME, ylabel=NORMAL)
+    ax.margins(x=0.01)
+    beside(ax)
+    return ax
+
+
+def varying(result: Result) -> list[str]:
+    """Return the contacts whose normal force is not constant."""
+    return [c.name for c in result.scene.contacts if not isinstance(c.normal, (Constant, float, int))]
+
+
+def phase_portrait(result: Result, contact: str, *, ax: Any = None) -> Any:
+    """Draw relative velocity against relative displacement of a contact, and return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact, or positions were not kept.
+    """
+    ax = own_axes(ax, 6.0, 4.2)
+    element = _element(result, contact)
+    fine = result.fit_for_plot(FINE)
+    x = fine.position(element.a) - fine.position(element.b)
+    w = fine.relative_velocity(contact)
+    ax.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
+    ax.plot(x, w, label="trajectory", zorder=1, **look(0))
+    stuck = fine.mode(contact) == Mode.STUCK
+    if stuck.any():
+        ax.plot(
+            x[stuck], w[stuck], "s", color="0.6", markersize=5, markeredgewidth=0, zorder=2, label="stuck"
+        )
+    ax.plot(x[:1], w[:1], "o", color="black", markerfacecolor="white", zorder=3, label="start")
+    ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
+    ax.set(xlabel=DISPLACEMENT, ylabel=f"relative {VELOCITY}")
+    beside(ax, title=f"contact {contact}", alignment="left")
+    return ax
+
+
+def characteristic(result: Result, contact: str, *, ax: Any = None) -> Any:
+    """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
+
+    Where the normal force varies, both are divided by it.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
+    ax = own_axes(ax, 6.0, 4.2)
+    element = _element(result, contact)
+    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    divided = contact in varying(result)
+    normal = 1.0 if divided else float(fine.normal(contact)[:1].sum())
+    reach = float(np.abs(fine.relative_velocity(contact)).max(initial=0.0)) or 1.0
+    w = np.linspace(-1.1 * reach, 1.1 * reach, 801)
+    law = {"color": "0.65", "linewidth": 4, "zorder": 0, "solid_capstyle": "butt"}
+    for side in (w[w < 0], w[w > 0]):
+        ax.plot(side, normal * _law_curve(element.law, side), **law)
+    core = _core(element.law)
+    if isinstance(element.law, DryFriction):
+        ax.plot([0, 0], [-normal * core.mu_s(-1), normal * core.mu_s(1)], **law)
+    ax.plot([], [], color="0.65", linewidth=4, label=type(element.law).__name__)
+    line: dict[str, Any] = {"color": "black", "linewidth": 1.2, "label": "trajectory"}
+    size = 5 if computed.t.size <= WITH_DOTS else 2.5
+    points = dots(1) | {
+        "marker": "o",
+        "markersize": size,
+        "markerfacecolor": "white",
+        "label": "computed points",
+    }
+    for at, style in ((fine, line), (computed, points)):
+        force = at.force(contact)
+        ax.plot(
+            at.relative_velocity(contact), _ratio(force, at.normal(contact)) if divided else force, **style
+        )
+    unit = "force / normal force [1 | m]" if divided else FORCE
+    ax.set(xlabel=f"relative {VELOCITY}", ylabel=unit)
+    beside(ax, title=f"contact {contact}", alignment="left")
+    return ax
+
+
+def _core(law: Law) -> DryFriction:
+    core = getattr(law, "law", law)
+    assert isinstance(core, DryFriction)
+    return core
+
+
+def _law_curve(law: Law, w: Array) -> Array:
+    """Return the force per normal force at relative velocities of one sign, dwell times aside."""
+    core, direction = _core(law), int(np.sign(w[0]))
+    kinetic = direction * np.array([core.mu_k(abs(speed), direction) for speed in w.tolist()])
+    if type(law).__name__ != "PreSlip":
+        return kinetic
+    ratio = np.abs(w) / law.velocity  # type: ignore[attr-defined]
+    match law.shape:  # type: ignore[attr-defined]
+        case "tanh":
+            return kinetic * np.tanh(ratio)
+        case "arctan":
+            return kinetic * (2 / np.pi) * np.arctan(0.5 * np.pi * ratio)
+    return np.where(ratio < 1, direction * core.mu_s(direction) * ratio, kinetic)
+
+
+def _element(result: Result, contact: str) -> Contact:
+    return result.scene.contacts[result.samples.row(contact)]

@@ -1,0 +1,217 @@
+"""Drawings of the motion: velocities of bodies and modes of contacts over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.patches import Patch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+
+from stickslip.model.modes import Mode
+from stickslip.plots.points import FINE, computed_points, even_points
+from stickslip.plots.style import (
+    TIME,
+    VELOCITY,
+    WITH_DOTS,
+    beside,
+    color_bar,
+    contact_names,
+    dots,
+    look,
+    own_axes,
+    raster,
+)
+from stickslip.simulation.result import Result
+
+__all__ = ["modes", "velocities"]
+
+MANY = 12
+"""More curves or strips than this become a raster."""
+
+_TICKS = 200
+_BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
+_STRIPS: dict[int, dict[str, Any]] = {
+    Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
+    Mode.STUCK: {"facecolor": "0.35"},
+    Mode.BACKWARD: {"facecolor": "0.85", "hatch": "...."},
+}
+
+
+def velocities(result: Result, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+    """Draw velocities over time and return the axes.
+
+    Markers are the computed points, or ticks at the bottom where they are many, one in so many as the legend
+    says; a broad grey line runs under a body while a contact with a normal force holds it. More than a dozen
+    bodies become a raster with a colour bar.
+
+    Parameters
+    ----------
+    result : Result
+    bodies : sequence of str, optional
+        Names of bodies and drives; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
+    ax = own_axes(ax)
+    scene = result.scene
+    names = [element.name for element in (*scene.bodies, *scene.drives)] if bodies is None else list(bodies)
+    if len(names) > MANY:
+        _velocity_raster(result, names, ax)
+    else:
+        _velocity_curves(result, names, ax)
+    ax.set_xlabel(TIME)
+    return ax
+
+
+def _velocity_curves(result: Result, names: list[str], ax: Any) -> None:
+    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    held = _bands(fine, names, ax)
+    few = computed.t.size <= WITH_DOTS
+    driven = {drive.name for drive in result.scene.drives}
+    for k, name in enumerate(names):
+        ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
+        if few and name not in driven:
+            ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
+    ax.set_ylabel(VELOCITY)
+    ax.margins(x=0.01)
+    if held:
+        ax.plot([], [], label="held by a contact", **_BAND)
+    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": "computed points"}
+    if few:
+        ax.plot([], [], marker="o", markersize=3.5, **points)
+    else:
+        _rug(ax, computed.t, points)
+    beside(ax)
+
+
+def _bands(fine: Result, names: list[str], ax: Any) -> bool:
+    """Draw a broad line under each body while a contact carries and holds it; return whether there is any."""
+    drawn = False
+    for contact in fine.scene.contacts:
+        spans = [
+            (start, stop)
+            for mode, idle, start, stop in _runs(fine, contact.name)
+            if mode == Mode.STUCK and not idle
+        ]
+        if not spans:
+            continue
+        # both limits stand at an event, and only one of them is stuck
+        holds = fine.mode(contact.name) == Mode.STUCK
+        holds &= np.any([(fine.t >= start) & (fine.t <= stop) for start, stop in spans], axis=0)
+        for name in sorted({contact.a, contact.b} & set(names)):
+            (band,) = ax.plot(fine.t, np.where(holds, fine.velocity(name), np.nan), zorder=1, **_BAND)
+            # the ends of so broad a line reach beyond its times; cut them off there
+            band.set_clip_path(_stripes(spans), ax.get_xaxis_transform())
+            drawn = True
+    return drawn
+
+
+def _stripes(spans: list[tuple[float, float]]) -> Path:
+    """Return upright stripes from bottom (0) to top (1), one for each span of times."""
+    boxes = [Path([(a, 0), (b, 0), (b, 1), (a, 1), (a, 0)], closed=True) for a, b in spans]
+    return Path.make_compound_path(*boxes)
+
+
+def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
+    """Draw ticks along the bottom at computed times, every so many where all of them would run together."""
+    every = -(-times.size // _TICKS)
+    if every > 1:
+        points = points | {"label": f"computed points, 1 in {every}"}
+    chosen = times[::every]
+    ticks = {"transform": ax.get_xaxis_transform(), "markersize": 9, "markeredgewidth": 0.6}
+    ax.plot(chosen, np.zeros(chosen.size), "|", **ticks, **points)
+    ax.margins(y=0.09)  # or a line at the lowest velocity would run into the ticks
+
+
+def _velocity_raster(result: Result, names: list[str], ax: Any) -> None:
+    coarse = even_points(result)
+    rows = np.array([coarse.velocity(name) for name in names])
+    color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), VELOCITY)
+    ax.set_ylabel("body")
+
+
+def modes(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+    """Draw the modes of contacts over time, a strip each, and return the axes.
+
+    A strip is thin while the normal force is 0; the legend names the modes that occur. More than a dozen
+    contacts become a raster.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
+    names = contact_names(result, contacts)
+    ax = own_axes(ax, height=1.2 + 0.25 * min(len(names), MANY))
+    if len(names) > MANY:
+        _mode_raster(result, names, ax)
+    else:
+        _mode_strips(result.fit_for_plot(FINE), names, ax)
+    ax.set(xlabel=TIME, ylabel="mode")
+    return ax
+
+
+def _mode_strips(fine: Result, names: list[str], ax: Any) -> None:
+    is_open, occurring = False, set()
+    for place, name in enumerate(names):
+        for mode, idle, start, stop in _runs(fine, name):
+            height = 0.2 if idle else 0.7
+            is_open |= idle
+            occurring.add(mode)
+            bar = {"edgecolor": "black", "linewidth": 0.5, "zorder": 2} | _STRIPS[mode]
+            ax.broken_barh([(start, stop - start)], (place - height / 2, height), **bar)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.margins(x=0.01)
+    ax.tick_params(axis="y", length=0)
+    entries = [
+        Patch(edgecolor="black", linewidth=0.5, label=Mode(mode).name, **bar)
+        for mode, bar in _STRIPS.items()
+        if mode in occurring
+    ]
+    if is_open:
+        entries.append(Patch(alpha=0.0, label="thin: normal force 0"))
+    beside(ax, handles=entries)
+
+
+def _runs(fine: Result, name: str) -> list[tuple[int, bool, float, float]]:
+    """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
+    t, mode, idle = fine.t, fine.mode(name).astype(int), fine.normal(name) == 0
+    steps = np.flatnonzero(np.diff(t) > 0)
+    if not steps.size:
+        return []
+    # both limits stand at a break, so a step's own limits are at its two ends
+    code, shut = mode[steps], idle[steps] & idle[steps + 1]
+    changes = np.flatnonzero((np.diff(code) != 0) | (shut[1:] != shut[:-1])) + 1
+    first = np.concatenate([[0], changes])
+    last = np.concatenate([changes - 1, [steps.size - 1]])
+    return [
+        (int(code[i]), bool(shut[i]), float(t[steps[i]]), float(t[steps[j] + 1]))
+        for i, j in zip(first, last, strict=True)
+    ]
+
+
+def _mode_raster(result: Result, names: list[str], ax: Any) -> None:
+    coarse = even_points(result)
+    rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
+    shades = ListedColormap(["#b5a642", "0.25", "0.93"])
+    mesh = raster(ax, coarse.t, rows, names, cmap=shades, norm=BoundaryNorm([-1.5, -0.5, 0.5, 1.5], 3))
+    bar = color_bar(ax, mesh, "", ticks=[-1, 0, 1])
+    bar.ax.set_yticklabels([Mode(mode).name for mode in (-1, 0, 1)])

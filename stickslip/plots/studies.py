@@ -1,0 +1,210 @@
+"""Drawings of studies: error against time, and a value over two parameters of a sweep.
+
+matplotlib is imported when something is drawn, not before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stickslip.studies.sweeps import SweepResult
+from stickslip.studies.work_precision import WorkPrecision, WorkRow
+
+if TYPE_CHECKING:
+    from stickslip.studies.tradeoff import Tradeoff
+
+__all__ = ["sweep_map", "tradeoff", "work_precision"]
+
+_MARKERS = "osD^vP*X<>ph"
+_LINES = ("-", "--", "-.", ":")
+_INSIDE = 8  # legend entries that find room within the axes
+_NOTES = 6
+
+
+def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
+    """Draw error against median wall time, both logarithmic, and return the axes.
+
+    Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
+    rows that no other row of the family beats: to join all would draw the noise of the clock. Rings mark the
+    rows that nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
+
+    Parameters
+    ----------
+    table : WorkPrecision
+        What `work_precision` measured.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    TypeError
+        If `table` is something else.
+    """
+    if not isinstance(table, WorkPrecision):
+        raise TypeError(f"work_precision plot: expected a WorkPrecision, got {type(table).__name__}")
+    ax = _axes(ax)
+    families: dict[str, list[WorkRow]] = {}
+    for row in table.rows:
+        if _drawable(row):
+            families.setdefault(row.family or row.name, []).append(row)
+    for k, (family, rows) in enumerate(families.items()):
+        _family(ax, k, family, rows)
+    front = [row for row in table.pareto() if _drawable(row)]
+    if front:
+        where = [row.median for row in front], [row.error for row in front]
+        ax.scatter(*where, s=150, facecolors="none", edgecolors="black", zorder=3, label="no other beats it")
+        _legend(ax)
+    ax.set(xscale="log", yscale="log", xlabel="median wall time [s]", ylabel=table.error_label)
+    ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
+    notes = [f"{row.name}: {_reason(row)}" for row in table.rows if not _drawable(row)]
+    if notes:
+        more = [f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else []
+        note = "not drawn:\n" + "\n".join([*notes[:_NOTES], *more])
+        below = {"xycoords": "axes fraction", "xytext": (0, -40), "textcoords": "offset points"}
+        ax.annotate(note, (0, 0), va="top", fontsize="small", annotation_clip=False, **below)
+    return ax
+
+
+def _family(ax: Any, k: int, family: str, rows: list[WorkRow]) -> None:
+    """Draw all rows of a family as markers, and a line through those that no other of them beats."""
+    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": f"C{k % 10}"}
+    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": f"C{k % 10}", "linewidth": 1.2}
+    best = WorkPrecision(tuple(rows)).pareto()
+    ax.plot([row.median for row in rows], [row.error for row in rows], **marker | {"linestyle": "none"})
+    ax.plot([row.median for row in best], [row.error for row in best], **line)
+    ax.plot([], [], label=family, **marker | line)
+
+
+def tradeoff(study: Tradeoff, *, ax: Any = None) -> Any:
+    """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
+
+    Parameters
+    ----------
+    study : Tradeoff
+        What `tradeoff` measured.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+    """
+    ax = work_precision(study.work, ax=ax)
+    ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
+    _legend(ax)
+    return ax
+
+
+def sweep_map(
+    result: SweepResult,
+    x: str,
+    y: str,
+    value: str | None = None,
+    *,
+    labels: Mapping[str, str] | None = None,
+    ax: Any = None,
+) -> Any:
+    """Draw a value of a sweep over two of its parameters and return the axes.
+
+    Points without a value are crossed out. Evenly spaced logarithms give a logarithmic axis; texts and
+    other values that are not rising numbers are set side by side.
+
+    Parameters
+    ----------
+    result : SweepResult
+        Other parameters than `x` and `y` must have a single value.
+    x, y : str
+        Names of parameters.
+    value : str, optional
+        Name of a value with one number per point; not needed where there is only one.
+    labels : mapping, optional
+        Name -> text with the unit, such as ``{"speed": "speed / (m/s)"}``.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the names or the shape of the grid do not fit.
+    """
+    if not isinstance(result, SweepResult):
+        raise TypeError(f"sweep_map: expected a SweepResult, got {type(result).__name__}")
+    names = list(result.parameters)
+    for name in (x, y):
+        if name not in names:
+            raise ValueError(f"sweep_map: no parameter {name!r}; choose from {', '.join(names)}")
+    if x == y:
+        raise ValueError(f"sweep_map: x and y are both {x!r}; choose two parameters")
+    field = result.value(value)
+    if field.ndim != len(names):
+        raise ValueError(
+            f"sweep_map: value {value!r} has shape {field.shape[len(names) :]} per point, not one number"
+        )
+    others = [name for name in names if name not in (x, y) and len(result.parameters[name]) > 1]
+    if others:
+        raise ValueError(
+            f"sweep_map: {', '.join(others)} varies too; sweep it with a single value, or draw a slice"
+        )
+    field = np.moveaxis(field, (names.index(y), names.index(x)), (0, 1))
+    field = field.reshape(field.shape[:2])
+
+    ax = _axes(ax)
+    labels = labels or {}
+    (x_edges, x_centres), (y_edges, y_centres) = (
+        _cells(ax, which, result.parameters[name]) for which, name in (("x", x), ("y", y))
+    )
+    mesh = ax.pcolormesh(x_edges, y_edges, np.ma.masked_invalid(field), cmap="cividis")
+    rows, columns = np.nonzero(~np.isfinite(field))
+    if rows.size:
+        ax.plot(x_centres[columns], y_centres[rows], "kx", label="no value")
+        ax.legend(fontsize="small")
+    shown = next(iter(result.values)) if value is None else value
+    ax.set(xlabel=labels.get(x, x), ylabel=labels.get(y, y))
+    ax.figure.colorbar(mesh, ax=ax, label=labels.get(shown, shown))
+    return ax
+
+
+def _axes(ax: Any) -> Any:
+    if ax is not None:
+        return ax
+    import matplotlib.pyplot as plt
+
+    return plt.subplots(layout="constrained")[1]
+
+
+def _legend(ax: Any) -> None:
+    """Name the curves: within the axes where there is room, else to their right."""
+    crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)} if crowded else {}
+    ax.legend(fontsize="small", **place)
+
+
+def _drawable(row: WorkRow) -> bool:
+    return row.failure is None and row.error > 0
+
+
+def _reason(row: WorkRow) -> str:
+    text = f"error 0 in {row.median:.3g} s" if row.failure is None else row.failure.split("\n")[0]
+    return text if len(text) <= 70 else text[:69] + "…"
+
+
+def _cells(ax: Any, which: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return edges and centres of the cells along x or y, having set the scale and ticks of the axes."""
+    if values.dtype.kind not in "iuf" or not np.all(np.isfinite(values)) or np.any(np.diff(values) <= 0):
+        centres = np.arange(len(values), dtype=float)
+        ax.set(**{f"{which}ticks": centres, f"{which}ticklabels": [str(item) for item in values]})
+        return _edges(centres), centres
+    centres = values.astype(float)
+    if len(centres) > 2 and centres[0] > 0:
+        steps = np.diff(np.log(centres))
+        if np.allclose(steps, steps[0]):
+            ax.set(**{f"{which}scale": "log"})
+            return np.exp(_edges(np.log(centres))), centres
+    return _edges(centres), centres
+
+
+def _edges(centres: np.ndarray) -> np.ndarray:
+    if len(centres) == 1:
+        half = 0.5 * abs(centres[0]) or 0.5
+        return np.array([centres[0] - half, centres[0] + half])
+    middles = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([[2 * centres[0] - middles[0]], middles, [2 * centres[-1] - middles[-1]]])

@@ -1,0 +1,1 @@
+"""Many runs: work and precision, sweeps, the trade between speed and accuracy."""

@@ -1,0 +1,303 @@
+"""What accuracy costs for a scene of one's own: every applicable call measured, and one of them advised."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from stickslip.model.scene import Scene
+from stickslip.simulation.result import Result, SimulationError
+from stickslip.studies.table import aligned
+from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
+from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
+
+__all__ = ["Advice", "Skipped", "Tradeoff", "tradeoff"]
+
+_TIMES = 1001
+_REPEATS = 5
+Error = Callable[[Result, Result], float]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A call of `simulate` with what it was measured to do: error and median wall time in s.
+
+    Its text is a line to paste. Where the error is below what the reference can tell, `error` is that limit.
+    """
+
+    call: str
+    error: float
+    time: float
+    at_limit: bool = False
+
+    def __str__(self) -> str:
+        """Return the line to paste."""
+        least = "at most " if self.at_limit else ""
+        return f"{self.call}  # error {least}{self.error:.2g}, {1e3 * self.time:.3g} ms"
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A call that was not measured, and why."""
+
+    call: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What the applicable calls of `simulate` cost and what they are worth, for one scene.
+
+    Attributes
+    ----------
+    work : WorkPrecision
+        One row per call; errors below `limit` are set to it.
+    limit : float
+        How far the reference is converged: smaller errors are below what it can tell.
+    reference, check : str
+        The calls whose results were compared.
+    skipped : tuple of Skipped
+        Calls left out for the budget.
+    """
+
+    work: WorkPrecision
+    limit: float
+    reference: str
+    check: str
+    skipped: tuple[Skipped, ...] = ()
+
+    def recommend(self, *, error: float | None = None, time: float | None = None) -> Advice:
+        """Return the cheapest call within an error, or the most accurate one within a time.
+
+        Parameters
+        ----------
+        error : float
+            Largest error allowed. Give either this or `time`.
+        time : float
+            Largest median wall time allowed, in s.
+
+        Raises
+        ------
+        TypeError
+            If not exactly one of the two is given.
+        ValueError
+            If no call does it, or the reference cannot tell.
+        """
+        if (error is None) == (time is None):
+            raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
+        if error is not None and error < self.limit:
+            raise ValueError(
+                f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"
+            )
+        try:
+            row = self.work.best(error=error, time=time)
+        except ValueError as none:
+            raise ValueError(str(none).replace("best:", "recommend:", 1).replace("setup", "call")) from None
+        return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
+
+    @property
+    def table(self) -> str:
+        """The measured calls as an aligned table."""
+        front, rows = self.work.pareto(), self.work.rows
+        ends = ["below what the reference can tell" if row.error <= self.limit else "" for row in rows]
+        return aligned(
+            ["* " + row.name if row in front else "  " + row.name for row in rows],
+            {
+                "time / ms": [1e3 * row.median for row in rows],
+                self.work.error_label: [row.error for row in rows],
+                "steps": [row.steps for row in rows],
+                "nfev": [row.nfev for row in rows],
+            },
+            [f"FAILED {row.failure}" if row.failure else end for row, end in zip(rows, ends, strict=True)],
+            title="  call",
+            note="* no other call is both faster and more accurate",
+        )
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame, one line per measured call.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return self.work.to_frame()
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw error against time, with the limit of the reference, and return the axes."""
+
+        return plots_study.tradeoff(self, ax=ax)
+
+    def __str__(self) -> str:
+        """Return the table, what the reference is worth, and what was left out."""
+        lines = [
+            self.table,
+            f"reference: {self.reference}",
+            f"  differs from {self.check} by {self.limit:.2g}",
+        ]
+        tried = [skipped for skipped in self.skipped if skipped.reason.startswith("took")]
+        lines += [f"left out: {skipped.call}: {skipped.reason}" for skipped in tried]
+        if len(tried) < len(self.skipped):
+            lines.append(f"left out untried: {len(self.skipped) - len(tried)} costlier calls of these kinds")
+        return "\n".join(lines)
+
+
+def tradeoff(
+    scene: Scene,
+    t_span: Sequence[float],
+    *,
+    error: str | Error = "velocity",
+    budget: float = 60.0,
+    progress: bool = False,
+) -> Tradeoff:
+    """Measure what the formulations, methods, tolerances, steps and pre-slip velocities cost for a scene.
+
+    The reference is an event-exact run so tight that a second, different one agrees with it; how far they
+    agree is the smallest error that can be told.
+
+    Parameters
+    ----------
+    scene : Scene
+    t_span : (float, float)
+        Start and end in s.
+    error : "velocity" or callable
+        "velocity": the largest deviation of any body's velocity from the reference, over 1001 times spread
+        evenly. A callable takes a result and the reference result and returns a number >= 0.
+    budget : float
+        Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
+        more than what is left to their family are left out, and so are costlier ones of the same family.
+    progress : bool
+        Show progress bars.
+
+    Returns
+    -------
+    Tradeoff
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not usable, or the budget too small for a single call.
+    SimulationError
+        If no reference run comes to its end.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"tradeoff: scene must be a Scene, got {type(scene).__name__}")
+    if not (error == "velocity" or callable(error)):
+        raise TypeError(
+            f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}"
+        )
+    if not (isinstance(budget, int | float) and 0 < budget < math.inf):
+        raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
+    start, stop = (float(t) for t in t_span)
+    span = (start, stop)
+    deadline = clock.perf_counter() + budget
+    measure: Error = error if callable(error) else _VelocityError(scene, span)
+    tight, loose, reference, limit, scale = _reference(scene, span, measure)
+    setups = [
+        Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
+        for call in calls(scene, span, scale)
+    ]
+    chosen, skipped, once = _affordable(setups, budget, progress)
+    if not chosen:
+        raise ValueError(
+            f"tradeoff: no call fits into a budget of {budget:g} s; {skipped[0].reason}; give more"
+        )
+    left = deadline - clock.perf_counter()
+    work = work_precision(
+        chosen,
+        error=lambda result: max(measure(result, reference), limit),
+        repeats=min(max(int(left / once), 1), _REPEATS),
+        warmup=0,
+        progress=progress,
+        error_label="velocity error / (m/s or rad/s)" if error == "velocity" else "error",
+    )
+    return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped))
+
+
+class _VelocityError:
+    """The largest deviation of any body's velocity, over times spread evenly."""
+
+    def __init__(self, scene: Scene, span: tuple[float, float]) -> None:
+        self._bodies, self._times = len(scene.bodies), np.linspace(*span, _TIMES)
+        self._known: tuple[Result, NDArray[np.float64]] | None = None
+
+    def __call__(self, result: Result, reference: Result) -> float:
+        if self._known is None or self._known[0] is not reference:
+            self._known = reference, self._velocities(reference)
+        return float(np.abs(self._velocities(result) - self._known[1]).max())
+
+    def _velocities(self, result: Result) -> NDArray[np.float64]:
+        return result(self._times)[: self._bodies]
+
+
+@dataclass(frozen=True)
+class _Quiet:
+    """A call on a scene; what it would warn of, the measured error shows."""
+
+    call: Call
+    scene: Scene
+    span: tuple[float, float]
+
+    def __call__(self) -> Result:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return self.call.run(self.scene, self.span)
+
+
+def _reference(
+    scene: Scene, span: tuple[float, float], measure: Error
+) -> tuple[Call, Call, Result, float, float]:
+    """Return two tight calls, the result of the tighter, by how much they differ, and the velocity scale."""
+    failure: Exception | None = None
+    for tight, loose in reference_calls(1.0):
+        try:
+            result, other = (_Quiet(call, scene, span)() for call in (tight, loose))
+        except SimulationError as error:
+            failure = error
+            continue
+        scale = float(np.abs(result.y[: len(scene.bodies)]).max()) or 1.0
+        roundoff = 8 * np.finfo(float).eps * scale
+        return tight, loose, result, max(measure(other, result), roundoff), float(f"{scale:.1g}")
+    assert failure is not None
+    raise failure
+
+
+def _affordable(
+    setups: list[Setup], budget: float, progress: bool
+) -> tuple[list[Setup], list[Skipped], float]:
+    """Run every setup once; return those within their share, those left out, and the time of a round in s."""
+    chosen: list[Setup] = []
+    skipped: list[Skipped] = []
+    families = {family: list(kind) for family, kind in groupby(setups, key=lambda setup: setup.family)}
+    left, once = budget / 2, 0.0
+    with tqdm(total=len(setups), disable=not progress, unit="call", desc="trying") as bar:
+        for rest, kind in zip(range(len(families), 0, -1), families.values(), strict=True):
+            share, slow = max(left, 0.0) / rest, ""
+            for setup in kind:
+                bar.update()
+                if slow:
+                    skipped.append(Skipped(setup.name, f"not tried, costlier than one that took {slow}"))
+                    continue
+                start = clock.perf_counter()
+                with suppress(Exception):  # it fails once more where failures are recorded
+                    setup.run()
+                elapsed = clock.perf_counter() - start
+                left -= elapsed
+                if elapsed <= share:
+                    chosen.append(setup)
+                    once += elapsed
+                    share -= elapsed
+                else:
+                    slow = f"{elapsed:.2g} s"
+                    skipped.append(Skipped(setup.name, f"took {slow}, its share is {share:.2g} s"))
+    return chosen, skipped, max(once, 1e-9)

@@ -1,0 +1,119 @@
+"""The calls of `simulate` that make sense for a scene, as data that run and that print as a line to paste."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.laws.regularized import Shape
+from stickslip.model.scene import Scene
+from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import simulate
+
+__all__ = ["Call", "calls", "reference_calls"]
+
+TOLERANCES = tuple(10.0**-k for k in range(4, 12))
+PRE_SLIP = tuple(10.0**-k for k in range(2, 7))
+"""Pre-slip velocities as parts of the velocity scale."""
+SHAPES: tuple[Shape, ...] = ("linear", "tanh", "arctan")
+STEPS = (100, 1000, 10_000)
+_ABSOLUTE = 0.01  # absolute tolerance, as a part of the relative one at the velocity scale
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of `simulate`.
+
+    Parameters
+    ----------
+    family : str
+        Calls of one family follow each other from cheap to costly.
+    options : dict
+        Keyword arguments.
+    pre_slip : (float, str), optional
+        Velocity in m/s or rad/s and shape of a regularised scene.
+    """
+
+    family: str
+    options: dict[str, Any] = field(default_factory=dict)
+    pre_slip: tuple[float, Shape] | None = None
+
+    def run(self, scene: Scene, span: tuple[float, float]) -> Result:
+        """Simulate."""
+        return simulate(
+            scene if self.pre_slip is None else scene.regularized(*self.pre_slip), span, **self.options
+        )
+
+    def text(self, span: tuple[float, float]) -> str:
+        """Return the line to paste."""
+        scene = "scene"
+        if self.pre_slip is not None:
+            velocity, shape = self.pre_slip
+            scene += (
+                f".regularized({velocity!r})"
+                if shape == "linear"
+                else f".regularized({velocity!r}, {shape!r})"
+            )
+        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
+        return f"simulate({scene}, {span!r}{options})"
+
+
+def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
+    """Return the calls that are applicable, family by family, from cheap to costly.
+
+    Parameters
+    ----------
+    scene : Scene
+    span : (float, float)
+        Time span in s.
+    scale : float
+        Size of the velocities in m/s or rad/s.
+    """
+    return [*_event_exact(scene, scale), *_fixed_steps(span), *_pre_slip(scene, scale)]
+
+
+def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
+    """Yield pairs of tight calls to compare, the tightest first; the first of a pair is the tighter one."""
+    for rtol in (1e-13, 1e-12, 1e-11, 1e-10, 1e-9):
+        yield (
+            Call("reference", _tolerances(rtol, scale)),
+            Call("reference", {"method": "Adams"} | _tolerances(10 * rtol, scale)),
+        )
+
+
+def _tolerances(rtol: float, scale: float) -> dict[str, float]:
+    return {"rtol": float(f"{rtol:.3g}"), "atol": float(f"{_ABSOLUTE * rtol * scale:.1g}")}
+
+
+def _event_exact(scene: Scene, scale: float) -> Iterator[Call]:
+    known = [("contact-force", "BDF"), ("contact-force", "Adams")]
+    if any(isinstance(contact.law, DryFriction) for contact in scene.contacts):
+        known += [("merged", "BDF"), ("merged", "Adams"), ("multiplier", "BDF")]
+    for formulation, method in known:
+        options = {} if formulation == "contact-force" else {"formulation": formulation}
+        options |= {"method": method}
+        for rtol in TOLERANCES:
+            yield Call(f"{formulation}, {method}", options | _tolerances(rtol, scale))
+
+
+def _fixed_steps(span: tuple[float, float]) -> Iterator[Call]:
+    for method in ("RK4", "Euler"):
+        for count in STEPS:
+            step = float(f"{(span[1] - span[0]) / count:.6g}")
+            yield Call(f"contact-force, {method}", {"method": method, "step": step})
+
+
+def _pre_slip(scene: Scene, scale: float) -> Iterator[Call]:
+    """Yield the regularised scenes; a tolerance looser than a tenth of the pre-slip velocity is not safe."""
+    if not scene.contacts or not all(isinstance(contact.law, DryFriction) for contact in scene.contacts):
+        return
+    for shape in SHAPES:
+        for method, finer in (("BDF", (0.1, 1e-3)), ("Adams", (0.1,))):
+            for part in PRE_SLIP:
+                for fraction in finer:
+                    options: dict[str, Any] = {"method": method}
+                    options |= _tolerances(fraction * part, scale)
+                    velocity = float(f"{part * scale:.3g}")
+                    yield Call(f"pre-slip {shape}, {method}", options, (velocity, shape))

@@ -1,0 +1,19 @@
+"""Memory grows with the number of bodies, not with its square."""
+
+import tracemalloc
+
+from stickslip import simulate
+from stickslip.benchmark import flywheel_chain
+
+
+def test_a_long_chain_builds_no_square_array() -> None:
+    # a dense matrix of 4000 by 4000 numbers alone takes 128 MB
+    scene = flywheel_chain(4000)
+    tracemalloc.start()
+    try:
+        result = simulate(scene, (0.0, 1e-6))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert result.success
+    assert peak < 64e6, f"{peak / 1e6:.0f} MB"
