@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.progress import Interruption, Progress
 from stickslip.equations.path import Path
+from stickslip.engines.progress import Interruption, Progress
 
 __all__ = ["LOOK_AT_SCENE", "Interrupted", "Interruption", "Progress", "SolverFailure", "Work", "failure_of", "sound"]
 

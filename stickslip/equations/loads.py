@@ -12,16 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.signal_makers import (
-    Clipped,
-    Constant,
-    Function,
-    PiecewiseLinear,
-    Signal,
-    Sine,
-    Sum,
-    time_scale,
-)
+from stickslip.model.signal_makers import Clipped, Constant, Function, PiecewiseLinear, Signal, Sine, Sum, time_scale
 
 __all__ = ["Loads", "Stretch"]
 

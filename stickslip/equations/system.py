@@ -18,8 +18,8 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import ModeEquations
-from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import GROUND, Scene
 from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 

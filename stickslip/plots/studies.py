@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stickslip.studies.sweeps import SweepResult
 from stickslip.studies.work_precision import WorkPrecision, WorkRow
+from stickslip.studies.sweeps import SweepResult
 
 if TYPE_CHECKING:
     from stickslip.studies.tradeoff import Tradeoff

@@ -143,15 +143,17 @@ class Samples:
         return np.zeros_like(self.t) if body == GROUND else self._velocity(i)
 
     def _velocity(self, i: int) -> Array:
-        return self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+        found: Array = self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+        return found
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
         i = self.body(body)
         state = self.system.position_state.get(i)
         if state is not None:
-            return self.y[state]
-        return np.zeros_like(self.t) if body == GROUND else self._positions[i]
+            found: Array = self.y[state]
+            return found
+        return np.zeros_like(self.t) if body == GROUND else np.asarray(self._positions[i])
 
     def force(self, row: str) -> Array:
         """Return the friction force r of a row, in N or N m (-r acts on its body a)."""
@@ -188,7 +190,7 @@ class Samples:
     def _read(self, j: int, table: Callable[[Tables], NDArray[Any]]) -> NDArray[Any]:
         system = self.system
         if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
-            return table(self.tables)[j]
+            return np.asarray(table(self.tables)[j])
         parts = [np.array(table(block._computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
         return np.concatenate(parts)
 

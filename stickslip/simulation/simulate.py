@@ -176,6 +176,7 @@ class _Simulation:
         merged: bool,
     ) -> None:
         self._run, self._recorder, self._interruption = run, recorder, interruption
+        self._engine: Any = run.engine
         self._start, self._stop = span
         self._name, self._merged = name, merged
 
@@ -184,7 +185,7 @@ class _Simulation:
         run = self._run
         bar = _bar(self._stop - self._start) if progress else None
         if bar is not None:
-            run.engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+            self._engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
         try:
             with self._interruption as interruption:
                 run.begin()

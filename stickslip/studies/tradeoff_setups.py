@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from stickslip.simulation.simulate import simulate
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.regularized import Shape
-from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
-from stickslip.simulation.simulate import simulate
+from stickslip.model.scene import Scene
 
 __all__ = ["Call", "calls", "reference_calls"]
 
