@@ -17,7 +17,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 
-__all__ = ["Piece", "Trajectory", "balances_kept", "by_piece"]
+__all__ = ["Piece", "Trajectory", "balances_kept", "by_piece", "kind_of"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -151,17 +151,18 @@ class Trajectory:
             Times in s since its start.
         """
         found = np.empty((self.system.size, taus.size))
-        block: list[tuple[Path, Indices | slice]] = []
-        entries = 0
+        blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
+        entries: dict[tuple[int, bool], int] = {}
         for number, chosen in by_piece(piece_of):
             path = self.pieces[number].path
             assert path is not None
-            if block and (entries > _AT_ONCE or not _alike(block[0][0], path)):
-                _evaluate(block, taus, found)
-                block, entries = [], 0
-            block.append((path, chosen))
-            entries += path.coefficients.size
-        if block:
+            kind = kind_of(path)
+            blocks.setdefault(kind, []).append((path, chosen))
+            entries[kind] = entries.get(kind, 0) + path.coefficients.size
+            if entries[kind] > _AT_ONCE:
+                _evaluate(blocks.pop(kind), taus, found)
+                entries[kind] = 0
+        for block in blocks.values():
             _evaluate(block, taus, found)
         self._tie(piece_of, taus, found)
         return found
@@ -239,8 +240,9 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     yield from zip(numbers.tolist(), np.split(order, firsts[1:]), strict=True)
 
 
-def _alike(a: Path, b: Path) -> bool:
-    return a.coefficients.shape[1:] == b.coefficients.shape[1:] and a.is_chebyshev == b.is_chebyshev
+def kind_of(path: Path) -> tuple[int, bool]:
+    """Return what paths have in common that are evaluated together: the number of terms and their basis."""
+    return (path.coefficients.shape[1] if path.taus.size > 1 else 0), path.is_chebyshev
 
 
 def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array) -> None:
