@@ -116,10 +116,14 @@ class Trajectory:
         ValueError
             If a time lies outside, or only the requested outputs were kept.
         """
+        if not times.size:
+            return np.empty(0, dtype=np.intp)
+        if not self.pieces:
+            raise ValueError("nothing was computed, the simulation failed at its start")
         if not self.is_dense:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         start, stop = self.pieces[0].t, self.pieces[-1].stop
-        if times.size and not (times.min() >= start and times.max() <= stop):
+        if not (times.min() >= start and times.max() <= stop):
             raise ValueError(
                 f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}"
             )
