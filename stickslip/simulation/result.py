@@ -309,7 +309,7 @@ class Result:
         ValueError
             If only the requested outputs were kept.
         """
-        return energy.energy(self.samples)
+        return energy.energy(self)
 
     def explain(self) -> str:
         """Return in words what was assembled, which guards were watched, and why each event happened."""
