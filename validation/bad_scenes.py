@@ -173,7 +173,7 @@ ARGUMENTS: list[Case] = [
     (lambda: run(t_eval=[NAN]), ValueError, ["t_eval", "increase within [0, 1]"]),
     (lambda: run(t_eval=[[0.1, 0.2]]), ValueError, ["t_eval", "increase within [0, 1]"]),
     (lambda: run(dense_output=False), ValueError, ["dense_output=False", "give t_eval"]),
-    (lambda: run(step=0.1), ValueError, ["step=0.1", "leave it out for BDF"]),
+    (lambda: run(step=0.1), ValueError, ["step=0.1", "leave it out for auto"]),
     (lambda: run(method="RK4"), ValueError, ["'RK4' needs step="]),
     (lambda: run(method="Euler", step=0), ValueError, ["step must lie between", "got 0"]),
     (lambda: run(method="RK4", step=0.1, formulation="merged"), ValueError, ["contact-force", "'merged'"]),
