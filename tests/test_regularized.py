@@ -227,7 +227,8 @@ def test_jacobians_are_exact(n: int, is_sparse: bool) -> None:
     for number in range(0, len(pieces), max(1, len(pieces) // 5)):
         motion, path = result.trajectory.motion(number), pieces[number].path
         assert path is not None
-        tau, y = float(path.taus[-1]) / 2, path.last + 1e-3 * np.sin(np.arange(path.last.size))
+        tau = float(path.taus[-1]) / 2
+        y = motion.exact(tau, path.last + 1e-3 * np.sin(np.arange(path.last.size)))
         exact: Any = motion.jacobian(tau, y)
         assert isinstance(exact, np.ndarray) is not is_sparse
         exact = exact.toarray() if is_sparse else exact
