@@ -96,7 +96,7 @@ def test_where_nothing_else_happens_no_root_is_looked_for() -> None:
     )
     result = simulate(scene, (0.0, 4.0))
     assert not result.events
-    assert result.stats["steps"] == 0
+    assert result.stats["guards_isolated"] == 0
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)

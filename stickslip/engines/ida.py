@@ -7,6 +7,7 @@ motion, ``Z Z^T lambda`` is added over the directions Z in which forces are not 
 
 from __future__ import annotations
 
+import contextlib
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -183,8 +184,10 @@ class _Residual:
         largest = np.abs(self._forces(0.0, motion.y)).max(initial=0.0)
         levels = system.largest_coefficient[motion.equations.held]
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
-            normal = motion.normals(tau)[motion.equations.held]
-            largest = max(largest, float((levels * normal).max(initial=0.0)))
+            # a load that fails there fails later, when the solver comes to it
+            with contextlib.suppress(ArithmeticError, ValueError):
+                normal = motion.normals(tau)[motion.equations.held]
+                largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
         inverse = 1.0 / np.maximum(system.inertia, np.finfo(float).tiny)
         squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _DEEPEST = 60
+_ROUNDOFF = 2e-15
+"""Part of what adds up in a value that is uncertain."""
 
 
 @lru_cache(maxsize=64)
@@ -54,7 +56,7 @@ def first_root(coefficients: Array) -> float | None:
     bernstein = _to_bernstein(order) @ coefficients
     left, right = _halves(order)
     stack = [(bernstein, 0.0, 1.0, 0)]
-    noise = 1e-16 * float(np.abs(coefficients).sum())
+    noise = _ROUNDOFF * float(np.abs(coefficients).sum())
     while stack:
         b, low, high, depth = stack.pop()
         if b.min() >= -noise:

@@ -97,7 +97,7 @@ class Guards:
         if self.size:
             self._classify(fired)
         self.is_plain = not self.order.any()
-        self.armed = self.size - np.count_nonzero(self.order == NEVER)
+        self.armed = self.size - loose.size - np.count_nonzero(self.order == NEVER)
 
     # -- values ----------------------------------------------------------------------------------------------
 

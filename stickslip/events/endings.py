@@ -116,7 +116,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
 
             def beyond(x: float) -> float:
                 at = np.array([x])
-                return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - margin
+                return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
 
             left = float(path.taus[k - 1])
             entry = float(brentq(beyond, left, tau)) if beyond(left) > 0 > beyond(tau) else tau

@@ -21,16 +21,28 @@ _CALM = 1e-7
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
 
-def label(motion: Motion, w: Array, resting: Mask, quiet: float, blur: float) -> Modes:
+def label(
+    motion: Motion,
+    named: Modes,
+    w: Array,
+    resting: Mask,
+    before: Modes | None,
+    quiet: float,
+    blur: float,
+) -> Modes:
     """Return the modes that rows show.
 
     Parameters
     ----------
     motion : Motion
+    named : array (m,)
+        The signs of the relative velocities.
     w : array (m,)
         Relative velocities.
     resting : array (m,) of bool
         Rows whose relative velocity is 0.
+    before : array (m,) or None
+        The modes that rows showed so far, None at the start.
     quiet : float
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
@@ -40,23 +52,25 @@ def label(motion: Motion, w: Array, resting: Mask, quiet: float, blur: float) ->
     if modes.max(initial=0) < OPEN:
         return modes
     is_open = modes == OPEN
-    named = np.sign(w)
-    if (is_open & (resting | (np.abs(w) <= quiet))).any():
-        named = _to_come(motion, w, resting, quiet, blur)
+    # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
+    may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
+    if (is_open & may_rest).any():
+        named = _to_come(motion, named, w, resting, may_rest, quiet, blur)
     shown = np.where(is_open, named, np.where(modes >= AT_HIGH, 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8)
 
 
-def _to_come(motion: Motion, w: Array, resting: Mask, quiet: float, blur: float) -> Array:
+def _to_come(
+    motion: Motion, named: Array, w: Array, resting: Mask, may_rest: Mask, quiet: float, blur: float
+) -> Array:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
     is_open = motion.equations.modes == OPEN
     to_come, calm = _first_terms(motion, 2, quiet, blur)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
-    named = np.where(resting, to_come, np.sign(w))
-    # what the solver's errors leave of a rest is a rest
-    named[calm & (np.abs(w) <= quiet)] = 0.0
+    named = np.where(resting, to_come, named)
+    named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
 
 

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
@@ -89,6 +90,11 @@ class Situation:
     fired: Mask
     was: Array | None = None
 
+    @property
+    def at_level(self) -> Mask:
+        """Rows whose force has been found at its limit."""
+        return self.fired if self.labels is None else self.fired & (self.labels == 0)
+
 
 def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
     """Return the modes in which the motion goes on.
@@ -119,27 +125,33 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
+    named = np.sign(w)
+    if now.labels is not None:
+        # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
+        moves = ~closed & (now.labels != 0) & ~now.touching
+        resting &= ~moves
+        named = np.where(moves, now.labels, named)
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, closed & resting)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
-        also = system.hard & ~resting & (np.abs(w) <= ROUNDOFF * speed)
+        also = system.hard & closed & ~resting & (np.abs(w) <= ROUNDOFF * speed)
         if also.any():
             resting |= also
             y = _project(system, now.y, u, closed & resting)
-    trial = np.where(resting, 0, np.sign(w))
+    trial = np.where(resting, 0, named)
     if not system.all_hard:
         trial = np.where(system.hard, trial, _slip_states(system, w, now))
     trial = np.where(closed, trial, OPEN).astype(np.int8)
     was_held = trial == 0 if now.labels is None else now.labels == 0
     since = np.where(was_held, now.since, now.t)
-    labels = np.where(resting, 0, np.sign(w)).astype(np.int8)
+    labels = np.where(resting, 0, named).astype(np.int8)
     search = _Search(system, stretch, now, y, since, labels, closed & resting)
     motion, guards = search.run(trial)
-    shown = label(motion, w, resting, quiet, blur)
+    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
-        guards = Guards(motion, shown, search.at_rest(shown), now.fired)
+        guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
     return Settled(shown, motion, guards)
 
 
@@ -231,7 +243,7 @@ class _Search:
         motion = Motion(
             self._system.equations(trial.tobytes()), self._stretch, self._now.t, self._y, self._since  # type: ignore[arg-type]
         )
-        return motion, Guards(motion, self._labels, self._candidates, self._now.fired)
+        return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
@@ -295,9 +307,23 @@ class _Search:
         for number in np.unique(loop[loop >= 0]).tolist():
             rest = motion.equations.is_held.copy()
             rest[rows[loop == number]] = False
-            locked = self._system.balance(rest.tobytes()).dependent.size
-            spared[loop == number] = locked == balance.dependent.size
+            others = self._system.balance(rest.tobytes())
+            if others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows):
+                spared[loop == number] = True
         return spared
+
+    def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
+        """Tell whether drives that move apart part the ends of some rows when only others hold."""
+        system = self._system
+        if not system.drives:
+            return False
+        for q in motion.start.q:
+            if q is not None:
+                rate = system.drive_accelerations(q)
+                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
+                if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
+                    return True
+        return False
 
     def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""

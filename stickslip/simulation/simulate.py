@@ -246,6 +246,8 @@ class _Simulation:
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
             "solvers": work.solvers,
+            "guards_excluded": work.guards_excluded,
+            "guards_isolated": work.guards_isolated,
         }
         return self._recorder.result(message, status, stats)
 
