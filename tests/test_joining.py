@@ -1,4 +1,4 @@
-"""Parts that nothing connects are integrated apart: each moves as it does alone, to the bit."""
+"""Parts of a scene that nothing connects: each moves as it does alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from stickslip import (
     Scene,
     SimulationError,
     Spring,
-    explain,
     load,
     signal,
     simulate,
@@ -36,12 +35,18 @@ BLOCK = Scene(
 )
 BOTH = Scene(*WHEELS.elements, *BLOCK.elements)
 SPAN = (0.0, 4.0)
-FORMULATIONS = [
-    {"formulation": "contact-force"},
+FORMULATIONS: list[dict[str, Any]] = [
+    {},
+    {"method": "BDF"},
     {"formulation": "merged", "method": "Adams"},
     {"formulation": "multiplier"},
     {"method": "RK4", "step": 1e-3},
 ]
+
+
+def exact(options: dict[str, Any]) -> bool:
+    """Whether parts take the same course together: with Taylor series, and with fixed steps."""
+    return not options or "step" in options
 
 
 def runs(**options: Any) -> tuple[Result, Result, Result]:
@@ -50,56 +55,60 @@ def runs(**options: Any) -> tuple[Result, Result, Result]:
 
 
 @pytest.mark.parametrize("options", FORMULATIONS)
-def test_events_are_those_of_the_parts_to_the_bit(options: dict[str, Any]) -> None:
+def test_events_are_those_of_the_parts(options: dict[str, Any]) -> None:
+    """To the last digits where the engine is exact or both take the same steps, to the tolerance where it is not."""
     wheels, block, both = runs(**options)
-    assert both.events == sorted([*wheels.events, *block.events], key=lambda event: event.t)
-    for name in ("steps", "rate_calls", "restarts", "solvers", "states"):
-        assert both.stats[name] == wheels.stats[name] + block.stats[name]
-    assert both(SPAN[1]).tolist() == pytest.approx([*wheels(4.0)[:2], *block(4.0)], abs=1e-14)
+    alone = sorted([*wheels.events, *block.events], key=lambda event: event.t)
+    assert [(e.contact, e.before, e.after, e.cause) for e in both.events] == [
+        (e.contact, e.before, e.after, e.cause) for e in alone
+    ]
+    off = max(abs(e.t - a.t) for e, a in zip(both.events, alone, strict=True))
+    assert off <= (1e-12 if exact(options) else 1e-6)
+    end = [*wheels(4.0)[:2], *block(4.0)]
+    assert both(SPAN[1]).tolist() == pytest.approx(end, abs=1e-12 if exact(options) else 1e-6)
 
 
 @pytest.mark.parametrize("dense", [True, False])
-@pytest.mark.parametrize("options", FORMULATIONS[:3])
+@pytest.mark.parametrize("options", FORMULATIONS[:-1])
 def test_outputs_and_what_is_read_by_name(options: dict[str, Any], dense: bool) -> None:
     outputs = np.linspace(*SPAN, 41)
     wheels, block, both = runs(t_eval=outputs, dense_output=dense, **options)
     np.testing.assert_array_equal(both.t, outputs)
+    near = 1e-11 if exact(options) else 1e-6
     for part, bodies, contacts in (
         (wheels, ["wheel1", "wheel2"], ["interface", "brake"]),
         (block, ["block", "belt"], ["c"]),
     ):
         for body in bodies:
-            np.testing.assert_array_equal(both.velocity(body), part.velocity(body))
+            np.testing.assert_allclose(both.velocity(body), part.velocity(body), atol=near)
             if dense:
-                np.testing.assert_allclose(both.position(body), part.position(body), atol=1e-10)
+                np.testing.assert_allclose(both.position(body), part.position(body), atol=10 * near)
         for contact in contacts:
             np.testing.assert_array_equal(both.mode(contact), part.mode(contact))
-            np.testing.assert_allclose(both.force(contact), part.force(contact), atol=1e-8)
-            np.testing.assert_allclose(
-                both.breakaway(contact), part.breakaway(contact), rtol=1e-12, atol=1e-12
-            )
+            np.testing.assert_allclose(both.force(contact), part.force(contact), atol=100 * near)
+            np.testing.assert_allclose(both.breakaway(contact), part.breakaway(contact), atol=100 * near)
 
 
-def test_every_point_and_both_limits_of_events_are_kept(tmp_path: Any) -> None:
-    wheels, block, both = runs()
-    assert set(wheels.t) | set(block.t) <= set(both.t)
+def test_both_limits_of_events_are_kept(tmp_path: Any) -> None:
+    _, _, both = runs()
     for event in both.events:
         assert np.count_nonzero(both.t == event.t) == 2
     assert np.all(both.relative_velocity("interface")[both.mode("interface") == 0] == 0)
     assert np.abs(both.energy().error).max() < 1e-7
     both.save(tmp_path / "both.npz")
     np.testing.assert_array_equal(load(tmp_path / "both.npz").force("brake"), both.force("brake"))
-    assert "2 parts have nothing between them" in explain(BOTH)
 
 
-def test_a_stiff_part_takes_its_steps_alone() -> None:
+def test_a_stiff_part_does_not_spoil_the_others() -> None:
+    """Pre-slip at 1e-4 m/s beside the block, whose events are known to 1e-12 alone: right to the tolerance still."""
     stiff = Scene(
         Body("a", inertia=1.0, velocity=1.0),
         Contact("floor", "a", GROUND, PreSlip(DryFriction(0.3, 0.2), 1e-4), normal=10.0),
         Spring("a", GROUND, stiffness=10.0),
     )
-    alone, both = simulate(stiff, SPAN), simulate(Scene(*stiff.elements, *BLOCK.elements), SPAN)
-    assert both.stats["steps"] == alone.stats["steps"] + simulate(BLOCK, SPAN).stats["steps"]
+    block, both = simulate(BLOCK, SPAN), simulate(Scene(*stiff.elements, *BLOCK.elements), SPAN)
+    found = [event.t for event in both.events if event.contact == "c"]
+    assert found == pytest.approx([event.t for event in block.events], abs=1e-6)
 
 
 def test_a_part_that_fails_leaves_all_up_to_there() -> None:
@@ -120,7 +129,8 @@ def test_a_part_that_fails_leaves_all_up_to_there() -> None:
     assert result.t[-1] == caught.value.t
     assert not result.success
     at = result.t[-1]
-    assert result.velocity("wheel1")[-1] == pytest.approx(simulate(WHEELS, SPAN)(at)[0], abs=1e-12)
+    # a function has no Taylor series: all of it is CVODE's
+    assert result.velocity("wheel1")[-1] == pytest.approx(simulate(WHEELS, SPAN)(at)[0], abs=1e-7)
     assert result.velocity("block")[-1] == pytest.approx(simulate(BLOCK, SPAN)(at)[0], abs=1e-7)
     assert [event.contact for event in result.events].count("interface") == 3
 

@@ -1,6 +1,9 @@
-"""All loads of a scene as one vector: breaks, looking forward and back, curved entries, drives."""
+"""All loads of a scene as one vector: breaks, lines, sines and functions between them, Taylor coefficients, drives."""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -23,11 +26,19 @@ TIMES = sorted({0.0, 0.02, 0.05, 0.1, 0.3, 0.4, 0.45, 0.5, 0.6, 0.99})
 
 
 def values(t: float) -> list[float]:
+    """Right limits of all signals, the slope of the last, and 1."""
     return [*(s(t) for s in SIGNALS), SIGNALS[4].slope(t), 1.0]
 
 
 def loads() -> Loads:
     return Loads(SIGNALS, [4], 0.0, 1.0)
+
+
+def one(load: Signal, start: float = 0.0, stop: float = 2.0) -> Loads:
+    return Loads([load], [], start, stop)
+
+
+# Breaks
 
 
 def test_the_breaks_of_all_signals_each_once() -> None:
@@ -44,20 +55,33 @@ def test_the_next_break() -> None:
     assert q.next_break(0.6, 1.0) == 1.0
 
 
+def test_stretches_run_from_break_to_break() -> None:
+    q = loads()
+    ends = [0.0, *q.breaks, 1.0]
+    for start, stop in zip(ends[:-1], ends[1:], strict=True):
+        for t in (start, 0.5 * (start + stop), math.nextafter(stop, 0)):
+            stretch = q.after(t)
+            assert (stretch.start, stretch.stop) == (start, stop)
+
+
+# Values
+
+
 def test_the_vector_holds_signals_then_rates_then_one() -> None:
     q = loads()
-    assert q.size == 7
-    assert q.curved.tolist() == [2]
-    assert q.complete(0.1).tolist() == pytest.approx(values(0.1), abs=1e-12)
+    assert q.size == 7 and not q.has_functions
+    stretch = q.after(0.1)
+    assert stretch.bent.tolist() == [2] and not stretch.is_straight
+    assert stretch.at(0.1).tolist() == pytest.approx(values(0.1), abs=1e-12)
 
 
 @pytest.mark.parametrize(
     "order", [TIMES, TIMES[::-1], [0.5, 0.02, 0.99, 0.0, 0.4, 0.05, 0.45, 0.1, 0.6, 0.3]]
 )
-def test_the_vector_does_not_depend_on_where_it_was_read_before(order: list[float]) -> None:
+def test_right_limits_whatever_was_read_before(order: list[float]) -> None:
     q = loads()
     for t in order:
-        assert q.complete(t).tolist() == pytest.approx(values(t), abs=1e-12), t
+        assert q.after(t).at(t).tolist() == pytest.approx(values(t), abs=1e-12), t
 
 
 @settings(deadline=None)
@@ -65,50 +89,145 @@ def test_the_vector_does_not_depend_on_where_it_was_read_before(order: list[floa
 def test_the_vector_at_any_times_in_any_order(times: list[float]) -> None:
     q = loads()
     for t in times:
-        np.testing.assert_allclose(q.complete(t), values(t), rtol=1e-12, atol=1e-11)
+        np.testing.assert_allclose(q.after(t).at(t), values(t), rtol=1e-12, atol=1e-11)
 
 
-def test_lines_and_their_slopes_carry_on_to_the_next_break() -> None:
+def test_lines_carry_on_to_the_next_break() -> None:
+    """At the end of a stretch stands the left limit: a step and a corner there belong to the next one."""
     q = loads()
-    q0, q1 = q.at(0.41)
-    assert (q0[2], q1[2]) == (0.0, 0.0)  # a curved entry stands apart
-    ahead = q0 + q1 * 0.08
-    exact = values(0.49)
-    lines = [0, 1, 3, 4, 5, 6]
-    np.testing.assert_allclose(ahead[lines], np.array(exact)[lines], rtol=1e-12)
+    before, after = q.after(0.39).at(0.4), q.after(0.4).at(0.4)
+    assert (before[3], after[3]) == (1.0, -2.0)
+    before, after = q.after(0.49).at(0.5), q.after(0.5).at(0.5)
+    assert before[4] == pytest.approx(1.0, rel=1e-15) and after[4] == 1.0
+    assert (before[5], after[5]) == (2.0, -2.0)
+    assert q.after(0.49).rate(0.5)[[1, 4]].tolist() == [3000.0, 2.0]
+    assert q.after(0.5).rate(0.5)[[1, 4]].tolist() == [-3000.0, -2.0]
 
 
-def test_what_is_shared_cannot_be_written_to() -> None:
-    q = loads()
-    for array in q.at(0.2):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 7.0
-    q.complete(0.2)[2] = 7.0  # a copy, as one entry is curved
-    assert q.complete(0.2).tolist() == pytest.approx(values(0.2), abs=1e-12)
+@settings(deadline=None)
+@given(st.lists(st.floats(0.4, 0.5), min_size=1, max_size=9))
+def test_many_times_of_a_stretch_are_columns(times: list[float]) -> None:
+    stretch = loads().after(0.4)
+    many = stretch.sampled(np.array(times))
+    for column, t in zip(many.T, times, strict=True):
+        np.testing.assert_allclose(column, stretch.at(t), rtol=1e-14, atol=1e-14)
+
+
+def test_sines_are_sharp_late_in_a_long_run() -> None:
+    """Whole turns are dropped before they are multiplied by 2 pi: 0.25 Hz at 1e9 + 1 s is a quarter turn."""
+    stretch = one(sine(3.0, 0.25), 0.0, 2e9).after(1e9 + 1)
+    assert stretch.at(1e9 + 1)[0] == pytest.approx(3.0, rel=1e-15)
+    assert stretch.sampled(np.array([1e9, 1e9 + 3]))[0].tolist() == pytest.approx([0.0, -3.0], abs=1e-14)
 
 
 def test_a_drive_s_acceleration_follows_its_velocity() -> None:
     q = Loads([sine(1.0, 0.5), piecewise_linear([0, 1, 2], [0, 3, 3])], [0, 1], 0.0, 2.0)
-    assert q.curved.tolist() == [0, 2]
-    assert q.complete(0.0).tolist() == pytest.approx([0.0, 0.0, math.pi, 3.0, 1.0])
-    assert q.complete(1.0).tolist() == pytest.approx([0.0, 3.0, -math.pi, 0.0, 1.0], abs=1e-12)
+    assert q.after(0.0).bent.tolist() == [0, 2]
+    assert q.after(0.0).at(0.0).tolist() == pytest.approx([0.0, 0.0, math.pi, 3.0, 1.0])
+    assert q.after(1.0).at(1.0).tolist() == pytest.approx([0.0, 3.0, -math.pi, 0.0, 1.0], abs=1e-12)
+    # and the acceleration's own slope: -pi^2 sin(pi t)
+    assert q.after(0.5).rate(0.5)[2] == pytest.approx(-(math.pi**2), rel=1e-14)
 
 
-def test_curved_entries_at_many_times_are_columns() -> None:
+def test_sums_of_lines_sines_and_functions() -> None:
+    load = sine(1.0, 2.0, phase=0.3, offset=0.5) + piecewise_linear([0, 2], [0, 4]) + signal(math.exp)
+    stretch = one(load).after(0.0)
+    assert stretch.has_functions and stretch.has_waves
+    for t in (0.0, 0.7, 1.9):
+        exact = 0.5 + math.sin(4 * math.pi * t + 0.3) + 2 * t + math.exp(t)
+        assert stretch.at(t)[0] == pytest.approx(exact, rel=1e-14)
+        rate = 4 * math.pi * math.cos(4 * math.pi * t + 0.3) + 2 + math.exp(t)
+        assert stretch.rate(t)[0] == pytest.approx(rate, abs=1e-6)
+
+
+def test_a_normal_force_is_cut_off_at_zero() -> None:
+    """``max(2 sin(2 pi t), 0)`` breaks where the sine changes its sign, and is 0 to the bit between."""
+    q = one(sine(2.0, 1.0).clipped(0.0, 2.0))
+    assert q.breaks == pytest.approx([0.5, 1.0, 1.5], abs=1e-12)
+    assert q.after(0.25).at(0.25)[0] == pytest.approx(2.0) and q.after(0.75).at(0.75)[0] == 0
+    assert not q.has_functions
+
+
+# Taylor coefficients
+
+
+@pytest.mark.parametrize("t", [0.0, 0.03, 0.41, 0.55])
+@pytest.mark.parametrize("scale", [1.0, 1e-3])
+def test_taylor_coefficients_in_closed_form(t: float, scale: float) -> None:
+    """A line has two; ``sin(omega t + phi)`` has ``omega^k sin(omega t + phi + k pi / 2) / k!``."""
+    order, omega = 18, 2 * math.pi * 4.0
+    found = loads().after(t).taylor(t, order, scale)
+    assert len(found) == order + 1
+    table = np.array([np.zeros(7) if part is None else part for part in found])
+    size = (scale * omega) ** np.arange(order + 1) / [math.factorial(k) for k in range(order + 1)]
+    wave = 2.0 * size * np.sin(omega * t + 0.5 * math.pi * np.arange(order + 1))
+    np.testing.assert_allclose(table[:, 2], wave, rtol=1e-13, atol=1e-13 * size.max())
+    lines = [0, 1, 3, 4, 5, 6]
+    np.testing.assert_allclose(table[0, lines], np.array(values(t))[lines], rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(table[1, lines], scale * loads().after(t).rate(t)[lines], rtol=1e-15)
+    assert not table[2:, lines].any()
+
+
+def test_series_of_lines_end_and_say_so() -> None:
+    q = Loads([BRAKE, as_signal(5.0, "")], [], 0.0, 1.0)
+    stretch = q.after(0.07)
+    assert stretch.is_straight and not stretch.is_steady
+    found = stretch.taylor(0.07, 4)
+    assert found[0] is not None and found[1] is not None and found[2:] == [None] * 3
+    assert q.after(0.2).is_steady and q.after(0.2).taylor(0.2, 4)[1:] == [None] * 4
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 1.0, exclude_max=True), st.integers(2, 12))
+def test_magnitudes_bound_the_coefficients(t: float, order: int) -> None:
+    stretch = loads().after(t)
+    for part, size in zip(stretch.taylor(t, order), stretch.magnitudes(t, order), strict=True):
+        if part is not None:
+            assert np.all(np.abs(part) <= size * (1 + 1e-12))
+
+
+# Functions
+
+
+def test_functions_at_many_times_are_columns() -> None:
     q = Loads([sine(1.0, 0.5), as_signal(2, ""), signal(math.sqrt)], [0], 0.0, 2.0)
-    times = np.array([0.25, 0.5, 1.75])
-    assert q.curved.tolist() == [0, 2, 3]
-    many = q.curved_at(times)
-    assert many.shape == (3, 3)
+    times, stretch = np.array([0.25, 0.5, 1.75]), q.after(0.25)
+    assert stretch.bent.tolist() == [0, 2, 3] and stretch.of_functions.tolist() == [2]
+    many = stretch.sampled(times)
+    assert many.shape == (5, 3)
     for column, t in zip(many.T, times, strict=True):
-        np.testing.assert_allclose(column, q.curved_at(float(t)), rtol=1e-15, atol=1e-16)
+        np.testing.assert_allclose(column, stretch.at(float(t)), rtol=1e-15, atol=1e-15)
 
 
 def test_functions_are_called_within_the_span_only() -> None:
-    q = Loads([signal(math.sqrt), signal(lambda t: math.sqrt(2.0 - t))], [1], 0.0, 2.0)
+    called: list[float] = []
+
+    def noted(function: Callable[[float], float]) -> Callable[[float], float]:
+        def load(t: float) -> float:
+            called.append(t)
+            return function(t)
+
+        return load
+
+    rising, falling = noted(math.sqrt), noted(lambda t: math.sqrt(2.0 - t))
+    q = Loads([signal(rising), signal(falling)], [1], 0.0, 2.0)
+    stretch = q.after(0.0)
     for t in (0.0, 1.0, 2.0):
-        assert np.isfinite(q.complete(t)).all()
-    assert np.isfinite(q.curved_at(np.array([-1e-5, 2.0 + 1e-5]))).all()
+        assert np.isfinite(stretch.at(t)).all() and np.isfinite(stretch.rate(t)).all()
+    assert np.isfinite(stretch.sampled(np.array([0.0, 2.0]))).all()
+    assert np.isfinite(stretch.magnitudes(0.0, 2)).all()
+    assert called and 0.0 <= min(called) and max(called) <= 2.0
+
+
+def test_a_function_counts_with_its_left_limit_at_the_end_of_its_stretch() -> None:
+    load = signal(lambda t: 1.0 if t < 0.5 else 7.0, breaks=[0.5])
+    q = one(load)
+    assert q.breaks == [0.5]
+    assert q.after(0.2).at(0.5)[0] == 1.0 and q.after(0.2).sampled(np.array([0.5]))[0, 0] == 1.0
+    assert q.after(0.5).at(0.5)[0] == 7.0
+
+
+# Time scales
 
 
 def test_the_period_is_the_shortest() -> None:
@@ -124,14 +243,17 @@ def test_a_slow_sine_does_not_hide_that_a_function_is_unknown() -> None:
 
 def test_fixed_steps_read_every_load_and_stop_at_none() -> None:
     q = Loads(SIGNALS, [4], 0.0, 1.0, stepped=True)
-    assert q.breaks == []
-    assert q.curved.tolist() == [1, 2, 3, 4, 5]
+    assert q.breaks == [] and q.has_functions
     assert math.isfinite(q.period)
+    stretch = q.after(0.0)
+    assert (stretch.start, stretch.stop) == (0.0, 1.0)
+    assert stretch.bent.tolist() == [1, 2, 3, 4, 5]
     for t in (0.6, 0.1):
-        np.testing.assert_allclose(q.complete(t), values(t), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(stretch.at(t), values(t), rtol=1e-12, atol=1e-12)
 
 
 def test_a_scene_without_loads() -> None:
     q = Loads([], [], 0.0, 1.0)
-    assert q.complete(0.5).tolist() == [1.0]
-    assert q.curved.size == 0
+    stretch = q.after(0.5)
+    assert stretch.at(0.5).tolist() == [1.0]
+    assert stretch.is_straight and stretch.is_steady and stretch.bent.size == 0

@@ -30,6 +30,11 @@ from stickslip import (
     sine,
     triangle,
 )
+from stickslip.engines import ida, linear_solver
+from stickslip.engines.series import Series
+from stickslip.equations import balance, system
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
 
 LAW = DryFriction(mu_static=0.5, mu_coulomb=0.4)
 
@@ -217,12 +222,13 @@ def test_the_state_after_a_root_is_projected() -> None:
 
 
 @pytest.mark.slow
-def test_many_events_are_neither_mixed_nor_slow() -> None:
+@pytest.mark.parametrize(("method", "work"), [("BDF", "guard_calls"), ("series", "steps")])
+def test_many_events_are_neither_mixed_nor_slow(method: str, work: str) -> None:
     """Records of events grow on a shared function: hundreds of events cost no more than few, each."""
     scene = Scene(*block(sine(20.0, 1.0), 10.0, DryFriction(0.4, 0.4)).elements)
-    few, many = simulate(scene, (0.0, 10.0)), simulate(scene, (0.0, 100.0))
+    few, many = (simulate(scene, (0.0, stop), method=method) for stop in (10.0, 100.0))
     assert len(many.events) > 8 * len(few.events) > 100
-    assert many.stats["guard_calls"] / len(many.events) < 1.5 * few.stats["guard_calls"] / len(few.events)
+    assert 0 < many.stats[work] / len(many.events) < 1.5 * few.stats[work] / len(few.events)
     assert many.stats["solvers"] < len(many.events) / 10
     np.testing.assert_allclose(times(many)[: len(few.events)], times(few), atol=1e-6)
 
@@ -338,13 +344,12 @@ def test_locked_motions_are_no_singular_system() -> None:
 
 def test_modes_that_flip_without_end_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Should time ever stand still, the contacts concerned are named instead of hanging."""
-    from stickslip import engine
 
-    def no_progress(self: Any, segment: Any, horizon: float) -> engine.Reached:
-        return engine.Reached(np.zeros(1), segment.y[None, :].copy(), True)
+    def no_progress(self: Any, motion: Motion, guards: Any, horizon: float) -> Path:
+        return Path(np.zeros(2), motion.y[None, None, :].copy(), motion.y, hit=True)
 
-    monkeypatch.setattr(engine.Engine, "advance", no_progress)
-    with pytest.raises(SimulationError, match="progress"):
+    monkeypatch.setattr(Series, "advance", no_progress)
+    with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
         simulate(block(piecewise_linear([0, 1], [0, 10]), velocity=1.0), (0.0, 1.0))
 
 
@@ -422,9 +427,9 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
 
     assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
     monkeypatch.setattr("stickslip.model.laws.kernels._STEEPEST", 0.0)
-    monkeypatch.setattr("stickslip.simulation.simulate._HITS_BETWEEN_LOOKS", 100)
+    monkeypatch.setattr("stickslip.simulation.run._HITS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
-        # another scene: equal ones share their equations
+        # another scene: the first one has its law compiled already
         simulate(scene(0.1), (0.0, 20.0))
 
 
@@ -537,26 +542,29 @@ def chain(count: int, springs: bool) -> Scene:
     return Scene(*elements)
 
 
-LARGE = {
-    "no springs": (False, {}),
-    "band": (True, {"_NARROW": 2.0}),
-    "sparse": (True, {"_NARROW": 0.0, "_DENSE_AT_MOST": 0}),
+LARGE: dict[str, tuple[bool, dict[str, Any], dict[str, float]]] = {
+    "series": (True, {"method": "series"}, {}),
+    "straight lines": (False, {}, {}),
+    "band": (True, {"method": "BDF"}, {"_NARROW": 2.0}),
+    "sparse": (True, {"method": "BDF"}, {"_NARROW": 0.0, "_DENSE_AT_MOST": 0}),
+    "multiplier": (True, {"formulation": "multiplier"}, {}),
 }
 
 
 @pytest.mark.parametrize("kind", LARGE)
 def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """Sparse matrices, bands and trees instead of dense ones: the same motion."""
-    from stickslip import assembly, grouping, linear_solver
-
-    springs, limits = LARGE[kind]
-    scene = chain(14, springs)
-    results = [simulate(scene, (0.0, 1.5))]
-    for module, name in ((assembly, "_DENSE_LIMIT"), (linear_solver, "_DENSE_LIMIT"), (grouping, "_SMALL")):
-        monkeypatch.setattr(module, name, 0)
+    springs, options, limits = LARGE[kind]
+    results = [simulate(chain(14, springs), (0.0, 1.5), **options)]
+    assert not results[0].trajectory.system.sparse
+    for module in (system, linear_solver, ida):
+        monkeypatch.setattr(module, "_DENSE_LIMIT", 0)
+    monkeypatch.setattr(balance, "_SMALL", 0)
     for name, value in limits.items():
         monkeypatch.setattr(linear_solver, name, value)
-    results.append(simulate(scene, (0.0, 1.5)))
+    scene = chain(14, springs)  # a new one: the first one is compiled already
+    results.append(simulate(scene, (0.0, 1.5), **options))
+    assert results[1].trajectory.system.sparse
     small, large = results
     assert told(small) == told(large) and len(small.events) > 15
     np.testing.assert_allclose(times(large), times(small), atol=1e-9)

@@ -137,10 +137,11 @@ def _stiff(repeats: int) -> Iterator[Line]:
 def _fastest(result: Result) -> float:
     """Return the largest eigenvalue of the Jacobian at the computed points."""
     worst = 0.0
-    for piece in result._pieces:
-        segment = piece.segment()
-        for tau, y in zip(piece.taus.tolist(), piece.states, strict=True):
-            worst = max(worst, float(np.abs(np.linalg.eigvals(segment.jacobian(tau, y))).max()))
+    for number, piece in enumerate(result.trajectory.pieces):
+        motion = result.trajectory.motion(number)
+        assert piece.path is not None
+        for tau, y in zip(piece.path.taus.tolist(), piece.path.points, strict=True):
+            worst = max(worst, float(np.abs(np.linalg.eigvals(motion.jacobian(tau, y))).max()))
     return worst
 
 

@@ -21,7 +21,7 @@ from unittest import mock
 import numpy as np
 
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate
-from stickslip.recorder import Recorder
+from stickslip.simulation.recorder import Recorder
 from validation.rows import Answer, Array, Row, require
 
 BELT, STIFFNESS, NORMAL, LAW = 0.2, 10.0, 10.0, DryFriction(0.35, 0.2)

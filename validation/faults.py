@@ -24,10 +24,10 @@ from stickslip import (
     Scene,
     SimulationError,
     Spring,
-    friction,
     signal,
     simulate,
 )
+from stickslip.model.laws import kernels
 from validation.rows import Row, Tried, Wrong, require
 from validation.tried import try_each
 
@@ -126,7 +126,7 @@ def storming() -> Result:
         Contact("sole", "block", "belt", law, normal=10.0),
         Spring("block", GROUND, stiffness=20.0),
     )
-    with mock.patch.object(friction, "_STEEPEST", 0.0):
+    with mock.patch.object(kernels, "_STEEPEST", 0.0):
         return simulate(scene, (0.0, 20.0))
 
 

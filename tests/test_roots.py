@@ -1,0 +1,187 @@
+"""First roots of polynomials on (0, 1]: as numpy finds them, none missed, none made up, tangencies to the last digit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.polynomial import polynomial
+
+from stickslip.engines.roots import first_root, may_vanish
+
+Array = np.ndarray
+
+
+def from_roots(*roots: complex, sign: float = 1.0) -> Array:
+    """A polynomial with these roots that is positive at 0, largest coefficient 1."""
+    c = polynomial.polyfromroots(roots).real
+    return sign * c / (np.sign(c[0]) * np.abs(c).max())
+
+
+def by_numpy(c: Array) -> list[float]:
+    """Roots in (0, 1], the first one first."""
+    found = polynomial.polyroots(c)
+    return sorted(r.real for r in found if abs(r.imag) < 1e-9 and 0 < r.real <= 1)
+
+
+def suspected(c: Array) -> bool:
+    return may_vanish(c[:, None]).size == 1
+
+
+# Simple roots
+
+
+@pytest.mark.parametrize("root", [1e-9, 1e-3, 0.1, 0.5, 0.999, 1.0 - 1e-9])
+@pytest.mark.parametrize("others", [(), (1.5,), (-0.3, 2.0), (1 + 1j, 1 - 1j), (0.5 + 1j, 0.5 - 1j, 3.0)])
+def test_one_root(root: float, others: tuple[complex, ...]) -> None:
+    c = from_roots(root, *others)
+    assert suspected(c)
+    assert first_root(c) == pytest.approx(root, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("distance", [0.3, 1e-2, 1e-4])
+def test_the_first_of_two_roots(distance: float) -> None:
+    """A double crossing leaves the signs at both ends equal."""
+    for first in (0.05, 0.4, 0.6):
+        c = from_roots(first, first + distance, -2.0)
+        assert c[0] > 0 and c.sum() > 0 and suspected(c)
+        assert first_root(c) == pytest.approx(first, abs=1e-15 / distance)
+
+
+def test_the_first_of_many_roots() -> None:
+    c = from_roots(*(0.1 * k for k in range(1, 8)))
+    assert first_root(c) == pytest.approx(0.1, rel=1e-10)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=19))
+def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float]) -> None:
+    c = np.array(values)
+    c[0] = abs(c[0])
+    assume(c[0] > 1e-3)
+    found = first_root(c)
+    samples = polynomial.polyval(np.linspace(0.0, 1.0, 2001), c)
+    if found is None:
+        # nothing was missed
+        assert samples.min() > -1e-14 * np.abs(c).sum()
+    else:
+        assert 0 < found <= 1 and suspected(c)
+        noise = 1e-14 * np.abs(c).sum()
+        assert abs(polynomial.polyval(found, c)) < noise
+        assert polynomial.polyval(np.linspace(0.0, found, 501), c).min() > -noise
+    roots = by_numpy(c)
+    clear = [r for r in roots if abs(polynomial.polyval(r, polynomial.polyder(c))) > 1e-3]
+    if found is not None and roots and clear == roots:
+        assert found == pytest.approx(roots[0], abs=1e-9)
+    if not suspected(c):
+        assert found is None and samples.min() >= 0
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(1, 18), st.integers(0, 2**32 - 1))
+def test_series_of_high_order_that_die_away(order: int, seed: int) -> None:
+    """As Taylor series do: coefficients that fall from order to order."""
+    c = np.random.default_rng(seed).normal(size=order + 1) / 2.0 ** np.arange(order + 1)
+    c[0] = abs(c[0])
+    found = first_root(c)
+    samples = polynomial.polyval(np.linspace(0.0, 1.0, 4001), c)
+    below = np.flatnonzero(samples < 0)
+    if below.size:
+        assert found is not None
+        assert (below[0] - 1) / 4000 - 1e-12 <= found <= below[0] / 4000 + 1e-12
+    elif found is not None:
+        # it dips between two samples
+        assert abs(polynomial.polyval(found, c)) < 1e-14
+
+
+# Double roots
+
+
+@pytest.mark.parametrize("place", [0.2, 0.5, 0.77, 0.9])
+@pytest.mark.parametrize("gap", [1e-2, 1e-6, 1e-10, 1e-13])
+def test_a_minimum_just_above_zero_has_no_root(place: float, gap: float) -> None:
+    c = np.array([place**2 + gap, -2 * place, 1.0])
+    assert first_root(c) is None
+
+
+@pytest.mark.parametrize("place", [0.2, 0.5, 0.77, 0.9])
+@pytest.mark.parametrize("depth", [1e-2, 1e-6, 1e-10, 1e-13])
+def test_a_minimum_just_below_zero_has_one(place: float, depth: float) -> None:
+    """``(s - p)^2 = d`` first at ``p - sqrt(d)``, to the roundoff of d."""
+    c = np.array([place**2 - depth, -2 * place, 1.0])
+    assert suspected(c)
+    assert first_root(c) == pytest.approx(place - depth**0.5, abs=1e-15 / depth**0.5)
+
+
+@pytest.mark.parametrize("place", [0.25, 0.5, 0.75])
+def test_a_polynomial_that_touches_zero_has_none(place: float) -> None:
+    """Exact in binary: the minimum is 0 to the bit."""
+    assert first_root(np.array([place**2, -2 * place, 1.0])) is None
+    assert first_root(np.convolve([place**2, -2 * place, 1.0], [1.0, 1.0])) is None
+
+
+@pytest.mark.parametrize("place", [0.3, 0.6, 0.9])
+def test_a_touch_to_roundoff_counts_as_none(place: float) -> None:
+    found = first_root(np.array([place**2, -2 * place, 1.0]))
+    assert found is None or found == pytest.approx(place, abs=3e-8)
+
+
+@pytest.mark.parametrize("place", [0.25, 0.5])
+def test_a_crossing_after_a_touch_is_found(place: float) -> None:
+    c = np.convolve([place**2, -2 * place, 1.0], [0.875, -1.0])
+    assert first_root(c) == pytest.approx(0.875, rel=1e-12)
+
+
+def test_a_triple_root_crosses() -> None:
+    # to the cube root of roundoff
+    assert first_root(np.array([0.125, -0.75, 1.5, -1.0])) == pytest.approx(0.5, abs=3e-5)
+
+
+# Ends and trifles
+
+
+def test_a_root_at_the_end_belongs_to_the_step_to_come() -> None:
+    """A polynomial that comes to 0 at 1 and not below is not negative; one that is below there has crossed."""
+    assert first_root(np.array([1.0, -1.0])) is None
+    assert first_root(np.array([1.0, -1.0 - 1e-12])) == pytest.approx(1.0, abs=2e-12)
+
+
+def test_no_root() -> None:
+    for c in ([1.0], [1.0, 0.0, 0.0], [1.0, 2.0], [1.0, -0.5], [0.3, 0.0, 1.0], [1.0, -1.0, 0.5]):
+        assert first_root(np.array(c)) is None
+
+
+def test_what_leaves_zero_upwards_has_no_root_there() -> None:
+    assert first_root(np.array([0.0, 1.0])) is None
+    assert first_root(np.array([0.0, 1.0, -2.0])) == pytest.approx(0.5, rel=1e-14)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e300])
+def test_sizes_do_not_matter(size: float) -> None:
+    assert first_root(size * np.array([1.0, -3.0, 1.0])) == pytest.approx((3 - 5**0.5) / 2, rel=1e-14)
+
+
+def test_columns_that_cannot_vanish_are_left_out() -> None:
+    c = np.array(
+        [
+            [1.0, 1.0, 1.0, 0.5, 1.0],
+            [0.0, -2.0, -0.9, -1.0, -3.0],
+            [0.0, 0.0, -0.05, 1.0, 3.0],
+        ]
+    )
+    # 0.5 - s + s^2 = (s - 1/2)^2 + 1/4, 1 - 3 s + 3 s^2 = 3 (s - 1/2)^2 + 1/4: their Bernstein coefficients tell
+    assert may_vanish(c).tolist()[:1] == [1]
+    assert 0 not in may_vanish(c) and 2 not in may_vanish(c)
+    assert may_vanish(c[:, [0, 2]]).size == 0
+
+
+@settings(deadline=None)
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_a_column_left_out_is_positive(order: int, seed: int) -> None:
+    c = np.random.default_rng(seed).uniform(-1, 1, (order + 1, 20))
+    c[0] = np.abs(c[0]) + 0.5
+    close = may_vanish(c)
+    left_out = np.setdiff1d(np.arange(20), close)
+    values = polynomial.polyval(np.linspace(0.0, 1.0, 201), c[:, left_out])
+    assert values.min(initial=1.0) > 0
