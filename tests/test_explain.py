@@ -50,7 +50,6 @@ def test_positions_are_where_springs_act():
     assert line_of(text, "States:") == "States: 3"
     assert line_of(text, "1 position") == "  1 position, where springs act: a"
     assert "Contacts: none" in text
-    assert "Parts: 2 parts" in text
 
 
 def test_contacts_that_vanish_are_named_with_the_reason():

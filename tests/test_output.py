@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from references import NAMES, load
 
+import stickslip
 from stickslip import (
     GROUND,
     Body,
@@ -53,7 +54,7 @@ def test_a_saved_reference_comes_back_to_the_bit(name, tmp_path):
     scene = load(name).scene
     result = simulate(scene, (0.0, 2.0))
     output.save(result, tmp_path / "result.npz")
-    same(result, output.load(tmp_path / "result.npz"), np.linspace(0.0, 2.0, 101))
+    same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 2.0, 101))
 
 
 @pytest.mark.parametrize(
@@ -69,7 +70,7 @@ def test_a_saved_reference_comes_back_to_the_bit(name, tmp_path):
 def test_every_way_to_simulate_comes_back(options, tmp_path):
     result = simulate(flywheel_benchmark(), (0.0, 1.0), **options)
     output.save(result, tmp_path / "result.npz")
-    same(result, output.load(tmp_path / "result.npz"), np.linspace(0.0, 1.0, 101))
+    same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 1.0, 101))
 
 
 @pytest.mark.parametrize(
@@ -85,13 +86,13 @@ def test_other_laws_and_curved_loads_come_back(law, tmp_path):
     )
     result = simulate(scene, (0.0, 0.5))
     output.save(result, tmp_path / "result.npz")
-    same(result, output.load(tmp_path / "result.npz"), np.linspace(0.0, 0.5, 11))
+    same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 0.5, 11))
 
 
 def test_a_sparse_result_without_dense_output_comes_back(tmp_path):
     result = simulate(flywheel_benchmark(), (0.0, 4.0), t_eval=[0.0, 0.48, 3.0], dense_output=False)
     output.save(result, tmp_path / "result.npz")
-    back = output.load(tmp_path / "result.npz")
+    back = stickslip.load(tmp_path / "result.npz")
     assert np.array_equal(back.y, result.y)
     assert np.array_equal(back.force("brake"), result.force("brake"))
     with pytest.raises(ValueError, match="dense_output=True"):
@@ -113,21 +114,21 @@ def test_code_is_asked_for(tmp_path):
     result = simulate(scene, (0.0, 1.0))
     output.save(result, tmp_path / "r.npz")
     with pytest.raises(ValueError, match=r"holds code that no file can; give load\(path, scene=...\)"):
-        output.load(tmp_path / "r.npz")
-    same(result, output.load(tmp_path / "r.npz", scene), np.linspace(0.0, 1.0, 11))
+        stickslip.load(tmp_path / "r.npz")
+    same(result, stickslip.load(tmp_path / "r.npz", scene), np.linspace(0.0, 1.0, 11))
     with pytest.raises(ValueError, match="the motion of another scene"):
-        output.load(tmp_path / "r.npz", flywheel_benchmark())
+        stickslip.load(tmp_path / "r.npz", flywheel_benchmark())
 
 
 def test_other_files_are_refused(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.arange(3))
     with pytest.raises(ValueError, match="not written by stickslip's save"):
-        output.load(tmp_path / "other.npz")
+        stickslip.load(tmp_path / "other.npz")
     (tmp_path / "text").write_text("no archive")
     with pytest.raises(ValueError, match="not written by stickslip's save"):
-        output.load(tmp_path / "text")
+        stickslip.load(tmp_path / "text")
     with pytest.raises(FileNotFoundError):
-        output.load(tmp_path / "none.npz")
+        stickslip.load(tmp_path / "none.npz")
 
 
 def test_csv_has_every_digit(blocks, tmp_path):

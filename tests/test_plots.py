@@ -393,8 +393,8 @@ def test_axes_given_are_the_axes_returned(wheels):
 def test_study_drawings_are_here_too():
     from stickslip.plots import studies
 
-    assert plots.work_precision is plots_study.work_precision
-    assert plots.sweep_map is plots_study.sweep_map
+    assert plots.work_precision is studies.work_precision
+    assert plots.sweep_map is studies.sweep_map
 
 
 def test_every_label_is_text_that_the_font_has(chain, blocks):

@@ -63,14 +63,14 @@ def test_reference(name: str, method: str) -> None:
         np.testing.assert_allclose(positions.T, x, rtol=0, atol=1e-6 * max(1.0, float(np.abs(x).max())))
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", ["flywheels-2", "flywheels-4", "star"])
-def test_reference_without_springs_is_exact(name: str, method: str) -> None:
-    """Where the motion is quadratic in time there is nothing to integrate, and only roundoff is left."""
+@pytest.mark.parametrize("name", NAMES)
+def test_reference_by_series_is_exact(name: str) -> None:
+    """The default engine leaves nothing but roundoff, with springs and without."""
     reference = load(name)
-    result = simulate(reference.scene, (0.0, reference.stop), method=method, t_eval=reference.t)
+    result = simulate(reference.scene, (0.0, reference.stop), t_eval=reference.t)
+    assert result.stats["engine"] == "Taylor series"
     exact = [event[0] for event in reference.events]
-    np.testing.assert_allclose(times(result), exact, rtol=0, atol=1e-14 * reference.stop)
+    np.testing.assert_allclose(times(result), exact, rtol=0, atol=3e-14 * max(1.0, reference.stop))
     velocities = np.array([result.velocity(body) for body in reference.bodies])
     np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-13)
 
@@ -81,7 +81,7 @@ def test_tolerances_buy_accuracy(name: str) -> None:
     exact = np.array([event[0] for event in reference.events])
     errors = []
     for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
-        result = simulate(reference.scene, (0.0, reference.stop), rtol=rtol, atol=rtol * 1e-2)
+        result = simulate(reference.scene, (0.0, reference.stop), method="BDF", rtol=rtol, atol=rtol * 1e-2)
         assert changes(result) == [event[1:] for event in reference.events]
         errors.append(float(np.abs(np.array(times(result)) - exact).max()))
     assert errors[3] < 1e-8 * reference.stop
@@ -178,7 +178,9 @@ def test_relaxation_margin_is_the_velocity_found_at(margin: float) -> None:
     (event,) = result.events
     assert event.cause == "relaxation"
     first = result.t.searchsorted(event.t, side="left")
-    assert 0 < result.relative_velocity("c")[first] <= margin < result.relative_velocity("c")[first - 1]
+    # the velocities of the two bodies are of the order of 1: their difference has the roundoff of these
+    assert 0 < result.relative_velocity("c")[first] <= margin + 1e-15
+    assert margin < result.relative_velocity("c")[first - 1]
 
 
 def test_without_a_velocity_margin_relaxation_is_never_found() -> None:

@@ -119,7 +119,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
                 return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
 
             left = float(path.taus[k - 1])
-            entry = float(brentq(beyond, left, tau)) if beyond(left) > 0 > beyond(tau) else tau
+            entry = float(brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15)) if beyond(left) > 0 > beyond(tau) else tau
             if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
                 return entry if entry > 0 else tau
             continue

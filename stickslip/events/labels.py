@@ -55,13 +55,21 @@ def label(
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
     may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
     if (is_open & may_rest).any():
-        named = _to_come(motion, named, w, resting, may_rest, quiet, blur)
+        sign = np.zeros(w.size, dtype=np.int8) if before is None else before
+        named = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
     shown = np.where(is_open, named, np.where(modes >= AT_HIGH, 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8)
 
 
 def _to_come(
-    motion: Motion, named: Array, w: Array, resting: Mask, may_rest: Mask, quiet: float, blur: float
+    motion: Motion,
+    named: Array,
+    w: Array,
+    resting: Mask,
+    may_rest: Mask,
+    before: Modes,
+    quiet: float,
+    blur: float,
 ) -> Array:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
     is_open = motion.equations.modes == OPEN
@@ -69,9 +77,23 @@ def _to_come(
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
-    named = np.where(resting, to_come, named)
+    # a velocity that has died away keeps its sign, but where held rows leave nothing to come
+    kept = (to_come == 0) & (before != 0) & ~_locked(motion)
+    named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
+
+
+def _locked(motion: Motion) -> Mask:
+    """Tell which rows cannot move because held ones lock the same motion."""
+    system, equations = motion.system, motion.equations
+    if not equations.held.size:
+        return np.zeros(system.m, dtype=bool)
+    free = abs(system.G @ equations.balance.T).max(axis=1)
+    if system.drives:
+        free = free + abs(system.G @ equations.balance.U + system.D).max(axis=1)
+    dense = free.toarray().ravel() if hasattr(free, "toarray") else free
+    return np.asarray(dense <= 1e-11)
 
 
 def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:

@@ -10,8 +10,9 @@ from scipy import sparse
 
 from stickslip.equations.book import Book
 from stickslip.equations.system import System
-from stickslip.results.samples import Samples, integrated
 from stickslip.model.scene import Damper, Scene, Spring
+from stickslip.results.outcome import Outcome
+from stickslip.results.samples import Samples, integrated
 
 __all__ = ["EnergyLedger", "energy"]
 
@@ -86,20 +87,21 @@ class EnergyLedger:
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
 
 
-def energy(samples: Samples) -> EnergyLedger:
-    """Return the energy ledger of a motion at the times of samples.
+def energy(result: Outcome) -> EnergyLedger:
+    """Return the energy ledger of a result at its times.
 
     Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation.
 
     Parameters
     ----------
-    samples : Samples
+    result : Outcome
 
     Raises
     ------
     ValueError
         If only the requested outputs were kept.
     """
+    samples = result.samples
     if samples.t.size and not samples.trajectory.is_dense:
         raise ValueError(
             "energy: the points between the outputs were not kept, so no power can be integrated; "

@@ -13,12 +13,12 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.laws.dry_friction import DryFriction, Law
-from stickslip.model.modes import Mode
 from stickslip.model.laws.regularized import Karnopp, PreSlip
-from stickslip.results.outcome import Event, Outcome
-from stickslip.results.samples import Samples
+from stickslip.model.modes import Mode
 from stickslip.model.scene import Contact, Scene
 from stickslip.model.signal_makers import Constant, as_signal
+from stickslip.results.outcome import Event, Outcome
+from stickslip.results.samples import Samples
 
 __all__ = ["explain_result", "explain_scene", "span_of"]
 
@@ -164,7 +164,7 @@ def _loads(system: System, loads: Loads) -> list[str]:
     curved = sum(signal.period is not None for signal in (*system.normals, *system.others))
     if curved:
         period = f", shortest period {loads.period:g} s" if math.isfinite(loads.period) else ""
-        lines.append(f"  {_count(curved, 'load')} not piecewise linear{period}")
+        lines.append(f"  {_count(curved, 'load entry')} not piecewise linear{period}")
     elif times:
         lines.append("  piecewise linear: rates, forces and guards are affine between stops")
     return lines

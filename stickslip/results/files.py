@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory
-from stickslip.model.scene import Scene
 
 __all__ = ["Kept", "columns", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
 

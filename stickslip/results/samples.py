@@ -6,7 +6,7 @@ than asking for one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import Any
@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
 from stickslip.equations.system import System
-from stickslip.results.trajectory import Trajectory, by_piece
+from stickslip.model.laws.kernels import LINEAR
 from stickslip.model.scene import GROUND, Body, Drive, Scene
+from stickslip.results.trajectory import Trajectory, by_piece
 
 __all__ = ["Samples", "integrated"]
 
@@ -142,15 +143,17 @@ class Samples:
         return np.zeros_like(self.t) if body == GROUND else self._velocity(i)
 
     def _velocity(self, i: int) -> Array:
-        return self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+        found: Array = self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+        return found
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
         i = self.body(body)
         state = self.system.position_state.get(i)
         if state is not None:
-            return self.y[state]
-        return np.zeros_like(self.t) if body == GROUND else self._positions[i]
+            found: Array = self.y[state]
+            return found
+        return np.zeros_like(self.t) if body == GROUND else np.asarray(self._positions[i])
 
     def force(self, row: str) -> Array:
         """Return the friction force r of a row, in N or N m (-r acts on its body a)."""
@@ -162,7 +165,7 @@ class Samples:
 
     def mode(self, row: str) -> Modes:
         """Return the mode of a row: -1, 0 or +1."""
-        return self._read(self.row(row), lambda tables: tables.modes).astype(np.int8)
+        return np.asarray(self._read(self.row(row), lambda tables: tables.modes), dtype=np.int8)
 
     def levels(self, row: str) -> tuple[Array, Array]:
         """Return the breakaway levels of a row forward and backward, both positive, in N or N m."""
@@ -184,10 +187,10 @@ class Samples:
 
     # -- all rows at once ---------------------------------------------------------------------------------
 
-    def _read(self, j: int, table: Callable[[Tables], Any]) -> Any:
+    def _read(self, j: int, table: Callable[[Tables], NDArray[Any]]) -> NDArray[Any]:
         system = self.system
         if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
-            return table(self.tables)[j]
+            return np.asarray(table(self.tables)[j])
         parts = [np.array(table(block._computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
         return np.concatenate(parts)
 
@@ -201,35 +204,66 @@ class Samples:
         return self._computed()
 
     def _computed(self) -> Tables:
-        """Evaluate the inputs piece by piece, and all that is linear in them once for each set of modes."""
+        """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
         m, count = system.m, self.t.size
-        q = np.empty((system.inputs + system.dwelling.size, count))
-        forces, modes = np.zeros((m, count)), np.empty((m, count), dtype=np.int8)
+        q = trajectory.inputs(self.piece_of, self.taus)
+        normals = np.maximum(q[:m], 0.0)
+        inner, shown = np.empty((2, m, count), dtype=np.int8)
         slow = (system.dwell > 0).nonzero()[0]
         since = np.empty((slow.size, count))
-        sets: dict[bytes, list[Indices | slice]] = {}
         for number, chosen in by_piece(self.piece_of):
-            motion, piece = trajectory.motion(number), trajectory.pieces[number]
-            taus = self.taus[chosen]
-            q[:, chosen] = motion.inputs(taus)
-            modes[:, chosen] = piece.labels[:, None]
+            piece = trajectory.pieces[number]
+            inner[:, chosen], shown[:, chosen] = piece.modes[:, None], piece.labels[:, None]
             since[:, chosen] = piece.since[slow, None]
-            if motion.has_law:
-                forces[:, chosen] = motion.row_forces(taus, self.y[:, chosen])
-            else:
-                sets.setdefault(piece.modes.tobytes(), []).append(chosen)
-            free = motion.equations.free
-            if free.size:
-                w = system.relative_velocity(self.y[:, chosen], q[:, chosen])
-                modes[free[:, None], np.arange(count)[chosen]] = system.sign_of(w)[free]
-        for key, places in sets.items():
-            some = _joined(places, count)
-            forces[:, some] = _forces(system.equations(key), self.y[:, some], q[:, some])
-        normals = np.maximum(q[:m], 0.0)
-        upper, lower = self._levels(normals, modes, slow, since)
+        free = (inner == FREE).any(axis=1).nonzero()[0]
+        if free.size:
+            w = system.relative_velocity(self.y, q)
+            shown[free] = np.where(inner[free] == FREE, system.sign_of(w)[free], shown[free])
+        upper, lower = self._levels(normals, shown, slow, since)
+        forces = self._moving(inner, normals, upper, lower)
+        self._hold(q, forces)
         inputs = q[system.first_force : system.first_acceleration].copy()
-        return Tables(forces, upper, lower, normals, modes, inputs)
+        return Tables(forces, upper, lower, normals, shown, inputs)
+
+    def _moving(self, modes: Modes, normals: Array, upper: Array, lower: Array) -> Array:
+        """Return the forces of all rows that are not held; those of held ones are left 0."""
+        system = self.system
+        coulomb = np.where(modes < 0, system.mu_c[1][:, None], system.mu_c[0][:, None])
+        forces = np.where(np.abs(modes) == 1, modes * coulomb * normals, 0.0)
+        forces = np.where(modes == AT_HIGH, upper, np.where(modes == AT_LOW, -lower, forces))
+        c = system.coefficients
+        curved, banded = c.curved[:, None], (c.kind == LINEAR)[:, None]
+        acting = (curved & (np.abs(modes) == 1)) | (modes == FREE) | (banded & (modes == 0))
+        at = acting.any(axis=0)
+        if at.any():
+            for _, chosen in self._by_modes():
+                for number, some in chosen:
+                    if at[some].any():
+                        own = self.trajectory.motion(number)
+                        rows = np.ix_(own.equations.acting, np.arange(self.t.size)[some])
+                        forces[rows] = own.acting_forces(self.taus[some], self.y[:, some])
+        return forces
+
+    def _by_modes(self) -> Iterable[tuple[bytes, list[tuple[int, Indices | slice]]]]:
+        """Return the pieces of each set of modes: its equations are built once."""
+        groups: dict[bytes, list[tuple[int, Indices | slice]]] = {}
+        for number, chosen in by_piece(self.piece_of):
+            key = self.trajectory.pieces[number].modes.tobytes()
+            groups.setdefault(key, []).append((number, chosen))
+        return groups.items()
+
+    def _hold(self, q: Array, forces: Array) -> None:
+        """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
+        system = self.system
+        for held, chosen in self.trajectory.by_held(self.piece_of):
+            rows = np.frombuffer(held, dtype=bool).nonzero()[0]
+            own = q[:, chosen]
+            pushes = system.C @ self.y[:, chosen] + system.Q @ own - system.GT @ forces[:, chosen]
+            balance = self.trajectory.balance(held)
+            drives = system.drive_accelerations(own)
+            rest = balance.held_forces(pushes, balance.accelerations(pushes, drives), drives)
+            forces[np.ix_(rows, np.arange(self.t.size)[chosen])] = rest
 
     def _levels(self, normals: Array, modes: Modes, slow: Indices, since: Array) -> tuple[Array, Array]:
         """Return the breakaway levels: static coefficients less what their dwell has not yet raised."""
@@ -239,9 +273,8 @@ class Samples:
         if slow.size:
             static, least = system.mu_s[:, slow, None], coulomb[:, slow, None]
             lag = np.exp(-(self.t - since) / system.dwell[slow, None])
-            levels[:, slow] = (
-                np.where(modes[slow] == 0, static - (static - least) * lag, least) * normals[slow]
-            )
+            risen = static - (static - least) * lag
+            levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
         return levels[0], levels[1]
 
     @cached_property
@@ -249,12 +282,8 @@ class Samples:
         """Forces on the bodies in N or N m, then velocities of the drives in m/s or rad/s, a line each."""
         if "tables" in self.__dict__:
             return self.tables.inputs
-        system = self.system
-        some = slice(system.first_force, system.first_acceleration)
-        found = np.empty((some.stop - some.start, self.t.size))
-        for number, chosen in by_piece(self.piece_of):
-            found[:, chosen] = self.trajectory.motion(number).inputs(self.taus[chosen])[some]
-        return found
+        some = slice(self.system.first_force, self.system.first_acceleration)
+        return self.trajectory.inputs(self.piece_of, self.taus)[some].copy()
 
     @property
     def drive_velocities(self) -> Array:
@@ -286,24 +315,6 @@ class Samples:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-
-
-def _joined(places: list[Indices | slice], count: int) -> Indices | slice:
-    if len(places) == 1:
-        return places[0]
-    every = np.arange(count)
-    return np.concatenate([every[place] for place in places])
-
-
-def _forces(equations: ModeEquations, y: Array, q: Array) -> Array:
-    """Return the forces of all rows where none depends on velocity."""
-    system = equations.system
-    forces: Array = equations.friction @ q
-    if equations.held.size:
-        found = equations.apply(y) + equations.respond(q)
-        first = system.size + system.m
-        forces[equations.held] = found[first : first + equations.held.size]
-    return forces
 
 
 def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.path import Path
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Trajectory
+from stickslip.results.trajectory import Trajectory, kind_of
 
 __all__ = ["at_steps", "fit_for_plot", "refined"]
 
@@ -37,9 +37,36 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
     ----------
     trajectory : Trajectory
     """
+    return _of(trajectory, _fit(trajectory))
+
+
+def at_steps(trajectory: Trajectory) -> Samples:
+    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
+    return _of(trajectory, [path.taus for path in _paths(trajectory)])
+
+
+def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
+    pieces = trajectory.pieces
+    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
+    least = 16 if 16 * len(pieces) <= points else 1
+    taus = []
+    for piece, fit in zip(pieces, _fit(trajectory), strict=True):
+        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
+        taus.append(np.union1d(fit, np.linspace(0.0, piece.end, count + 1)))
+    return _of(trajectory, taus)
+
+
+def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
+    piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
+    return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
+
+
+def _fit(trajectory: Trajectory) -> list[Array]:
+    """Return for each piece the local times fit for a plot."""
     paths = _paths(trajectory)
     if not paths:
-        return _of(trajectory, [])
+        return []
     parts = _parts(trajectory.system.n, paths)
     firsts = np.cumsum([0, *(path.taus.size - 1 for path in paths)]).tolist()
     taus = []
@@ -52,31 +79,7 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
         inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
         within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
         taus.append(np.append(within, ends[-1]))
-    return _of(trajectory, taus)
-
-
-def at_steps(trajectory: Trajectory) -> Samples:
-    """Return a trajectory at the ends of the solver's steps, both limits at every event."""
-    return _of(trajectory, [path.taus for path in _paths(trajectory)])
-
-
-def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
-    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
-    fit = fit_for_plot(trajectory)
-    pieces = trajectory.pieces
-    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
-    least = 16 if 16 * len(pieces) <= points else 1
-    places = np.searchsorted(fit.piece_of, np.arange(1, len(pieces)))
-    taus = []
-    for piece, own in zip(pieces, np.split(fit.taus, places), strict=True):
-        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
-        taus.append(np.union1d(own, np.linspace(0.0, piece.end, count + 1)))
-    return _of(trajectory, taus)
-
-
-def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
-    piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
-    return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
+    return taus
 
 
 def _paths(trajectory: Trajectory) -> list[Path]:
@@ -86,58 +89,48 @@ def _paths(trajectory: Trajectory) -> list[Path]:
 def _parts(n: int, paths: list[Path]) -> Indices:
     """Return into how many parts each step of all paths is cut."""
     size = paths[0].last.size
-    bends, lows, highs = [], [], []
-    travel = np.zeros(n)
-    for h, c, is_chebyshev in _blocks(paths):
-        bend = np.empty((h.size, size + n))
-        bend[:, :size] = np.einsum("j,kjs->ks", _second(c.shape[1], is_chebyshev), np.abs(c))
-        bend[:, size:] = (
-            np.einsum("j,kjs->ks", _first(c.shape[1], is_chebyshev), np.abs(c[:, :, :n])) * h[:, None]
-        )
-        bends.append(bend)
-        values = np.einsum("pj,kjs->pks", _values(c.shape[1], is_chebyshev), c).reshape(-1, size)
-        moved = np.einsum("j,kjs->ks", _whole(c.shape[1], is_chebyshev), c[:, :, :n]) * h[:, None]
-        places = np.concatenate([travel[None, :], travel + np.cumsum(moved, axis=0)])
-        travel = places[-1]
-        lows.append(np.concatenate([values.min(axis=0), places.min(axis=0)]))
-        highs.append(np.concatenate([values.max(axis=0), places.max(axis=0)]))
-    if not bends:
+    first = np.cumsum([0, *(path.taus.size - 1 for path in paths)])
+    bends, moved = np.empty((first[-1], size + n)), np.empty((first[-1], n))
+    lows, highs = [], []
+    for block in _blocks(paths):
+        steps = np.concatenate([np.arange(first[k], first[k + 1]) for k in block])
+        c = np.concatenate([paths[k].coefficients for k in block])
+        h = np.concatenate([np.diff(paths[k].taus) for k in block])[:, None]
+        terms, is_chebyshev = kind_of(paths[block[0]])
+        bends[steps, :size] = np.einsum("j,kjs->ks", _second(terms, is_chebyshev), np.abs(c))
+        bends[steps, size:] = np.einsum("j,kjs->ks", _first(terms, is_chebyshev), np.abs(c[:, :, :n])) * h
+        moved[steps] = np.einsum("j,kjs->ks", _whole(terms, is_chebyshev), c[:, :, :n]) * h
+        values = np.einsum("pj,kjs->pks", _values(terms, is_chebyshev), c).reshape(-1, size)
+        lows.append(values.min(axis=0))
+        highs.append(values.max(axis=0))
+    if not lows:
         return np.empty(0, dtype=np.intp)
-    ranges = np.max(highs, axis=0) - np.min(lows, axis=0)
+    travel = np.cumsum(moved, axis=0)
+    low = np.concatenate([np.min(lows, axis=0), np.minimum(travel.min(axis=0), 0.0)])
+    high = np.concatenate([np.max(highs, axis=0), np.maximum(travel.max(axis=0), 0.0)])
+    ranges = high - low
     for group in (slice(0, n), slice(n, size), slice(size, None)):
-        least = _NOTHING * max(
-            np.abs(np.max(highs, axis=0)[group]).max(initial=0.0),
-            np.abs(np.min(lows, axis=0)[group]).max(initial=0.0),
-        )
-        ranges[group] = np.maximum(ranges[group], least)
+        largest = np.maximum(np.abs(low[group]), np.abs(high[group])).max(initial=0.0)
+        ranges[group] = np.maximum(ranges[group], _NOTHING * largest)
     allowed = np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
-    worst = np.concatenate([(bend / allowed).max(axis=1, initial=0.0) for bend in bends])
-    return np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS).astype(np.intp)
+    worst = (bends / allowed).max(axis=1, initial=0.0)
+    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
 
 
-def _blocks(paths: list[Path]) -> Iterator[tuple[Array, Array, bool]]:
-    """Yield lengths and coefficients of the steps of many paths that have the same order."""
-    block: list[Path] = []
-    entries = 0
-    for path in paths:
+def _blocks(paths: list[Path]) -> Iterator[list[int]]:
+    """Yield numbers of paths of the same kind, not too many at once."""
+    blocks: dict[tuple[int, bool], list[int]] = {}
+    entries: dict[tuple[int, bool], int] = {}
+    for k, path in enumerate(paths):
         if path.taus.size < 2:
             continue
-        if block and (entries > _AT_ONCE or not _alike(block[0], path)):
-            yield _stacked(block)
-            block, entries = [], 0
-        block.append(path)
-        entries += path.coefficients.size
-    if block:
-        yield _stacked(block)
-
-
-def _alike(a: Path, b: Path) -> bool:
-    return a.coefficients.shape[1] == b.coefficients.shape[1] and a.is_chebyshev == b.is_chebyshev
-
-
-def _stacked(paths: list[Path]) -> tuple[Array, Array, bool]:
-    lengths = np.concatenate([np.diff(path.taus) for path in paths])
-    return lengths, np.concatenate([path.coefficients for path in paths]), paths[0].is_chebyshev
+        kind = kind_of(path)
+        blocks.setdefault(kind, []).append(k)
+        entries[kind] = entries.get(kind, 0) + path.coefficients.size
+        if entries[kind] > _AT_ONCE:
+            yield blocks.pop(kind)
+            entries[kind] = 0
+    yield from blocks.values()
 
 
 # -- of the polynomials p_j(s), s from 0 to 1: s^j or T_j(2 s - 1) ---------------------------------------------

@@ -11,16 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 
-__all__ = ["Piece", "Trajectory", "by_piece"]
+__all__ = ["Piece", "Trajectory", "balances_kept", "by_piece", "kind_of"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
+
+_BALANCE_BYTES = 32_000_000
+"""Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""
+
+_DENSE_BYTES, _SPARSE_BYTES = 32, 200
+_AT_ONCE = 2_000_000
+"""Coefficients that are evaluated at once."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +80,7 @@ class Trajectory:
     system: System = field(repr=False)
     span: tuple[float, float, bool]
     pieces: Sequence[Piece] = field(repr=False)
+    _balances: dict[bytes, Balance] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def loads(self) -> Loads:
@@ -107,10 +116,14 @@ class Trajectory:
         ValueError
             If a time lies outside, or only the requested outputs were kept.
         """
+        if not times.size:
+            return np.empty(0, dtype=np.intp)
+        if not self.pieces:
+            raise ValueError("nothing was computed, the simulation failed at its start")
         if not self.is_dense:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         start, stop = self.pieces[0].t, self.pieces[-1].stop
-        if times.size and not (times.min() >= start and times.max() <= stop):
+        if not (times.min() >= start and times.max() <= stop):
             raise ValueError(
                 f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}"
             )
@@ -142,26 +155,79 @@ class Trajectory:
             Times in s since its start.
         """
         found = np.empty((self.system.size, taus.size))
+        blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
+        entries: dict[tuple[int, bool], int] = {}
         for number, chosen in by_piece(piece_of):
             path = self.pieces[number].path
             assert path is not None
-            local = taus[chosen]
-            columns = path.at(local).T
-            if self._is_led(number):
-                columns = self.motion(number).exact(local, columns)
-            found[:, chosen] = columns
+            kind = kind_of(path)
+            blocks.setdefault(kind, []).append((path, chosen))
+            entries[kind] = entries.get(kind, 0) + path.coefficients.size
+            if entries[kind] > _AT_ONCE:
+                _evaluate(blocks.pop(kind), taus, found)
+                entries[kind] = 0
+        for block in blocks.values():
+            _evaluate(block, taus, found)
+        self._tie(piece_of, taus, found)
         return found
 
-    def _is_led(self, number: int) -> bool:
-        """Tell whether velocities depend on others in a piece."""
-        return bool(self.system.equations(self.pieces[number].modes.tobytes()).dependent.size)
+    def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
+        """Write the velocities that depend on others through them, in place."""
+        system = self.system
+        for held, chosen in self.by_held(piece_of):
+            balance = self.balance(held)
+            if not balance.dependent.size:
+                continue
+            ties, drives = balance.T[balance.dependent], balance.U[balance.dependent]
+            led = ties @ y[: system.n, chosen]
+            if system.drives:
+                q = self.inputs(piece_of[chosen], taus[chosen])
+                led = led + drives @ system.drive_velocities(q)
+            y[np.ix_(balance.dependent, np.arange(taus.size)[chosen])] = led
+
+    def balance(self, held: bytes) -> Balance:
+        """Return the balance of forces where some rows are held."""
+        found = self._balances.get(held)
+        if found is None:
+            found = self.system.balance(held)
+            if len(self._balances) < balances_kept(self.system):
+                self._balances[held] = found
+        return found
+
+    def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
+        """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
+        groups: dict[bytes, list[Indices | slice]] = {}
+        for number, chosen in by_piece(piece_of):
+            held = (self.pieces[number].modes == 0) & self.system.hard
+            if held.any():
+                groups.setdefault(held.tobytes(), []).append(chosen)
+        every = np.arange(piece_of.size)
+        for held_rows, places in groups.items():
+            whole = places[0] if len(places) == 1 else np.concatenate([every[place] for place in places])
+            yield held_rows, whole
+
+    def inputs(self, piece_of: Indices, taus: Array) -> Array:
+        """Return normal forces, forces on bodies, drive velocities and accelerations at local times, as columns."""
+        number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
+        found = np.empty((self.system.inputs, taus.size))
+        for _, chosen in by_piece(number):
+            pieces = piece_of[chosen]
+            stretch = self.loads.after(self.starts[pieces[0]])
+            found[:, chosen] = stretch.sampled(self.starts[pieces] + taus[chosen])
+        return found
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what follows from the rest."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+        return {one.name: getattr(self, one.name) for one in fields(self)} | {"_balances": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+
+
+def balances_kept(system: System) -> int:
+    """Return how many balances of forces a trajectory keeps."""
+    rows = system.n + system.m
+    return _BALANCE_BYTES // (_SPARSE_BYTES * rows if system.sparse else _DENSE_BYTES * rows**2)
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
@@ -176,3 +242,56 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     order = np.argsort(piece_of, kind="stable")
     numbers, firsts = np.unique(piece_of[order], return_index=True)
     yield from zip(numbers.tolist(), np.split(order, firsts[1:]), strict=True)
+
+
+def kind_of(path: Path) -> tuple[int, bool]:
+    """Return what paths have in common that are evaluated together: the number of terms and their basis."""
+    return (path.coefficients.shape[1] if path.taus.size > 1 else 0), path.is_chebyshev
+
+
+def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array) -> None:
+    """Write the states of paths of the same kind at local times, all polynomials at once."""
+    steps, places, first = [], [], 0
+    for path, chosen in block:
+        local, ends = taus[chosen], path.taus
+        count = ends.size - 1
+        if not count:
+            out[:, chosen] = path.last[:, None]
+            continue
+        step = np.clip(np.searchsorted(ends, local, side="right") - 1, 0, count - 1)
+        h = ends[step + 1] - ends[step]
+        places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
+        steps.append(step + first)
+        first += count
+    if not steps:
+        return
+    moving = [(path, chosen) for path, chosen in block if path.taus.size > 1]
+    coefficients = np.concatenate([path.coefficients for path, _ in moving])
+    values = _polynomials(
+        coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev
+    )
+    first = 0
+    for path, chosen in moving:
+        local = taus[chosen]
+        own = values[first : first + local.size]
+        own[local >= path.taus[-1]] = path.last
+        out[:, chosen] = own.T
+        first += local.size
+
+
+def _polynomials(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool) -> Array:
+    """Return the values of polynomials ``step`` at ``s``, by Clenshaw's or Horner's scheme."""
+    highest = coefficients.shape[1] - 1
+    if not is_chebyshev:
+        s = s[:, None]
+        value: Array = coefficients[step, highest]
+        for j in range(highest - 1, -1, -1):
+            value *= s
+            value += coefficients[step, j]
+        return value
+    x = 2 * s[:, None] - 1
+    later = np.zeros((step.size, coefficients.shape[2]))
+    now = later
+    for j in range(highest, 0, -1):
+        now, later = coefficients[step, j] + 2 * x * now - later, now
+    return np.asarray(coefficients[step, 0] + x * now - later)

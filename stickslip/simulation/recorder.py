@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.balance import Balance
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.results.trajectory import Piece, Trajectory, balances_kept
 from stickslip.simulation.result import Result
 
 __all__ = ["Recorder"]
@@ -49,6 +50,8 @@ class Recorder:
         self.events: list[Event] = []
         self.fewest_states = system.size
         self._pieces: list[Piece] = []
+        self._balances: dict[bytes, Balance] = {}
+        self._most_balances = balances_kept(system)
         self._done = 0
         self._states: list[Array] = []
         self._counts: list[int] = []
@@ -59,6 +62,9 @@ class Recorder:
         self.fewest_states = min(self.fewest_states, self._system.size - motion.equations.dependent.size)
         if self._keeps_paths:
             self._pieces.append(self._piece(now, stop, path))
+        if len(self._balances) < self._most_balances:
+            equations = motion.equations
+            self._balances.setdefault(equations.is_held.tobytes(), equations.balance)
         if self._outputs is None:
             return
         first = self._done
@@ -81,7 +87,7 @@ class Recorder:
 
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""
-        trajectory = Trajectory(self._system, self._span, tuple(self._pieces))
+        trajectory = Trajectory(self._system, self._span, tuple(self._pieces), self._balances)
         events = sorted(self.events, key=lambda event: event.t)
         stats = stats | {"events": len(events)}
         at: Samples | Array | None = None

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.results import energy, files
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
-from stickslip.results.sampling import fit_for_plot, refined
+from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
-from stickslip.model.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,15 +95,16 @@ class Result:
         if isinstance(self._at, Samples):
             return self._at
         if self._at is None:
-            return fit_for_plot(self.trajectory)
+            is_stepped = self.trajectory.span[2]
+            return at_steps(self.trajectory) if is_stepped else fit_for_plot(self.trajectory)
         return Samples.at_times(self.trajectory, self._at)
 
     @property
     def t(self) -> Array:
         """Times in s, shape (n,).
 
-        They are `t_eval`, or so close that straight lines between them are right to 1e-3 of each quantity's range;
-        then every event stands twice (left and right limit).
+        They are `t_eval`; or the steps of a fixed-step method; or so close that straight lines between them are right
+        to 1e-3 of each quantity's range. But with `t_eval` every event stands twice (left and right limit).
         """
         return self.samples.t
 
@@ -308,7 +309,7 @@ class Result:
         ValueError
             If only the requested outputs were kept.
         """
-        return energy.energy(self.samples)
+        return energy.energy(self)
 
     def explain(self) -> str:
         """Return in words what was assembled, which guards were watched, and why each event happened."""

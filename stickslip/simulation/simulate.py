@@ -176,6 +176,7 @@ class _Simulation:
         merged: bool,
     ) -> None:
         self._run, self._recorder, self._interruption = run, recorder, interruption
+        self._engine: Any = run.engine
         self._start, self._stop = span
         self._name, self._merged = name, merged
 
@@ -184,7 +185,7 @@ class _Simulation:
         run = self._run
         bar = _bar(self._stop - self._start) if progress else None
         if bar is not None:
-            run.engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+            self._engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
         try:
             with self._interruption as interruption:
                 run.begin()
@@ -236,10 +237,9 @@ class _Simulation:
     def _result(self, message: str, status: int) -> Result:
         work, size = self._run.engine.work, self._run.system.size
         stats: dict[str, Any] = {
-            "engine": ENGINES[self._name],
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._merged else size,
-            "guards": self._run.most_guards,
+            "guards": int(self._run.most_guards),
             "restarts": self._run.restarts,
             "steps": work.steps,
             "rate_calls": work.rate_calls,
@@ -248,6 +248,7 @@ class _Simulation:
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,
+            "engine": ENGINES[self._name],
         }
         return self._recorder.result(message, status, stats)
 

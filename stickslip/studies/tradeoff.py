@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from stickslip.simulation.result import Result, SimulationError
 from stickslip.model.scene import Scene
-from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
+from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
+from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
 
 __all__ = ["Advice", "Skipped", "Tradeoff", "tradeoff"]
 
@@ -137,7 +137,7 @@ class Tradeoff:
         """Draw error against time, with the limit of the reference, and return the axes."""
         from stickslip.plots import studies
 
-        return plots_study.tradeoff(self, ax=ax)
+        return studies.tradeoff(self, ax=ax)
 
     def __str__(self) -> str:
         """Return the table, what the reference is worth, and what was left out."""
