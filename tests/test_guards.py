@@ -23,7 +23,7 @@ from stickslip import (
     sine,
 )
 from stickslip.equations.guards import NEVER, Guards
-from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.mode_equations import OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 
@@ -43,7 +43,7 @@ def started(
     numbers = np.array(modes, dtype=np.int8)
     stretch = system.loads(0.0, STOP).after(t)
     since = np.zeros(system.m)
-    motion = Motion(system.equations(numbers.tobytes()), stretch, t, y, since)
+    motion = Motion(equations_in(numbers, system), stretch, t, y, since)
     w = system.relative_velocity(y, stretch.at(t))
     at_rest = options.get("at_rest", w == 0)
     shown = np.where(np.abs(numbers) <= 1, numbers, 0) if labels is None else np.array(labels)

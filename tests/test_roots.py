@@ -21,7 +21,7 @@ def from_roots(*roots: complex, sign: float = 1.0) -> Array:
 
 def by_numpy(c: Array) -> list[float]:
     """Roots in (0, 1], the first one first."""
-    found = polynomial.polyroots(c)
+    found = polynomial.polyroots(polynomial.polytrim(c, 1e-12))
     return sorted(r.real for r in found if abs(r.imag) < 1e-9 and 0 < r.real <= 1)
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from stickslip.equations.system import System
 from stickslip.model.laws.kernels import LINEAR, ActingForces
 
-if TYPE_CHECKING:
-    from stickslip.equations.system import System
-
-__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations"]
+__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "equations_in"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -21,6 +19,16 @@ Indices = NDArray[np.intp]
 OPEN, FREE, AT_HIGH, AT_LOW = 2, 3, 4, 5
 """Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
 upper or lower level (MODEL rule 8)."""
+
+
+def equations_in(modes: NDArray[np.int8], system: System) -> ModeEquations:
+    """Return the equations of a system in one set of modes; the system remembers the latest."""
+    found: ModeEquations = system.remembered(_made, modes.tobytes())
+    return found
+
+
+def _made(system: System, modes: bytes) -> ModeEquations:
+    return ModeEquations(system, np.frombuffer(modes, dtype=np.int8))
 
 
 class ModeEquations:

@@ -7,6 +7,7 @@ depends on velocity. Only bodies that a spring touches have a position.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -17,7 +18,6 @@ from scipy import sparse
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
-from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import GROUND, Scene
@@ -69,7 +69,7 @@ class System:
         self._place_laws(book)
         self._join(book)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
-        self.equations = lru_cache(maxsize=remembered)(self._equations)
+        self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
 
     def _place_states(self, book: Book) -> None:
@@ -180,8 +180,8 @@ class System:
         limit = self.coefficients.velocity
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
-    def _equations(self, modes: bytes) -> ModeEquations:
-        return ModeEquations(self, np.frombuffer(modes, dtype=np.int8))
+    def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
+        return make(self, key)
 
     def _balance(self, held: bytes) -> Balance:
         mask = np.frombuffer(held, dtype=bool)

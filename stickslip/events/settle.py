@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.labels import label
@@ -242,7 +242,7 @@ class _Search:
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
         motion = Motion(
-            self._system.equations(trial.tobytes()), self._stretch, self._now.t, self._y, self._since  # type: ignore[arg-type]
+            equations_in(trial, self._system), self._stretch, self._now.t, self._y, self._since  # type: ignore[arg-type]
         )
         return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
 

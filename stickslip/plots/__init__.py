@@ -22,7 +22,7 @@ from stickslip.plots.motion import MANY, modes, velocities
 from stickslip.plots.points import FINE
 from stickslip.plots.studies import sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
-from stickslip.simulation.result import Result
+from stickslip.results.outcome import Drawable
 
 __all__ = [
     "characteristic",
@@ -44,7 +44,7 @@ Panel = tuple[float, Callable[[Any], Any]]
 
 
 def overview(
-    result: Result,
+    result: Drawable,
     *,
     bodies: Sequence[str] | None = None,
     contacts: Sequence[str] | None = None,
@@ -94,7 +94,7 @@ def overview(
     return axes[0].get_figure()
 
 
-def _panels(result: Result, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
+def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
     panels: list[Panel] = [(2.4, lambda ax: velocities(result, bodies, ax=ax))]
     if not names:
@@ -111,7 +111,7 @@ def _panels(result: Result, bodies: Sequence[str] | None, names: list[str]) -> l
     return panels
 
 
-def energy(result: Result, *, ax: Any = None) -> Any:
+def energy(result: Drawable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 
     Parameters

@@ -28,7 +28,7 @@ from stickslip.plots.style import (
     own_axes,
     raster,
 )
-from stickslip.simulation.result import Result
+from stickslip.results.outcome import Drawable
 from stickslip.model.scene import Contact
 from stickslip.model.signal_makers import Constant
 
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
 
 
-def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
+def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
@@ -75,7 +75,7 @@ def contact_forces(result: Result, contact: str, *, ax: Any = None) -> Any:
     return ax
 
 
-def load_of_contacts(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw ``|r| / B`` of many contacts over time as a raster with a colour bar, and return the axes.
 
     Parameters
@@ -106,7 +106,7 @@ def _ratio(force: Array, level: Array) -> Array:
     return np.divide(force, level, out=np.full_like(force, np.nan), where=carries)
 
 
-def normal_forces(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw normal forces over time and return the axes.
 
     Parameters
@@ -139,12 +139,12 @@ def normal_forces(result: Result, contacts: Sequence[str] | None = None, *, ax: 
     return ax
 
 
-def varying(result: Result) -> list[str]:
+def varying(result: Drawable) -> list[str]:
     """Return the contacts whose normal force is not constant."""
     return [c.name for c in result.scene.contacts if not isinstance(c.normal, (Constant, float, int))]
 
 
-def phase_portrait(result: Result, contact: str, *, ax: Any = None) -> Any:
+def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
     Parameters
@@ -179,7 +179,7 @@ def phase_portrait(result: Result, contact: str, *, ax: Any = None) -> Any:
     return ax
 
 
-def characteristic(result: Result, contact: str, *, ax: Any = None) -> Any:
+def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
     Where the normal force varies, both are divided by it.
@@ -251,5 +251,5 @@ def _law_curve(law: Law, w: Array) -> Array:
     return np.where(ratio < 1, direction * core.mu_s(direction) * ratio, kinetic)
 
 
-def _element(result: Result, contact: str) -> Contact:
+def _element(result: Drawable, contact: str) -> Contact:
     return result.scene.contacts[result.samples.row(contact)]

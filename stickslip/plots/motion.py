@@ -25,7 +25,7 @@ from stickslip.plots.style import (
     own_axes,
     raster,
 )
-from stickslip.simulation.result import Result
+from stickslip.results.outcome import Drawable
 
 __all__ = ["modes", "velocities"]
 
@@ -41,7 +41,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
 }
 
 
-def velocities(result: Result, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
     Markers are the computed points, or ticks at the bottom where they are many, one in so many as the legend
@@ -72,7 +72,7 @@ def velocities(result: Result, bodies: Sequence[str] | None = None, *, ax: Any =
     return ax
 
 
-def _velocity_curves(result: Result, names: list[str], ax: Any) -> None:
+def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     held = _bands(fine, names, ax)
     few = computed.t.size <= WITH_DOTS
@@ -93,7 +93,7 @@ def _velocity_curves(result: Result, names: list[str], ax: Any) -> None:
     beside(ax)
 
 
-def _bands(fine: Result, names: list[str], ax: Any) -> bool:
+def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
     """Draw a broad line under each body while a contact carries and holds it; return whether there is any."""
     drawn = False
     for contact in fine.scene.contacts:
@@ -132,14 +132,14 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
     ax.margins(y=0.09)  # or a line at the lowest velocity would run into the ticks
 
 
-def _velocity_raster(result: Result, names: list[str], ax: Any) -> None:
+def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
     color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), VELOCITY)
     ax.set_ylabel("body")
 
 
-def modes(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw the modes of contacts over time, a strip each, and return the axes.
 
     A strip is thin while the normal force is 0; the legend names the modes that occur. More than a dozen
@@ -168,7 +168,7 @@ def modes(result: Result, contacts: Sequence[str] | None = None, *, ax: Any = No
     return ax
 
 
-def _mode_strips(fine: Result, names: list[str], ax: Any) -> None:
+def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     is_open, occurring = False, set()
     for place, name in enumerate(names):
         for mode, idle, start, stop in _runs(fine, name):
@@ -191,7 +191,7 @@ def _mode_strips(fine: Result, names: list[str], ax: Any) -> None:
     beside(ax, handles=entries)
 
 
-def _runs(fine: Result, name: str) -> list[tuple[int, bool, float, float]]:
+def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
     t, mode, idle = fine.t, fine.mode(name).astype(int), fine.normal(name) == 0
     steps = np.flatnonzero(np.diff(t) > 0)
@@ -208,7 +208,7 @@ def _runs(fine: Result, name: str) -> list[tuple[int, bool, float, float]]:
     ]
 
 
-def _mode_raster(result: Result, names: list[str], ax: Any) -> None:
+def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
     shades = ListedColormap(["#b5a642", "0.25", "0.93"])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
-if TYPE_CHECKING:
-    from stickslip.simulation.result import Result
+from stickslip.results.outcome import Drawable
 
 __all__ = ["FINE", "computed_points", "even_points"]
+
+SomeResult = TypeVar("SomeResult", bound=Drawable)
 
 FINE = 1500
 """About how many evenly spaced points curves have besides those fit for a plot."""
@@ -15,11 +16,11 @@ FINE = 1500
 _COLUMNS = 800
 
 
-def computed_points(result: Result) -> Result:
+def computed_points(result: SomeResult) -> SomeResult:
     """Return the result at times between which straight lines look like the motion."""
     return result.fit_for_plot() if result.trajectory.is_dense else result
 
 
-def even_points(result: Result) -> Result:
+def even_points(result: SomeResult) -> SomeResult:
     """Return the result at evenly spaced times, enough for the columns of a picture."""
     return result.sample(_COLUMNS) if result.trajectory.is_dense else result

@@ -5,16 +5,11 @@ matplotlib is imported when something is drawn, not before.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-
-from stickslip.studies.work_precision import WorkPrecision, WorkRow
-from stickslip.studies.sweeps import SweepResult
-
-if TYPE_CHECKING:
-    from stickslip.studies.tradeoff import Tradeoff
 
 __all__ = ["sweep_map", "tradeoff", "work_precision"]
 
@@ -24,7 +19,69 @@ _INSIDE = 8  # legend entries that find room within the axes
 _NOTES = 6
 
 
-def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
+class Measured(Protocol):
+    """What is drawn of a measured setup: a `WorkRow`."""
+
+    name: str
+    family: str | None
+    median: float
+    error: float
+    failure: str | None
+
+
+@runtime_checkable
+class Table(Protocol):
+    """What is drawn of a work-precision study: a `WorkPrecision`."""
+
+    @property
+    def rows(self) -> Sequence[Any]:
+        """What was measured."""
+        ...
+
+    @property
+    def error_label(self) -> str:
+        """Text of the error's axis."""
+        ...
+
+    def pareto(self) -> Sequence[Any]:
+        """Return the rows that no other beats."""
+        ...
+
+
+class Study(Protocol):
+    """What is drawn of a scene's trade-off: a `Tradeoff`."""
+
+    @property
+    def work(self) -> Any:
+        """The table."""
+        ...
+
+    @property
+    def limit(self) -> float:
+        """What the reference can tell."""
+        ...
+
+
+@runtime_checkable
+class Swept(Protocol):
+    """What is drawn of a sweep: a `SweepResult`."""
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The values of each parameter."""
+        ...
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """The results by name."""
+        ...
+
+    def value(self, name: str | None = None) -> Any:
+        """Return one result as an array."""
+        ...
+
+
+def work_precision(table: Table, *, ax: Any = None) -> Any:
     """Draw error against median wall time, both logarithmic, and return the axes.
 
     Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
@@ -43,15 +100,15 @@ def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
     TypeError
         If `table` is something else.
     """
-    if not isinstance(table, WorkPrecision):
+    if not isinstance(table, Table):
         raise TypeError(f"work_precision plot: expected a WorkPrecision, got {type(table).__name__}")
     ax = _axes(ax)
-    families: dict[str, list[WorkRow]] = {}
+    families: dict[str, list[Measured]] = {}
     for row in table.rows:
         if _drawable(row):
             families.setdefault(row.family or row.name, []).append(row)
     for k, (family, rows) in enumerate(families.items()):
-        _family(ax, k, family, rows)
+        _family(ax, k, family, rows, table)
     front = [row for row in table.pareto() if _drawable(row)]
     if front:
         where = [row.median for row in front], [row.error for row in front]
@@ -68,17 +125,17 @@ def work_precision(table: WorkPrecision, *, ax: Any = None) -> Any:
     return ax
 
 
-def _family(ax: Any, k: int, family: str, rows: list[WorkRow]) -> None:
+def _family(ax: Any, k: int, family: str, rows: list[Measured], table: Any) -> None:
     """Draw all rows of a family as markers, and a line through those that no other of them beats."""
     marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": f"C{k % 10}"}
     line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": f"C{k % 10}", "linewidth": 1.2}
-    best = WorkPrecision(tuple(rows)).pareto()
+    best = replace(table, rows=tuple(rows)).pareto()
     ax.plot([row.median for row in rows], [row.error for row in rows], **marker | {"linestyle": "none"})
     ax.plot([row.median for row in best], [row.error for row in best], **line)
     ax.plot([], [], label=family, **marker | line)
 
 
-def tradeoff(study: Tradeoff, *, ax: Any = None) -> Any:
+def tradeoff(study: Study, *, ax: Any = None) -> Any:
     """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
 
     Parameters
@@ -95,7 +152,7 @@ def tradeoff(study: Tradeoff, *, ax: Any = None) -> Any:
 
 
 def sweep_map(
-    result: SweepResult,
+    result: Swept,
     x: str,
     y: str,
     value: str | None = None,
@@ -126,7 +183,7 @@ def sweep_map(
     TypeError, ValueError
         If the names or the shape of the grid do not fit.
     """
-    if not isinstance(result, SweepResult):
+    if not isinstance(result, Swept):
         raise TypeError(f"sweep_map: expected a SweepResult, got {type(result).__name__}")
     names = list(result.parameters)
     for name in (x, y):
@@ -178,11 +235,11 @@ def _legend(ax: Any) -> None:
     ax.legend(fontsize="small", **place)
 
 
-def _drawable(row: WorkRow) -> bool:
+def _drawable(row: Measured) -> bool:
     return row.failure is None and row.error > 0
 
 
-def _reason(row: WorkRow) -> str:
+def _reason(row: Measured) -> str:
     text = f"error 0 in {row.median:.3g} s" if row.failure is None else row.failure.split("\n")[0]
     return text if len(text) <= 70 else text[:69] + "…"
 

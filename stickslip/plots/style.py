@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stickslip.simulation.result import Result
+from stickslip.results.outcome import Drawable
 
 __all__ = [
     "DISPLACEMENT",
@@ -66,7 +66,7 @@ def beside(ax: Any, **options: Any) -> None:
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
 
 
-def mark_events(ax: Any, result: Result) -> None:
+def mark_events(ax: Any, result: Drawable) -> None:
     """Draw a fine line at each event, unless there are too many to tell apart."""
     times = sorted({event.t for event in result.events})
     if len(times) <= _MARKED_EVENTS:
@@ -74,7 +74,7 @@ def mark_events(ax: Any, result: Result) -> None:
             ax.axvline(t, color="0.7", linewidth=0.6, zorder=0)
 
 
-def contact_names(result: Result, contacts: Sequence[str] | None) -> list[str]:
+def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
     """Return the contacts to draw: those asked for, else all of the scene."""
     return [contact.name for contact in result.scene.contacts] if contacts is None else list(contacts)
 

@@ -1,15 +1,22 @@
-"""What a simulation hands back beside the motion: events, and how it ended."""
+"""What a simulation hands back beside the motion: events, and how it ended; and what can be drawn of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
 
-__all__ = ["Event", "Outcome"]
+__all__ = ["Drawable", "Event", "Outcome"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -69,4 +76,63 @@ class Outcome(Protocol):
     @property
     def stats(self) -> Mapping[str, Any]:
         """Counts of the work done."""
+        ...
+
+
+class Drawable(Outcome, Protocol):
+    """What plots read of a result."""
+
+    @property
+    def scene(self) -> Scene:
+        """What was simulated."""
+        ...
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion, piece by piece."""
+        ...
+
+    @property
+    def t(self) -> Array:
+        """Times in s."""
+        ...
+
+    def velocity(self, body: str) -> Array:
+        """Return the velocity of a body or drive at the times `t`."""
+        ...
+
+    def position(self, body: str) -> Array:
+        """Return the position of a body or drive at the times `t`."""
+        ...
+
+    def relative_velocity(self, contact: str) -> Array:
+        """Return ``w`` of a row at the times `t`."""
+        ...
+
+    def force(self, contact: str) -> Array:
+        """Return the force of a row at the times `t`."""
+        ...
+
+    def breakaway(self, contact: str, direction: int | None = None) -> Array:
+        """Return a contact's breakaway level at the times `t`."""
+        ...
+
+    def normal(self, contact: str) -> Array:
+        """Return a contact's normal force at the times `t`."""
+        ...
+
+    def mode(self, contact: str) -> NDArray[np.int8]:
+        """Return a row's modes at the times `t`."""
+        ...
+
+    def energy(self) -> Any:
+        """Return the energy ledger."""
+        ...
+
+    def sample(self, times: int) -> Self:
+        """Return the same motion at so many evenly spaced times."""
+        ...
+
+    def fit_for_plot(self, points: int = 0) -> Self:
+        """Return the same motion at times between which straight lines look like it."""
         ...

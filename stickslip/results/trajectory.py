@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
@@ -105,7 +106,7 @@ class Trajectory:
     def motion(self, number: int) -> Motion:
         """Return the motion of a piece, built again."""
         piece = self.pieces[number]
-        equations = self.system.equations(piece.modes.tobytes())
+        equations = equations_in(piece.modes, self.system)
         return Motion(equations, self.loads.after(piece.t), piece.t, piece.y, piece.since)
 
     def places(self, times: Array) -> Indices:

@@ -21,7 +21,7 @@ from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from stickslip.plots import Figure
 
 __all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
 
