@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip.studies import work_precision
+from stickslip.studies import work_precision as study
 from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 
 
