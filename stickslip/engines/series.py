@@ -7,6 +7,7 @@ follow from small products, and so do those of the guards. No step error, nothin
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,21 @@ from stickslip.equations.path import Path
 __all__ = ["Series"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 _ORDER, _POLYNOMIAL = 18, 2
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
+_WORTH = 0.3
 _TINY = np.finfo(float).tiny
+
+
+class _Step(NamedTuple):
+    """Power coefficients of the states over a step of length `h`, and where in (0, 1] a guard has its first root."""
+
+    coefficients: Array
+    h: float
+    root: float | None
 
 
 class Series:
@@ -49,55 +60,77 @@ class Series:
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        work, system = self.work, motion.system
-        work.starts += 1
-        tau, y = 0.0, motion.y
-        ends, pieces = [0.0], []
+        self.work.starts += 1
         watched = (guards.order < NEVER).nonzero()[0]
-        first = True
-        polynomial = motion.is_polynomial
-        order = _POLYNOMIAL if polynomial else _ORDER
-        hit = False
-        while tau < horizon and not hit:
-            if self._interruption.pressed:
-                break
-            rest = horizon - tau
-            longest = min(rest, self._max_step)
-            if polynomial and first:
-                h, scale, expansion = longest, 1.0, motion.start
-            else:
-                scale = longest if math.isinf(self._guess) else min(longest, self._guess)
-                expansion = motion.expand(tau, y, order, scale)
-                h = longest
-            g = guards.series(expansion)
-            if not polynomial:
-                h = min(longest, scale * self._reach(expansion.y, g, guards, system.n))
-                self._guess = 1.2 * h
-            stretched = (h / scale) ** np.arange(order + 1)
-            c = expansion.y * stretched[:, None]
-            s = 1.0
-            if watched.size:
-                g = g[:, watched] * stretched[:, None]
-                if first and not guards.is_plain:
-                    g = _divided(g, guards.order[watched])
-                root = self._first(g)
-                if root is not None:
-                    s, hit = root, True
-            work.steps += 1
-            work.rate_calls += order
-            if hit:
-                c = c * (s ** np.arange(order + 1))[:, None]
-                tau += s * h
-            else:
-                tau = horizon if h >= rest else tau + h
+        ends, pieces = [0.0], []
+        tau, y, hit = 0.0, motion.y, False
+        while tau < horizon and not hit and not self._interruption.pressed:
+            longest = min(horizon - tau, self._max_step)
+            step = None
+            if motion.is_rising(tau):
+                step = self._past_rises(motion, guards, watched, tau, y, longest)
+            if step is None:
+                step = self._step(motion, guards, watched, tau, y, longest, False)
+                hit = step.root is not None
+            s = 1.0 if step.root is None else step.root
+            c = step.coefficients * (s ** np.arange(step.coefficients.shape[0]))[:, None]
+            tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
+            self.work.steps += 1
             pieces.append(c)
             ends.append(tau)
-            y = c.sum(axis=0)
-            y = motion.exact(tau, y)
-            first = False
+            y = motion.exact(tau, c.sum(axis=0))
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
-        return Path(np.array(ends), np.array(pieces), y, hit)
+        return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit)
+
+    def _past_rises(
+        self, motion: Motion, guards: Guards, watched: Indices, tau: float, y: Array, longest: float
+    ) -> _Step | None:
+        """Return a step on which no guard comes to 0, whatever static coefficients rise meanwhile.
+
+        A level that rises with its dwell is not below what it would be without rising any more: where that excludes a
+        root, the exponential need not be followed. None where the step would be short beside the dwell.
+        """
+        step = self._step(motion, guards, watched, tau, y, longest, True)
+        if step.root is None:
+            return step
+        if step.root * step.h < _WORTH * motion.dwell_times.min():
+            return None
+        # up to there no guard is 0
+        powers = np.arange(step.coefficients.shape[0])
+        return _Step(step.coefficients * (step.root**powers)[:, None], step.root * step.h, None)
+
+    def _step(
+        self,
+        motion: Motion,
+        guards: Guards,
+        watched: Indices,
+        tau: float,
+        y: Array,
+        longest: float,
+        frozen: bool,
+    ) -> _Step:
+        """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
+        polynomial = motion.is_polynomial and (frozen or not motion.is_rising(tau))
+        order = _POLYNOMIAL if polynomial else _ORDER
+        if polynomial and tau == 0 and not frozen:
+            h, scale, expansion = longest, 1.0, motion.start
+        else:
+            scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
+            h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
+        g = guards.series(expansion)
+        if not polynomial:
+            h = scale * self._reach(expansion.y, g, guards, motion.system.n)
+            self._guess = 1.5 * h
+        self.work.rate_calls += order
+        stretched = ((h / scale) ** np.arange(order + 1))[:, None]
+        root = None
+        if watched.size:
+            g = g[:, watched] * stretched
+            if tau == 0 and not guards.is_plain:
+                g = _divided(g, guards.order[watched])
+            root = self._first(g)
+        return _Step(expansion.y * stretched, h, root)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -143,6 +176,15 @@ class Series:
             if root is not None:
                 found = root if found is None else found * root
         return found
+
+
+def _padded(pieces: list[Array], size: int) -> Array:
+    """Return the coefficients of all steps in one array."""
+    order = max((c.shape[0] for c in pieces), default=1)
+    found = np.zeros((len(pieces), order, size))
+    for k, c in enumerate(pieces):
+        found[k, : c.shape[0]] = c
+    return found
 
 
 def _divided(g: Array, order: NDArray[np.intp]) -> Array:

@@ -11,6 +11,7 @@ Rows that lock the same motion leave lambda undetermined; the forces of least no
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,8 @@ class Balance:
         independent[self.dependent] = False
         self._independent = np.flatnonzero(independent)
         if self._is_sparse:
-            reduced = (T.T @ (sparse.diags_array(inertia) @ T)).tocsr()
+            self._TT = T.T.tocsr()
+            reduced = (self._TT @ (sparse.diags_array(inertia) @ T)).tocsr()
             self._reduced = _inverse_of_blocks(reduced, self._independent)
         else:
             some = self._independent
@@ -115,17 +117,18 @@ class Balance:
     def _eliminate_many(self, G: Any, D: Any) -> None:
         """Eliminate each connected component of the held rows for itself."""
         n, h, d = self._n, self.count, D.shape[1]
-        held = (G != 0).astype(float)
-        graph = sparse.block_array([[None, held], [held.T, None]], format="csr")
-        _, label = connected_components(graph, directed=False)
-        order = np.argsort(label[:h], kind="stable")
-        ends = np.flatnonzero(np.diff(label[:h][order])) + 1
         T, U, S = _Entries(), _Entries(), _Entries()
         dependent: list[Indices] = []
         parting: list[tuple[Indices, Array]] = []
         self._large = []
-        first = 0
-        for rows in np.split(order, ends):
+        single, bodies, c = _alone(G)
+        # a body that one row holds to the ground or a drive: c v + D u = 0
+        led = D[single].tocoo()
+        U.add((bodies[led.coords[0]], led.coords[1], -led.data / c[led.coords[0]]))
+        S.add((single, np.arange(single.size), 1.0 / c))
+        dependent.append(bodies)
+        first = single.size
+        for rows in _joined(G, np.setdiff1d(np.arange(h), single)):
             block = G[rows]
             bodies = np.unique(block.indices)
             if rows.size > _SMALL and (tree := _Tree.of(self._inertia, block, D[rows], bodies)) is not None:
@@ -159,7 +162,7 @@ class Balance:
         if not self.count:
             return v
         off = v - self.consistent(v, u)
-        push = self.T.T @ (self._inertia * off)
+        push = (self._TT if self._is_sparse else self.T.T) @ (self._inertia * off)
         return self.consistent(v + self._reduced @ push, u)
 
     def accelerations(self, forces: Array, drives: Array | None = None) -> Array:
@@ -172,7 +175,7 @@ class Balance:
     def _respond(self, forces: Array) -> Array:
         if not self._is_sparse:
             return self._mobility @ forces
-        return self.T @ (self._reduced @ (self.T.T @ forces))
+        return self.T @ (self._reduced @ (self._TT @ forces))
 
     def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:
         """Return the forces of the held rows; of least norm where they are not unique."""
@@ -190,7 +193,7 @@ class Balance:
         """Return what adds up in the held forces, from absolute values of the forces on the bodies."""
         spread = self.acceleration_magnitudes(forces)
         rest = forces + _rows(self._inertia, forces) * spread
-        found = abs(self._S) @ rest[self.dependent]
+        found = self._sizes[0] @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.magnitude(rest)
         return found
@@ -198,9 +201,36 @@ class Balance:
     def acceleration_magnitudes(self, forces: Array) -> Array:
         """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
         if not self._is_sparse:
-            return np.abs(self._mobility) @ forces
-        T = abs(self.T)
-        return T @ (abs(self._reduced) @ (T.T @ forces))
+            return self._sizes[1] @ forces
+        return self._sizes[1] @ (self._sizes[2] @ (self._sizes[3] @ forces))
+
+    @cached_property
+    def _sizes(self) -> tuple[Any, ...]:
+        if not self._is_sparse:
+            return abs(self._S), np.abs(self._mobility)
+        return abs(self._S), abs(self.T), abs(self._reduced), abs(self._TT)
+
+
+def _alone(G: Any) -> tuple[Indices, Indices, Array]:
+    """Return the rows that are the only ones on their only body, these bodies, and the coefficients."""
+    on_body = np.bincount(G.indices, minlength=G.shape[1])
+    rows = (np.diff(G.indptr) == 1).nonzero()[0]
+    places = G.indptr[rows]
+    rows = rows[on_body[G.indices[places]] == 1]
+    places = G.indptr[rows]
+    return rows, G.indices[places].astype(np.intp), G.data[places]
+
+
+def _joined(G: Any, rows: Indices) -> list[Indices]:
+    """Return the connected components of some rows."""
+    if not rows.size:
+        return []
+    some = G[rows]
+    held = sparse.csr_array((np.ones(some.nnz), some.indices, some.indptr), shape=some.shape)
+    graph = sparse.block_array([[None, held], [held.T, None]], format="csr")
+    label = connected_components(graph, directed=False)[1][: rows.size]
+    order = np.argsort(label, kind="stable")
+    return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
 
 
 class _Component:

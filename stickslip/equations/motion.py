@@ -67,11 +67,10 @@ class Motion:
         self.has_law = equations.acting.size > 0
         self.is_linear = not (self.has_law or stretch.has_functions)
         self._dwelling = system.dwelling
-        rising = False
+        self._over = -math.inf
         if self._dwelling.size:
             self._place_dwells()
-            rising = self._rising.size > 0
-        self.is_polynomial = stretch.is_straight and not (self.has_law or equations.feeds_back or rising)
+        self.is_polynomial = stretch.is_straight and not (self.has_law or equations.feeds_back)
 
     # -- inputs ----------------------------------------------------------------------------------------------
 
@@ -84,6 +83,12 @@ class Motion:
         self._rising = (rests & (age < _DWELL_OVER)).nonzero()[0]
         self._rate = 1.0 / system.dwell[rows[self._rising]]
         self._age = age[self._rising]
+        if self._rising.size:
+            self._over = float(np.max((_DWELL_OVER - self._age) / self._rate))
+
+    def is_rising(self, tau: float) -> bool:
+        """Tell whether a static coefficient still rises at local time `tau`."""
+        return tau < self._over
 
     @property
     def dwell_times(self) -> Array:
@@ -117,7 +122,7 @@ class Motion:
             full[rate.size + self._rising] = decay * (rate[rows] - self._rate * normal)
         return full
 
-    def _input_series(self, tau: float, order: int, scale: float) -> list[Array | None]:
+    def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> list[Array | None]:
         series = self.stretch.taylor(self.t + tau, order, scale)
         if not self._dwelling.size:
             return series
@@ -134,6 +139,12 @@ class Motion:
         if not live.size:
             return full
         rows, places = self._dwelling[self._rising[live]], size + self._rising[live]
+        if frozen:
+            factor = np.exp(-age[live])
+            for part, wide in zip(series, full, strict=True):
+                if part is not None and wide is not None:
+                    wide[places] = factor * part[rows]
+            return full
         # exp(-age - rate tau) N, as the product of both series
         decay = [np.exp(-age[live])]
         for k in range(order):
@@ -247,14 +258,17 @@ class Motion:
 
     # -- series ----------------------------------------------------------------------------------------------
 
-    def expand(self, tau: float, y: Array, order: int, scale: float = 1.0) -> Expansion:
+    def expand(
+        self, tau: float, y: Array, order: int, scale: float = 1.0, frozen: bool = False
+    ) -> Expansion:
         """Return the Taylor coefficients of a linear motion at local time `tau`.
 
-        ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T.
+        ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T. With
+        `frozen`, static coefficients keep the values that they have at `tau`.
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        q = self._input_series(tau, order, scale)
+        q = self._input_series(tau, order, scale, frozen and not equations.at_level.size)
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
         finite = False

@@ -27,7 +27,7 @@ __all__ = ["System"]
 
 Array = NDArray[np.float64]
 
-_DENSE_LIMIT = 120
+_DENSE_LIMIT = 150
 """Bodies and rows together from which matrices are kept sparse."""
 
 _REMEMBERED, _REMEMBERED_SPARSE = 128, 4
