@@ -420,9 +420,7 @@ def test_many_columns_of_forces_at_once(case: Case) -> None:
         for k in range(3):
             alone = found.accelerations(wide[:, k])
             np.testing.assert_allclose(accelerations[:, k], alone, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(
-                forces[:, k], found.held_forces(wide[:, k], alone), rtol=0, atol=1e-9
-            )
+            np.testing.assert_allclose(forces[:, k], found.held_forces(wide[:, k], alone), rtol=0, atol=1e-9)
 
 
 @settings(deadline=None)

@@ -171,8 +171,9 @@ def _one_sided(equations: Any) -> None:
 
 
 def _straight(original: Any) -> Any:
-    def changed(self: Any, taus: Any) -> Any:
-        return np.column_stack([np.interp(taus, self.taus, column) for column in self.points.T])
+    def changed(coefficients: Any, step: Any, s: Any, is_chebyshev: bool) -> Any:
+        first, last = (original(coefficients, step, np.full_like(s, end), is_chebyshev) for end in (0.0, 1.0))
+        return first + s[:, None] * (last - first)
 
     return changed
 
@@ -342,7 +343,10 @@ MUTATIONS = (
         _after(_one_sided),
     ),
     Mutation(
-        "straight-lines", "linear interpolation of outputs", "stickslip.equations.path:Path.at", _straight
+        "straight-lines",
+        "linear interpolation of outputs",
+        "stickslip.results.trajectory:_polynomials",
+        _straight,
     ),
     Mutation(
         "never-stuck",
