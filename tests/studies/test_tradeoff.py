@@ -101,7 +101,7 @@ def test_pre_slip_velocities_and_absolute_tolerances_follow_the_velocity_scale()
     found = calls(flywheel_benchmark(), (0.0, 4.0), 300.0)
     assert sorted({call.pre_slip[0] for call in found if call.pre_slip}) == [3e-4, 3e-3, 3e-2, 0.3, 3.0]
     first = next(call for call in found if "step" not in call.options)
-    assert first.options == {"rtol": 1e-4, "atol": 3e-4}
+    assert first.options == {"method": "BDF", "rtol": 1e-4, "atol": 3e-4}
 
 
 def test_a_tolerance_is_never_looser_than_a_tenth_of_the_pre_slip_velocity():
