@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, Spring, simulate
-from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from stickslip.studies.tradeoff import Tradeoff, tradeoff
+from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from validation.exact import Story, reference, two_flywheels
 from validation.scaling import blocks
 

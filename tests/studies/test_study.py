@@ -1,4 +1,5 @@
 import ast
+import importlib
 import math
 import sys
 from pathlib import Path
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip.studies import work_precision as study
 from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
+
+# the function of the same name hides the module
+study = importlib.import_module("stickslip.studies.work_precision")
 
 
 def row(name, median, error, failure=None, family=None):
