@@ -254,7 +254,7 @@ def test_progress_bar_only_on_request(capsys):
     assert "3/3" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("module", ["study", "study_table", "sweeps", "sweep_data"])
+@pytest.mark.parametrize("module", ["work_precision", "table", "sweeps", "sweep_data"])
 def test_studies_know_no_friction_and_draw_nothing_on_import(module):
     source = Path(study.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
     tree = ast.parse(source)

@@ -23,7 +23,7 @@ __all__ = ["Series"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ORDER, _POLYNOMIAL = 18, 2
+_ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
@@ -67,7 +67,7 @@ class Series:
         while tau < horizon and not hit and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
-            if motion.is_rising(tau):
+            if motion.is_rising(tau) and not motion.rises_push:
                 step = self._past_rises(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
@@ -112,8 +112,9 @@ class Series:
     ) -> _Step:
         """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
         polynomial = motion.is_polynomial and (frozen or not motion.is_rising(tau))
-        order = _POLYNOMIAL if polynomial else _ORDER
-        if polynomial and tau == 0 and not frozen:
+        # velocities are quadratic in time, and positions cubic
+        order = (3 if motion.system.placed.size else 2) if polynomial else _ORDER
+        if polynomial and tau == 0 and not frozen and order == 2:
             h, scale, expansion = longest, 1.0, motion.start
         else:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)

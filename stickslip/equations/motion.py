@@ -68,6 +68,8 @@ class Motion:
         self.is_linear = not (self.has_law or stretch.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, equations.at_level].any())
         if self._dwelling.size:
             self._place_dwells()
         self.is_polynomial = stretch.is_straight and not (self.has_law or equations.feeds_back)
@@ -268,7 +270,7 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        q = self._input_series(tau, order, scale, frozen and not equations.at_level.size)
+        q = self._input_series(tau, order, scale, frozen)
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
         finite = False
