@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, Spring, simulate
-from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
-from stickslip.studies.tradeoff import Tradeoff, tradeoff
-from validation.exact import Story, reference, two_flywheels
 from benchmarks.scaling import blocks
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, Spring, simulate
+from stickslip.studies.tradeoff import Tradeoff, tradeoff
+from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
+from validation.exact import Story, reference, two_flywheels
 
 LEVELS = (1e-2, 1e-4, 1e-6, 1e-9)
 README_LEVELS = (1e-3, 1e-6)

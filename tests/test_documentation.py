@@ -68,7 +68,12 @@ def test_the_readme_prints_what_it_says(tmp_path: Path) -> None:
     code, told = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[0]
     environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.stdout == told
 
@@ -107,4 +112,6 @@ def test_modules_that_pages_run_exist() -> None:
     for path, text in TEXTS.items():
         for module in re.findall(r"python3? -m ((?:benchmarks|validation|stickslip)[\w.]*)", text):
             file = ROOT.joinpath(*module.split("."))
-            assert file.with_suffix(".py").exists() or (file / "__main__.py").exists(), f"{path.name}: {module}"
+            assert file.with_suffix(".py").exists() or (file / "__main__.py").exists(), (
+                f"{path.name}: {module}"
+            )

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
-from stickslip.studies import work_precision as study
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws.regularized import PreSlip
-from stickslip.studies.work_precision import WorkPrecision, WorkRow
+from stickslip.studies import work_precision as study
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
+from stickslip.studies.work_precision import WorkPrecision, WorkRow
 
 module = importlib.import_module("stickslip.studies.tradeoff")
 
