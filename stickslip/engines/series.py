@@ -144,6 +144,11 @@ class Series:
         if y.shape[1] > n:
             groups.append(absolute[:, n:].max(axis=1))
         held = ~guards.is_velocity
+        if not held.all():
+            # a drive may turn while no state does
+            moving = np.abs(g[:, guards.is_velocity]).max(axis=1)
+            moving[0] = max(moving[0], groups[0][0])
+            groups.append(moving)
         if held.any():
             size = np.abs(g[:, held])
             scale = guards.scale[held]

@@ -280,7 +280,7 @@ class _Component:
         label = connected_components(graph, directed=False)[1][: null.shape[1]]
         self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
         # forces of unit rows: lambda * scale
-        unit = null * (1.0 / scale)
+        unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)
         free = unit.T @ gram @ unit
         self.S = self.S - (free @ (scale[:, None] * self.S)) / scale[:, None]
@@ -289,7 +289,7 @@ class _Component:
             off[np.abs(off) <= _ZERO] = 0.0
             if off.any():
                 stiff = _RIGID * max(inertia.sum(), np.finfo(float).tiny)
-                self.parting = stiff * (null.T @ gram @ off) / scale[:, None] ** 2
+                self.parting = stiff * (null.T @ gram @ off)
 
 
 class _Tree:
@@ -300,7 +300,7 @@ class _Tree:
     ) -> None:
         self.T, self.U, self.dependent = T, U, dependent
         self._solver, self._order = solver, order
-        self._size = dependent.size
+        self._size, self._gain = dependent.size, 1.0
 
     @classmethod
     def of(cls, inertia: Array, G: Any, D: Any, bodies: Indices) -> _Tree | None:
@@ -354,7 +354,12 @@ class _Tree:
             T = (np.empty(0, int), np.empty(0, int), np.empty(0))
         back = np.empty(h, dtype=np.intp)
         back[rows] = np.arange(rows.size)
-        return cls(T, U, dependent, solver, back)
+        tree = cls(T, U, dependent, solver, back)
+        sizes = np.abs(G.data)
+        if sizes.min() != 1.0 or sizes.max() != 1.0:
+            # along a way through the tree, ratios of coefficients multiply: the forces of units at the leaves tell
+            tree._gain = float(np.abs(solver.solve(np.ones(dependent.size))).max()) / sizes.min() * sizes.max()
+        return tree
 
     def forces(self, rest: Array) -> Array:
         """Return the forces of the rows from what is left of the forces on the bodies."""
@@ -362,7 +367,7 @@ class _Tree:
 
     def magnitude(self, rest: Array) -> Array:
         """Return a bound of what adds up in them."""
-        total = rest[self.dependent].sum(axis=0)
+        total = self._gain * rest[self.dependent].sum(axis=0)
         return np.broadcast_to(total, (self._size, *rest.shape[1:]))
 
 
