@@ -55,6 +55,11 @@ class Book(Protocol):
 class Element:
     """A part of a scene."""
 
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return cls.__name__.lower()
+
     @property
     def label(self) -> str:
         """How messages name the element."""
@@ -115,7 +120,7 @@ class Named(Element):
     @property
     def label(self) -> str:
         """How messages name the element."""
-        return f"{type(self).__name__.lower()} {self.name!r}"
+        return f"{self.noun()} {self.name!r}"
 
     def _free_name(self) -> None:
         """Check the name of a body or a drive: a contact may be called what it likes."""
@@ -136,7 +141,7 @@ class Link(Element):
     @property
     def label(self) -> str:
         """How messages name the element."""
-        return f"{type(self).__name__.lower()} {self.a!r}-{self.b!r}"
+        return f"{self.noun()} {self.a!r}-{self.b!r}"
 
     def _two_ends(self) -> None:
         self._identifier("a")

@@ -45,10 +45,10 @@ class OneWay(Row, Radii):
         self._two_ends()
         self._check_radii()
 
-    @property
-    def label(self) -> str:
-        """How messages name the element."""
-        return f"one-way clutch {self.name!r}"
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return "one-way clutch"
 
     def place(self, book: Book) -> None:
         """Enter a row that is held while its force is positive."""
