@@ -120,7 +120,26 @@ def test_modelica_rotational_first(options: dict[str, Any], off: float) -> None:
     result = simulate(scene, (0, 1), **options)
     assert result.position("3")[-1] == pytest.approx(0.1628616428799686, abs=off)
     assert result.velocity("3")[-1] == pytest.approx(-0.1381452799183233, abs=off)
-    assert np.abs(result.position("1") - 10 * result.position("2")).max() < 1e-12
+    # one is a state and one the integral of a velocity
+    gap = np.abs(result.position("1") - 10 * result.position("2")).max()
+    assert gap < (1e-12 if options is EXACT else off)
+    balanced(result, off)
+
+
+@every_engine
+def test_positions_that_springs_read_obey_the_ties(options: dict[str, Any], off: float) -> None:
+    scene = Scene(
+        Body("sun", inertia=1, velocity=3),
+        Body("carrier", inertia=2, velocity=2.5),
+        Body("ring", inertia=0, velocity=(2.5 * 2.5 - 3) / 1.5),
+        Planetary("p", sun="sun", carrier="carrier", ring="ring", ratio=1.5),
+        *(Spring(name, GROUND, stiffness=k) for name, k in (("sun", 5), ("carrier", 3), ("ring", 7))),
+        Contact("brake", "ring", GROUND, dry(0.5, 0.3), normal=1),
+    )
+    result = simulate(scene, (0, 10), **options)
+    sun, carrier, ring = (result.position(name) for name in ("sun", "carrier", "ring"))
+    assert np.abs(2.5 * carrier - sun - 1.5 * ring).max() < 1e-12
+    assert result.events
     balanced(result, off)
 
 
@@ -128,9 +147,7 @@ def test_modelica_rotational_first(options: dict[str, Any], off: float) -> None:
 def test_a_planetary_shifts(options: dict[str, Any], off: float) -> None:
     """Sun 1, carrier 10, ring without inertia; load torque 20 on the carrier, ratio 1.5, first by hand.
 
-    Brake closed: v_sun = 2.5 v_c, so 16.25 a = 2.5 20 - 20 on the carrier. Without torque the load turns it back. The
-    torque of sun J=1 on the ring is 1.5 (20 - a_sun) = 1.5 (20 - 75/16.25) and holds the brake while below 100 (1 - f)
-    plus what the clutch, slipping forward, adds: its -100 f on the sun takes the teeth's force down.
+    Brake closed: v_sun = 2.5 v_c, so 16.25 a = 2.5 20 - 20 on the carrier; without torque the load turns it back.
     """
     f = piecewise_linear([0, 2, 2.1], [0, 0, 1])
     scene = Scene(
@@ -146,24 +163,23 @@ def test_a_planetary_shifts(options: dict[str, Any], off: float) -> None:
     result = simulate(scene, (0, 5), **options)
     a0, a1 = -20 / 16.25, 30 / 16.25
     assert result.sample([1.9]).velocity("carrier")[0] == pytest.approx(a0 * 0.5 + a1 * 1.4, abs=10 * off)
-    # brake: r = 1.5 lambda + c, c = 100 f; carrier 10 a = 2.5 lambda - 20, sun 2.5 a = 20 - c - lambda
-    # lambda = (20 - c + 5) / 1.625, so r = 100 (1 - f) where 1.5 (25 - c) / 1.625 + c = 100 - c
-    c = (100 - 1.5 * 25 / 1.625) / (2 - 1.5 / 1.625)
+    # the clutch, slipping forward, gives c = 100 f from the sun to the ring; the teeth give lambda to the sun:
+    # 2.5 a = 20 - c + lambda and 10 a = -20 - 2.5 lambda, so the brake carries 1.5 lambda + c = -300/13 + 25/13 c
+    c = (100 + 300 / 13) / (1 + 25 / 13)
     loose = 2 + c / 1000
     check(result, "brake", [loose], off)
-    w_carrier = a0 * 0.5 + a1 * 1.5 - 2.5 * (loose - 2) ** 2 / 2 * 1000 / 16.25
-    # c acts on the sun only while the ring stands: 16.25 a_c = 30 - 2.5 c
-    at = result.sample([loose])
-    assert at.velocity("carrier")[0] == pytest.approx(w_carrier, abs=20 * off)
-    # the ring has no inertia: 1.5 lambda = 100 (1 - f) - 100 f gives lambda from then on
+    w_carrier = a0 * 0.5 + a1 * 1.5 + a1 * (loose - 2) - 2.5 / 16.25 * 1000 * (loose - 2) ** 2 / 2
+    assert result.sample([loose]).velocity("carrier")[0] == pytest.approx(w_carrier, abs=20 * off)
+    # the ring has no inertia: 1.5 lambda = 100 (1 - f) - 100 f from then on
     lock = next(e.t for e in result.events if e.contact == "clutch" and e.after == Mode.STUCK)
     x0, x1 = loose - 2, lock - 2
     span, area = x1 - x0, 1000 * (x1**2 - x0**2) / 2
     push = (100 * span - 2 * area) / 1.5
-    w_sun = 2.5 * w_carrier + 20 * span - area - push
-    w_carrier += (2.5 * push - 20 * span) / 10
-    assert w_sun == pytest.approx(w_carrier, abs=50 * off)
-    # then all turn as one under 20 - 20
+    w_sun = 2.5 * w_carrier + 20 * span - area + push
+    w_carrier -= (2.5 * push + 20 * span) / 10
+    assert w_sun == pytest.approx(w_carrier, abs=100 * off)
+    # then all turn as one under 20 - 20, and what is left of the brake
+    w_carrier -= 1000 * (0.1 - x1) ** 2 / 2 / 11
     assert result.velocity("carrier")[-1] == pytest.approx(w_carrier, abs=50 * off)
     if options is EXACT:
         assert np.array_equal(result.velocity("sun")[-1:], result.velocity("ring")[-1:])
@@ -315,7 +331,7 @@ def test_negative_radii_turn_the_other_way() -> None:
         return Scene(
             Body("a", inertia=1, velocity=3.0),
             Body("b", inertia=2, velocity=sign * 0.5),
-            Contact("c", "a", "b", dry(2, 1), normal=1, radius_a=0.5, radius_b=sign * 0.25),
+            Contact("c", "a", "b", dry(20, 10), normal=1, radius_a=0.5, radius_b=sign * 0.25),
             Spring("a", "b", stiffness=7, damping=0.1, radius_a=0.5, radius_b=sign * 2, rest=0.1),
         )
 
@@ -375,7 +391,7 @@ def test_modelica_one_way_clutch(name: str) -> None:
     assert result.velocity("in")[-1] == result.velocity("out")[-1] == pytest.approx(-0.25, abs=off)
     assert result.position("in")[-1] == pytest.approx(-0.2123499945496375, abs=off)
     assert set(result.mode("free").tolist()) == {-1, 0}
-    assert (result.relative_velocity("free") <= 0).all()
+    assert result.relative_velocity("free").max() < 2 * off
     if name != "RK4":
         assert result.force("free").min() > -1e-9
     balanced(result, 10 * off)
@@ -443,7 +459,7 @@ def test_two_one_way_clutches_rectify() -> None:
         Force("out", -1.0),
     )
     result = simulate(scene, (0, 3))
-    assert result.velocity("out").min() >= 0
+    assert result.velocity("out").min() > -1e-11
     assert result.force("back stop").min() >= 0 and result.force("drive").min() > -1e-12
     # it turns by a little less than what the lever swings forward: 2/pi each time
     assert result.position("out")[-1] == pytest.approx(3 * 2 / np.pi, rel=1e-2)
