@@ -1,6 +1,18 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
-from stickslip.model.elements import GROUND, Body, Contact, Damper, Drive, Force, Spring
+from stickslip.model.elements import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    Force,
+    Gear,
+    OneWay,
+    Planetary,
+    Spring,
+    Tie,
+)
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
@@ -25,9 +37,12 @@ __all__ = [
     "DryFriction",
     "Event",
     "Force",
+    "Gear",
     "Karnopp",
     "LuGre",
     "Mode",
+    "OneWay",
+    "Planetary",
     "PreSlip",
     "Result",
     "Scene",
@@ -35,6 +50,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "Tie",
     "explain",
     "load",
     "output",

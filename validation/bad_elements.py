@@ -21,6 +21,7 @@ from stickslip import (
     Karnopp,
     LuGre,
     PreSlip,
+    Scene,
     Spring,
     piecewise_linear,
     signal,
@@ -171,7 +172,7 @@ LAWS: list[Case] = [
 
 ELEMENTS: list[Case] = [
     (
-        lambda: Body("a", inertia=0),
+        lambda: Scene(Body("a", inertia=0)),
         ValueError,
         ["body 'a'", "inertia must be positive", "0", "Drive", "GROUND"],
     ),

@@ -189,7 +189,9 @@ class _Residual:
                 normal = motion.normals(tau)[motion.equations.held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
-        inverse = 1.0 / np.maximum(system.inertia, np.finfo(float).tiny)
+        # a body without inertia moves only with others, so count it as the lightest of those
+        lightest = system.inertia.min(initial=1.0, where=system.inertia > 0)
+        inverse = 1.0 / np.where(system.inertia > 0, system.inertia, lightest)
         squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
         self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
 

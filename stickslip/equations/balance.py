@@ -91,6 +91,8 @@ class Balance:
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False
         self._independent = np.flatnonzero(independent)
+        # dependent velocities are those of the lightest bodies: one without inertia that is none moves at no cost
+        self.singular = self._independent[inertia[self._independent] <= 0]
         if self._is_sparse:
             self._TT = T.T.tocsr()
             reduced = (self._TT @ (sparse.diags_array(inertia) @ T)).tocsr()
@@ -101,8 +103,7 @@ class Balance:
             reduced = (part.T * inertia) @ part
             self._reduced = np.zeros((self._n, self._n))
             diagonal = reduced.diagonal()
-            self.singular = some[diagonal <= 0]
-            if self.singular.size:
+            if (diagonal <= 0).any():
                 reduced[np.diag_indices(some.size)] = np.where(diagonal > 0, diagonal, 1.0)
             if np.count_nonzero(reduced) == np.count_nonzero(diagonal):
                 self._reduced[some, some] = 1.0 / reduced.diagonal()
@@ -110,9 +111,6 @@ class Balance:
                 self._reduced[np.ix_(some, some)] = np.linalg.inv(reduced)
             # accelerations of all bodies from the forces on all bodies
             self._mobility = T @ self._reduced @ T.T
-            return
-        diagonal = reduced.diagonal()[self._independent]
-        self.singular = self._independent[diagonal <= 0]
 
     def _eliminate_many(self, G: Any, D: Any) -> None:
         """Eliminate each connected component of the held rows for itself."""

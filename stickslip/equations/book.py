@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.scene import GROUND, Body, Contact, Damper, Drive, Force, Scene, Spring
+from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.model.signal_makers import Constant, Signal
 
 __all__ = ["Book", "Coupling", "Row"]
@@ -44,6 +43,7 @@ class Row:
 class Coupling:
     """A spring and damper along ``stretch = sum c_i x_i``: force ``-c_i (k (stretch - rest) + c stretch')``."""
 
+    label: str
     coefficients: Mapping[int, float]
     stiffness: float
     damping: float
@@ -60,13 +60,19 @@ class Book:
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Signal]] = []
         self.index: dict[str, int] = {}
-        self.bodies = list(scene.bodies)
-        self.drives = list(scene.drives)
-        for i, body in enumerate((*self.bodies, *self.drives)):
-            self.index[body.name] = i
-        self.index[GROUND] = len(self.bodies) + len(self.drives)
         for element in scene.elements:
-            _place(element, self)
+            element.place(self)
+        self.index[GROUND] = len(self.index)
+
+    def body(self, body: Body) -> None:
+        """Enter a free body; all of them come before the drives."""
+        self.index[body.name] = len(self.index)
+        self.bodies.append(body)
+
+    def drive(self, drive: Drive) -> None:
+        """Enter a body of prescribed velocity."""
+        self.index[drive.name] = len(self.index)
+        self.drives.append(drive)
 
     def row(
         self,
@@ -81,31 +87,18 @@ class Book:
         """Enter a row."""
         self.rows.append(Row(name, self._by_index(coefficients), law, kind, _signal(normal), rested))
 
-    def couple(self, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float) -> None:
+    def couple(
+        self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
+    ) -> None:
         """Enter a spring and damper."""
-        self.couplings.append(Coupling(self._by_index(coefficients), stiffness, damping, rest))
+        self.couplings.append(Coupling(label, self._by_index(coefficients), stiffness, damping, rest))
 
     def push(self, body: str, force: Signal | float) -> None:
         """Enter a force on a body."""
         self.forces.append((self.index[body], _signal(force)))
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
-        ground = self.index[GROUND]
-        return {i: c for name, c in coefficients.items() if (i := self.index[name]) != ground}
-
-
-def _place(element: Any, book: Book) -> None:
-    match element:
-        case Contact():
-            ends = {element.a: 1.0, element.b: -1.0}
-            book.row(element.name, ends, law=element.law, normal=element.normal, rested=element.rested)
-        case Spring():
-            ends = {element.a: 1.0, element.b: -1.0}
-            book.couple(ends, element.stiffness, element.damping, element.rest)
-        case Damper():
-            book.couple({element.a: 1.0, element.b: -1.0}, 0.0, element.damping, 0.0)
-        case Force():
-            book.push(element.body, element.signal)
+        return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}
 
 
 def _signal(value: Signal | float) -> Signal:

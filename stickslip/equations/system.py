@@ -55,6 +55,7 @@ class System:
         self.scene = scene
         book = Book(scene)
         self.index, self.rows = book.index, book.rows
+        self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
         n, drives, m = len(book.bodies), len(book.drives), len(book.rows)
         self.n, self.drives, self.m = n, drives, m

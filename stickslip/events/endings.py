@@ -19,6 +19,8 @@ Modes = NDArray[np.int8]
 
 _TIE = 1e-13
 _CONSTANT = 1e-7
+_SAME = 1e-12
+"""Part of a speed by which velocities that are equal may differ."""
 
 
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> tuple[Mask, Mask]:
@@ -37,16 +39,30 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     return touching, fired
 
 
-def jumped(motion: Motion, loads: Loads, tau: float, t: float) -> Mask:
-    """Return the rows on a drive whose velocity jumps at `t`, the end of a motion at local time `tau`."""
+def jumped(motion: Motion, loads: Loads, path: Path, t: float) -> tuple[Mask, Array]:
+    """Return the rows whose relative velocity jumps with a drive at `t`, the end of a path, and the state after it.
+
+    Ties and one-way clutches hand the jump on, momentum conserved but for what drives take up; friction does not, because
+    its force is finite.
+    """
     system = motion.system
     if not system.drives:
-        return np.zeros(system.m, dtype=bool)
-    before = system.drive_velocities(motion.stretch.at(motion.t + tau))
-    after = system.drive_velocities(loads.after(t).at(t))
+        return np.zeros(system.m, dtype=bool), path.last
+    before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
+    q = loads.after(t).at(t)
+    after = system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
-    jump = np.where(np.abs(after - before) > 1e-12 * size, after - before, 0.0)
-    return np.asarray(system.D @ jump != 0)
+    jump = np.where(np.abs(after - before) > _SAME * size, after - before, 0.0)
+    if system.is_friction.all() or not jump.any():
+        return np.asarray(system.D @ jump != 0), path.last
+    y, n = path.last.copy(), system.n
+    rigid = system.is_tie.copy()
+    y[:n] = system.balance(rigid.tobytes()).project(y[:n], after)
+    # clutches that the jump would turn forward lock
+    rigid |= system.is_one_way & (system.relative_velocity(y, q) > _SAME * size.max())
+    y[:n] = system.balance(rigid.tobytes()).project(path.last[:n], after)
+    change = np.abs(system.G @ (y[:n] - path.last[:n]) + system.D @ jump)
+    return np.asarray(change > _SAME * max(float(np.abs(y[:n]).max()), float(size.max()))), y
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

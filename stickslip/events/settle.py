@@ -125,6 +125,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
     resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
+    # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
+    resting |= system.is_one_way & (w > 0)
     named = np.sign(w)
     if now.labels is not None:
         # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
@@ -357,7 +359,7 @@ class _Search:
 
     def _enumerate(self) -> tuple[Motion, Guards]:
         """Try every combination where releasing one after another ran in a circle."""
-        rows = self._candidates.nonzero()[0]
+        rows = (self._candidates & ~self._system.is_tie).nonzero()[0]
         if rows.size <= _ENUMERATED:
             for trial in self._combinations(rows):
                 found = self._build(trial)
@@ -367,7 +369,9 @@ class _Search:
 
     def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
         base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
-        for values in sorted(product((0, 1, -1), repeat=rows.size), key=lambda v: sum(map(abs, v))):
+        system = self._system
+        choices = [(0,) if system.is_tie[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows]
+        for values in sorted(product(*choices), key=lambda v: sum(map(abs, v))):
             trial = base.copy()
             trial[rows] = values
             yield trial

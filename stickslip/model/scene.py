@@ -5,28 +5,56 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from stickslip.model.elements import GROUND, Body, Contact, Damper, Drive, Element, Force, Named, Spring
+import numpy as np
+
+from stickslip.model.elements import (
+    GROUND,
+    KINDS,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    Element,
+    Force,
+    Gear,
+    Named,
+    OneWay,
+    Planetary,
+    Row,
+    Spring,
+    Tie,
+)
+from stickslip.model.elements.base import listed
 from stickslip.model.laws.dry_friction import Law, law_from_dict
 from stickslip.model.laws.regularized import PreSlip, Shape
 from stickslip.model.signal_makers import signal_from_dict
 
-__all__ = ["GROUND", "Body", "Contact", "Damper", "Drive", "Element", "Force", "Scene", "Spring"]
+__all__ = [
+    "GROUND",
+    "Body",
+    "Contact",
+    "Damper",
+    "Drive",
+    "Element",
+    "Force",
+    "Gear",
+    "OneWay",
+    "Planetary",
+    "Row",
+    "Scene",
+    "Spring",
+    "Tie",
+]
 
-_KINDS: dict[str, type[Element]] = {
-    "bodies": Body,
-    "drives": Drive,
-    "contacts": Contact,
-    "springs": Spring,
-    "dampers": Damper,
-    "forces": Force,
-}
 _FIELDS = {
     kind: {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
-    for kind in _KINDS.values()
+    for kind in KINDS.values()
 }
 """Of each kind of element the names of its fields, and whether they must be given."""
+
+_ROUNDOFF = 1e-9
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -35,46 +63,56 @@ class Scene:
 
     Parameters
     ----------
-    *elements : Body, Drive, Contact, Spring, Damper or Force
-        Bodies are referred to by name.
+    *elements : Element
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper or Force; bodies are referred to by name.
+
+    Attributes
+    ----------
+    elements : tuple of Element
+        All of them, kind by kind.
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers, forces : tuple
+        Those of one kind, in the order given.
 
     Raises
     ------
     ValueError, TypeError
-        If a name stands twice or is unknown, or an element joins nothing that can move.
+        If a name stands twice or is unknown, an element joins nothing that can move, or nothing decides the motion of a
+        body without inertia.
     """
 
-    bodies: tuple[Body, ...]
-    drives: tuple[Drive, ...]
-    contacts: tuple[Contact, ...]
-    springs: tuple[Spring, ...]
-    dampers: tuple[Damper, ...]
-    forces: tuple[Force, ...]
+    elements: tuple[Element, ...]
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, kind: str) -> tuple[Any, ...]: ...
 
     def __init__(self, *elements: Element) -> None:
         """Sort the elements by kind and check that they fit together."""
-        sorted_: dict[type, list[Element]] = {kind: [] for kind in _KINDS.values()}
+        sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
         for element in elements:
             if type(element) not in sorted_:
+                known = [kind.__name__ for kind in KINDS.values()]
                 raise TypeError(
                     f"Scene: {reprlib.repr(element)} is not an element; "
-                    "give Body, Drive, Contact, Spring, Damper or Force one by one (a list of them as *list)"
+                    f"give {', '.join(known[:-1])} or {known[-1]} one by one (a list of them as *list)"
                 )
             sorted_[type(element)].append(element)
-        for name, kind in _KINDS.items():
+        for name, kind in KINDS.items():
             object.__setattr__(self, name, tuple(sorted_[kind]))
+        object.__setattr__(self, "elements", tuple(e for of_kind in sorted_.values() for e in of_kind))
         self._check_names()
         self._check_references()
+        self._check_weightless()
 
     @property
-    def elements(self) -> tuple[Element, ...]:
-        """All elements, kind by kind."""
-        return tuple(element for kind in _KINDS for element in getattr(self, kind))
+    def rows(self) -> tuple[Any, ...]:
+        """All elements with a named relative velocity and force: contacts, ties and clutches."""
+        return tuple(element for element in self.elements if isinstance(element, Row))
 
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.contacts)
+        groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.rows)
         for named in groups:
             seen: set[str] = set()
             for one in named:
@@ -83,31 +121,40 @@ class Scene:
                 seen.add(one.name)
 
     def _check_references(self) -> None:
-        free = {body.name for body in self.bodies}
+        free = frozenset(body.name for body in self.bodies)
         known = free | {drive.name for drive in self.drives} | {GROUND}
-        links: tuple[Contact | Spring | Damper, ...] = (*self.contacts, *self.springs, *self.dampers)
-        for link in links:
-            for end in (link.a, link.b):
-                if end not in known:
-                    raise ValueError(f"{link.label}: no body is called {end!r}; known are {_listed(known)}")
-            if link.a not in free and link.b not in free:
+        for element in self.elements:
+            element.check_ends(free, known)
+
+    def _check_weightless(self) -> None:
+        """Refuse bodies without inertia whose motion ties alone do not decide: they could move without energy."""
+        place = {body.name: k for k, body in enumerate(b for b in self.bodies if b.inertia == 0)}
+        if not place:
+            return
+        rows = []
+        for tie in (*self.ties, *self.gears, *self.planetaries):
+            row = np.zeros(len(place))
+            for name, c in tie.coefficients.items():
+                if name in place:
+                    row[place[name]] = c / max(map(abs, tie.coefficients.values()))
+            rows.append(row)
+        matrix = np.array(rows).reshape(-1, len(place))
+        undecided = np.eye(len(place)) - np.linalg.pinv(matrix) @ matrix
+        for name, k in place.items():
+            if np.abs(undecided[k]).max() > _ROUNDOFF:
                 raise ValueError(
-                    f"{link.label}: neither {link.a!r} nor {link.b!r} is free to move; join at least one Body"
+                    f"body {name!r}: inertia must be positive, got 0, because ties alone do not decide how it moves; "
+                    "give it an inertia or a Tie or Gear to bodies that have one, use a Drive for a body of "
+                    "prescribed velocity and GROUND for one at rest"
                 )
-        for force in self.forces:
-            if force.body not in free:
-                remedy = f"known bodies are {_listed(free)}"
-                if force.body in known:
-                    remedy = "no force changes the velocity of a drive or of the ground; leave it out"
-                raise ValueError(f"{force.label}: no free body is called {force.body!r}; {remedy}")
 
     def replace(self, name: str, **changes: Any) -> Scene:
-        """Return the scene with some fields of one body, drive or contact changed.
+        """Return the scene with some fields of one body, drive, contact, tie or clutch changed.
 
         Parameters
         ----------
         name : str
-            Name of the body, drive or contact.
+            Name of the body, drive, contact, tie or clutch.
         **changes
             The fields to change.
 
@@ -116,11 +163,12 @@ class Scene:
         ValueError, TypeError
             If no element has the name, or the element refuses the changes.
         """
-        named: list[Any] = [e for e in (*self.bodies, *self.drives, *self.contacts) if e.name == name]
+        every: list[Any] = [element for element in self.elements if isinstance(element, Named)]
+        named = [element for element in every if element.name == name]
         if not named:
-            known = {e.name for e in (*self.bodies, *self.drives, *self.contacts)}
+            known = {element.name for element in every}
             raise ValueError(
-                f"Scene.replace: no body, drive or contact is called {name!r}; known are {_listed(known)}"
+                f"Scene.replace: no body, drive or contact is called {name!r}; known are {listed(known)}"
             )
         if len(named) > 1:
             raise ValueError(
@@ -154,7 +202,7 @@ class Scene:
             If a signal or a law holds code.
         """
         data = {}
-        for kind in _KINDS:
+        for kind in KINDS:
             if elements := getattr(self, kind):
                 data[kind] = [_plain(element) for element in elements]
         return data
@@ -170,9 +218,9 @@ class Scene:
         """
         if not isinstance(data, Mapping):
             raise TypeError(f"Scene.from_dict: expected a table of lists, got {type(data).__name__}")
-        unknown = [key for key in data if key not in _KINDS]
+        unknown = [key for key in data if key not in KINDS]
         if unknown:
-            raise ValueError(f"Scene.from_dict: unknown table {unknown[0]!r}; known are {', '.join(_KINDS)}")
+            raise ValueError(f"Scene.from_dict: unknown table {unknown[0]!r}; known are {', '.join(KINDS)}")
         return cls(*_elements(data))
 
     def __repr__(self) -> str:
@@ -185,7 +233,7 @@ def _elements(data: Mapping[str, Any]) -> Iterator[Element]:
         if not isinstance(rows, (list, tuple)):
             raise TypeError(f"Scene.from_dict: {kind} must be a list of tables, got {rows!r}")
         for number, row in enumerate(rows):
-            yield _element(_KINDS[kind], f"{kind}[{number}]", row)
+            yield _element(KINDS[kind], f"{kind}[{number}]", row)
 
 
 def _plain(element: Element) -> dict[str, Any]:
@@ -219,8 +267,3 @@ def _check_fields(kind: type[Element], where: str, values: Mapping[str, Any]) ->
     for name in values:
         if name not in known:
             raise ValueError(f"{where}: unknown field {name!r}; a {kind.__name__} has {', '.join(known)}")
-
-
-def _listed(names: set[str]) -> str:
-    listed = sorted(names)
-    return ", ".join(map(repr, listed[:10])) + (", ..." if len(listed) > 10 else "")

@@ -60,8 +60,11 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """
     ax = own_axes(ax)
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
-    upper, lower = fine.breakaway(contact, 1), -fine.breakaway(contact, -1)
+    # a tie holds any force, a one-way clutch any forward one: there is no level to draw
+    upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
     label = "± breakaway level" if np.array_equal(upper, -lower) else "breakaway levels"
+    if np.isnan(upper).all():
+        label = "_"
     grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
     ax.fill_between(fine.t, lower, upper, color="0.92", linewidth=0, zorder=0)
     ax.plot(fine.t, upper, label=label, **grey)
@@ -101,8 +104,13 @@ def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *,
     return ax
 
 
+def _finite(level: Array) -> Array:
+    return np.where(np.isfinite(level), level, np.nan)
+
+
 def _ratio(force: Array, level: Array) -> Array:
-    carries = level > 1e-9 * level.max(initial=0.0)
+    finite = np.isfinite(level)
+    carries = finite & (level > 1e-9 * level.max(initial=0.0, where=finite))
     return np.divide(force, level, out=np.full_like(force, np.nan), where=carries)
 
 
@@ -163,7 +171,7 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax = own_axes(ax, 6.0, 4.2)
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
-    x = fine.position(element.a) - fine.position(element.b)
+    x = sum((c * fine.position(name) for name, c in element.coefficients.items()), np.zeros_like(fine.t))
     w = fine.relative_velocity(contact)
     ax.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
     ax.plot(x, w, label="trajectory", zorder=1, **look(0))
@@ -199,6 +207,8 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """
     ax = own_axes(ax, 6.0, 4.2)
     element = _element(result, contact)
+    if not isinstance(element, Contact):
+        raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     divided = contact in varying(result)
     normal = 1.0 if divided else float(fine.normal(contact)[:1].sum())
@@ -251,5 +261,5 @@ def _law_curve(law: Law, w: Array) -> Array:
     return np.where(ratio < 1, direction * core.mu_s(direction) * ratio, kinetic)
 
 
-def _element(result: Drawable, contact: str) -> Contact:
-    return result.scene.contacts[result.samples.row(contact)]
+def _element(result: Drawable, contact: str) -> Any:
+    return result.scene.rows[result.samples.row(contact)]

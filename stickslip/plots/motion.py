@@ -193,7 +193,10 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
 
 def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
-    t, mode, idle = fine.t, fine.mode(name).astype(int), fine.normal(name) == 0
+    t, mode = fine.t, fine.mode(name).astype(int)
+    idle = np.zeros(t.size, dtype=bool)
+    if any(contact.name == name for contact in fine.scene.contacts):
+        idle = fine.normal(name) == 0
     steps = np.flatnonzero(np.diff(t) > 0)
     if not steps.size:
         return []

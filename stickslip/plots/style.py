@@ -75,8 +75,8 @@ def mark_events(ax: Any, result: Drawable) -> None:
 
 
 def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
-    """Return the contacts to draw: those asked for, else all of the scene."""
-    return [contact.name for contact in result.scene.contacts] if contacts is None else list(contacts)
+    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
+    return [row.name for row in result.scene.rows] if contacts is None else list(contacts)
 
 
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

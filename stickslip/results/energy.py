@@ -10,7 +10,6 @@ from scipy import sparse
 
 from stickslip.equations.book import Book
 from stickslip.equations.system import System
-from stickslip.model.scene import Damper, Scene, Spring
 from stickslip.results.outcome import Outcome
 from stickslip.results.samples import Samples, integrated
 
@@ -30,9 +29,10 @@ class EnergyLedger:
     kinetic, spring : array (n,)
         Stored in the bodies and in the springs.
     loads, drives : array (n,)
-        Work done on the scene by the forces, and by the drives through contacts, springs and dampers.
+        Work done on the scene by the forces, and by the drives through contacts, ties, clutches, springs and dampers.
     contacts : dict of str to array (n,)
-        Heat of each contact by name; with bristle laws it holds what the bristles store, too.
+        Heat of each contact by name; with bristle laws it holds what the bristles store, too. Ties and one-way
+        clutches make none.
     dampers : dict of str to array (n,)
         Heat of each damper and of each spring's damping; a label that returns is numbered.
     """
@@ -108,11 +108,12 @@ def energy(result: Outcome) -> EnergyLedger:
             "simulate with dense_output=True"
         )
     system, links = samples.system, _Links(samples.system)
-    labels = _labels(samples.scene, links)
-    work = integrated(samples, 2 + system.m + len(labels), lambda at: _powers(at, links))
-    names = [row.name for row in system.rows]
-    heat = dict(zip(names, work[2 : 2 + system.m], strict=True))
-    dampers = dict(zip(labels, work[2 + system.m :], strict=True))
+    labels = _labels(links)
+    m = links.rows.size
+    work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
+    names = [system.rows[j].name for j in links.rows.tolist()]
+    heat = dict(zip(names, work[2 : 2 + m], strict=True))
+    dampers = dict(zip(labels, work[2 + m :], strict=True))
     kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
     spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
     return EnergyLedger(samples.t, kinetic, spring, work[0], work[1], heat, dampers)
@@ -122,7 +123,11 @@ class _Links:
     """Springs and dampers as arrays; `ends` are their coefficients on bodies and drives."""
 
     def __init__(self, system: System) -> None:
-        couplings = Book(system.scene).couplings
+        book = Book(system.scene)
+        couplings = system.couplings
+        self.labels = [link.label for link in couplings]
+        self.pushed = np.array([body for body, _ in book.forces], dtype=np.intp)
+        self.rows = system.is_friction.nonzero()[0]
         self.stiffness = np.array([link.stiffness for link in couplings])
         self.damping = np.array([link.damping for link in couplings])
         self.damped = (self.damping > 0).nonzero()[0]
@@ -143,15 +148,14 @@ class _Links:
         return np.where(self.stiffness[:, None] > 0, found, 0.0)
 
 
-def _labels(scene: Scene, links: _Links) -> list[str]:
+def _labels(links: _Links) -> list[str]:
     """Return the names of what is damped; one that returns is numbered."""
-    every: list[Spring | Damper] = [*scene.springs, *scene.dampers]
     found: list[str] = []
     for k in links.damped.tolist():
-        label, count = every[k].label, 1
+        label, count = links.labels[k], 1
         while label in found:
             count += 1
-            label = f"{every[k].label} #{count}"
+            label = f"{links.labels[k]} #{count}"
         found.append(label)
     return found
 
@@ -160,8 +164,8 @@ def _powers(at: Samples, links: _Links) -> Array:
     """Return the powers in W, a line each: of loads, of drives, heat of rows, heat of dampers."""
     system, velocities = at.system, at.velocities()
     forces = at.tables.forces
-    bodies = np.array([system.index[force.body] for force in at.scene.forces], dtype=np.intp)
-    loads = (at.inputs[: bodies.size] * velocities[bodies]).sum(axis=0)
+    pushed = links.pushed
+    loads = (at.inputs[: pushed.size] * velocities[pushed]).sum(axis=0)
     rates = links.ends @ velocities
     pulls = links.stiffness[:, None] * links.stretch(at.y) + links.damping[:, None] * rates
     drives = np.zeros_like(loads)
@@ -170,4 +174,4 @@ def _powers(at: Samples, links: _Links) -> Array:
         given = system.D.T @ forces + links.ends[:, system.n :].T @ pulls
         drives = (given * at.drive_velocities).sum(axis=0)
     heat = links.damping[links.damped, None] * rates[links.damped] ** 2
-    return np.concatenate([[loads], [drives], forces * at.relative_velocities, heat])
+    return np.concatenate([[loads], [drives], (forces * at.relative_velocities)[links.rows], heat])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,8 @@ from stickslip.equations.system import System
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Contact, Scene
+from stickslip.model.elements import KINDS
+from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
@@ -71,16 +72,9 @@ def span_of(scene: Scene) -> tuple[float, float]:
 
 def _compiled(system: System, loads: Loads) -> list[str]:
     scene = system.scene
-    kinds = {
-        "body": len(scene.bodies),
-        "drive": len(scene.drives),
-        "contact": len(scene.contacts),
-        "spring": len(scene.springs),
-        "damper": len(scene.dampers),
-        "force": len(scene.forces),
-    }
-    present = ", ".join(_count(number, name) for name, number in kinds.items() if number)
-    lines = [f"Scene: {present}", *_states(system), *_contacts(system), *_loads(system, loads)]
+    kinds = ((kind.noun(), len(getattr(scene, table))) for table, kind in KINDS.items())
+    present = ", ".join(_count(number, name) for name, number in kinds if number)
+    lines = [f"Scene: {present}", *_states(system), *_contacts(system), *_others(system), *_loads(system, loads)]
     kind = "sparse" if system.sparse else "dense"
     lines.append(f"Matrices: {kind} (bodies and contacts together: {system.n + system.m})")
     return lines
@@ -103,7 +97,7 @@ def _states(system: System) -> list[str]:
 def _contacts(system: System) -> list[str]:
     contacts = system.scene.contacts
     if not contacts:
-        return ["Contacts: none, so no modes and no guards"]
+        return [] if system.m else ["Contacts: none, so no modes and no guards"]
     # contacts are the first rows
     alive = np.flatnonzero(system.alive[: len(contacts)]).tolist()
     lines = [f"Contacts: {len(alive)} of {len(contacts)} assembled"]
@@ -116,6 +110,32 @@ def _contacts(system: System) -> list[str]:
         if names:
             lines.append(f"  left out, {reason}: {_listed(names)}")
     return lines
+
+
+def _others(system: System) -> list[str]:
+    """Return what the rows are that are no contacts: their equations and guards."""
+    rows = [element for element in system.scene.rows if not isinstance(element, Contact)]
+    if not rows:
+        return []
+    lines = [f"Ties and one-way clutches: {len(rows)}"]
+    for element in rows[:_LISTED]:
+        w = _sum(element.coefficients)
+        if isinstance(element, OneWay):
+            lines.append(f"  {element.name}: {w} <= 0; guards: 1 overrunning (w), 1 locked (its force)")
+        else:
+            lines.append(f"  {element.name}: {w} = 0 for ever; no guard")
+    if len(rows) > _LISTED:
+        lines.append(f"  ... and {len(rows) - _LISTED} more")
+    weightless = [body.name for body in system.scene.bodies if body.inertia == 0]
+    if weightless:
+        lines.append(f"  without inertia, moved by ties alone: {_listed(weightless)}")
+    return lines
+
+
+def _sum(coefficients: Mapping[str, float]) -> str:
+    """Return a sum of multiples of velocities as it is written."""
+    parts = [f"{'-' if c < 0 else '+'} {abs(c):g} {name}" for name, c in coefficients.items()]
+    return " ".join(parts).removeprefix("+ ")
 
 
 def _contact(system: System, j: int) -> str:
@@ -205,7 +225,9 @@ def _modes(system: System, modes: NDArray[np.int8]) -> str:
     for row, mode, alive in zip(system.rows, modes.tolist(), system.alive, strict=True):
         if alive:
             names[words[mode]].append(row.name)
-    guards = 2 * len(names["stuck"]) + len(names["forward"]) + len(names["backward"])
+    guards = len(names["forward"]) + len(names["backward"])
+    rests = np.isin(modes, (0, AT_HIGH, AT_LOW)) & system.alive
+    guards += 2 * int((rests & system.is_friction).sum()) + int((rests & system.is_one_way).sum())
     return "; ".join(
         [_count(guards, "guard"), *(f"{word} {_listed(of)}" for word, of in names.items() if of)]
     )
@@ -293,6 +315,9 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
         return _slip_state(event, law, limits)
     if isinstance(law, Karnopp) and event.cause == "relative velocity 0":
         return f"came into the dead band of {law.velocity:g}; {_held(limits)}"
+    if law is None and event.before == Mode.STUCK:
+        others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
+        return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
     sentence = _SENTENCES.get(event.cause)
     return event.cause if sentence is None else sentence(event, limits)
 
@@ -316,6 +341,8 @@ def _broke_away_with(event: Event, at: _Limits) -> str:
 
 
 def _held(at: _Limits) -> str:
+    if math.isinf(at.level[1]):
+        return f"its force is {abs(at.force[1]):.6g}"
     return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"
 
 

@@ -156,7 +156,7 @@ class Samples:
         return np.zeros_like(self.t) if body == GROUND else np.asarray(self._positions[i])
 
     def force(self, row: str) -> Array:
-        """Return the friction force r of a row, in N or N m (-r acts on its body a)."""
+        """Return the force r of a row, in N or N m (``-c_i r`` acts on a body with the coefficient ``c_i``)."""
         return self._read(self.row(row), lambda tables: tables.forces)
 
     def normal(self, row: str) -> Array:
@@ -275,6 +275,8 @@ class Samples:
             lag = np.exp(-(self.t - since) / system.dwell[slow, None])
             risen = static - (static - least) * lag
             levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
+        # a tie holds any force, a one-way clutch any forward one
+        levels[:, system.is_tie] = levels[0, system.is_one_way] = np.inf
         return levels[0], levels[1]
 
     @cached_property

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.loads import Loads
+from stickslip.equations.system import System
 from stickslip.model.checks import finite
 from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
 from stickslip.model.scene import Scene
@@ -19,6 +21,7 @@ __all__ = [
     "between",
     "check_bristles",
     "check_dead_bands",
+    "check_ties",
     "choice",
     "margin",
     "outputs",
@@ -28,6 +31,9 @@ __all__ = [
 
 FIXED = ("RK4", "Euler")
 """Methods with fixed steps."""
+
+_BROKEN = 1e-9
+"""Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
 def span(t_span: Sequence[float]) -> tuple[float, float]:
@@ -87,6 +93,57 @@ def check_dead_bands(scene: Scene) -> None:
                 f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
                 f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
             )
+
+
+def check_ties(system: System, loads: Loads, start: float) -> None:
+    """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
+    rigid = ~system.is_friction
+    if not rigid.any():
+        return
+    _check_drives(system)
+    q = loads.after(start).at(start)
+    scene = system.scene
+    v = np.array([body.velocity for body in scene.bodies])
+    w = system.relative_velocity(v, q)
+    largest = max(float(np.abs(v).max()), float(np.abs(system.drive_velocities(q)).max(initial=0.0)))
+    for j, element in enumerate(scene.rows):
+        if not rigid[j]:
+            continue
+        allowed = _BROKEN * largest * max(map(abs, element.coefficients.values()))
+        if (abs(w[j]) if system.is_tie[j] else w[j]) <= allowed:
+            continue
+        moving = {body.name: body.velocity for body in scene.bodies} | dict(
+            zip([drive.name for drive in scene.drives], system.drive_velocities(q).tolist(), strict=True)
+        )
+        given = ", ".join(f"{name!r} {moving.get(name, 0.0):.12g}" for name in element.coefficients)
+        if system.is_tie[j]:
+            raise ValueError(
+                f"{element.label}: the velocities at the start break it by {w[j]:.12g} ({given}); "
+                "give its bodies velocities that satisfy it"
+            )
+        raise ValueError(
+            f"{element.label}: its relative velocity at the start is {w[j]:.12g}, but it cannot turn forward ({given}); "
+            "exchange a and b, or give velocities at which b is not slower than a"
+        )
+
+
+def _check_drives(system: System) -> None:
+    """Refuse ties that would decide the velocity of a drive."""
+    ties = system.is_tie.nonzero()[0]
+    if not system.drives or not ties.size:
+        return
+    G, D = (m.toarray() if system.sparse else m for m in (system.G[ties], system.D[ties]))
+    scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1))[:, None]
+    # what is left of the rows once their bodies are eliminated binds the drives
+    left, values, _ = np.linalg.svd(G / scale)
+    bound = np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN
+    if bound.any():
+        names = [drive.name for drive, has in zip(system.scene.drives, bound.any(axis=0), strict=True) if has]
+        tie = next(system.rows[j].name for j in ties.tolist() if np.any(system.D[[j]]))
+        raise ValueError(
+            f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, but a drive has a "
+            "velocity of its own; leave a tie out, or make the drive a Body"
+        )
 
 
 def check_bristles(scene: Scene, start: float, stop: float) -> None:

@@ -129,9 +129,10 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         touching, fired = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        touching |= (before == 0) & ~jumped(motion, self.loads, float(path.taus[-1]), t)
+        parted, y = jumped(motion, self.loads, path, t)
+        touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, path.last, before, since, touching, fired, path.largest)
+        situation = Situation(t, y, before, since, touching, fired, path.largest)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
@@ -144,6 +145,8 @@ class Run:
             cause = "open"
         elif relaxed_now:
             cause = "relaxation"
+        elif before == 0 and self.system.is_one_way[j]:
+            cause = "force 0"
         elif before == 0:
             cause = "breakaway" if fired else "breakaway with another event"
         elif after == 0:

@@ -110,6 +110,7 @@ def simulate(
     system = compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
+    arguments.check_ties(system, loads, start)
     name, _ = choose(system, loads, formulation, method, stop - start)
     wanted = tolerances(system, start, stop, rtol, atol, margin, name)
     interruption = Interruption()

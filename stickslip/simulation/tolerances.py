@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from stickslip.equations.system import System
 from stickslip.model.laws.kernels import BRISTLE, HARD
-from stickslip.model.scene import GROUND
 from stickslip.model.signal_makers import Signal
 
 __all__ = ["Tolerances", "tolerances"]
@@ -110,15 +109,16 @@ def _finest_velocity(system: System) -> float:
 def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     """Return the velocity scale and the highest natural frequency (rad/s, 0 without springs)."""
     scene = system.scene
-    stiffness = np.zeros(system.n + system.drives + 1)
+    stiffness = np.zeros(system.n + system.drives)
+    place = [element.position for element in (*scene.bodies, *scene.drives)]
     stretched = 0.0
-    place = {body.name: body.position for body in scene.bodies}
-    place |= {drive.name: drive.position for drive in scene.drives} | {GROUND: 0.0}
-    for spring in scene.springs:
-        stiffness[system.index[spring.a]] += spring.stiffness
-        stiffness[system.index[spring.b]] += spring.stiffness
-        if spring.stiffness:
-            stretched = max(stretched, abs(place[spring.a] - place[spring.b] - spring.rest))
+    for link in system.couplings:
+        offset = sum(c * place[i] for i, c in link.coefficients.items()) - link.rest
+        if link.stiffness:
+            # the stretch as a displacement of the body with the shortest lever
+            stretched = max(stretched, abs(offset) / min(map(abs, link.coefficients.values())))
+        for i, c in link.coefficients.items():
+            stiffness[i] += link.stiffness * c * c
     heavy = system.inertia > 0
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))

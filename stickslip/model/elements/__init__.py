@@ -1,0 +1,48 @@
+"""The elements of a scene, as frozen data, and the registry of their kinds: a file and a line here each."""
+
+from stickslip.model.elements.base import GROUND, Book, Element, Link, Named, Row
+from stickslip.model.elements.body import Body
+from stickslip.model.elements.contact import Contact
+from stickslip.model.elements.damper import Damper
+from stickslip.model.elements.drive import Drive
+from stickslip.model.elements.force import Force
+from stickslip.model.elements.gear import Gear
+from stickslip.model.elements.one_way import OneWay
+from stickslip.model.elements.planetary import Planetary
+from stickslip.model.elements.spring import Spring
+from stickslip.model.elements.tie import Tie
+
+__all__ = [
+    "GROUND",
+    "KINDS",
+    "Body",
+    "Book",
+    "Contact",
+    "Damper",
+    "Drive",
+    "Element",
+    "Force",
+    "Gear",
+    "Link",
+    "Named",
+    "OneWay",
+    "Planetary",
+    "Row",
+    "Spring",
+    "Tie",
+]
+
+KINDS: dict[str, type[Element]] = {
+    "bodies": Body,
+    "drives": Drive,
+    "contacts": Contact,
+    "ties": Tie,
+    "gears": Gear,
+    "planetaries": Planetary,
+    "one_ways": OneWay,
+    "springs": Spring,
+    "dampers": Damper,
+    "forces": Force,
+}
+"""Every kind of element by the name of its table in a scene, in the order in which elements are entered: bodies and
+drives before what joins them, contacts before the other rows."""

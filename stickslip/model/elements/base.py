@@ -1,0 +1,196 @@
+"""What all elements of a scene have in common, and the book in which they place themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields
+from typing import Any, Protocol
+
+from stickslip.model.checks import finite
+from stickslip.model.laws.dry_friction import Law
+from stickslip.model.signal_makers import as_signal
+from stickslip.model.signals import Signal
+
+__all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
+
+GROUND = "ground"
+"""Name of the ground: a body that never moves."""
+
+
+class Book(Protocol):
+    """Where elements enter what they are made of: bodies, drives, rows, couplings, forces."""
+
+    def body(self, body: Any) -> None:
+        """Enter a free body."""
+        ...
+
+    def drive(self, drive: Any) -> None:
+        """Enter a body of prescribed velocity."""
+        ...
+
+    def row(
+        self,
+        name: str,
+        coefficients: Mapping[str, float],
+        *,
+        law: Law | None = None,
+        kind: str = "friction",
+        normal: Signal | float = 0.0,
+        rested: float = 0.0,
+    ) -> None:
+        """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
+        ...
+
+    def couple(
+        self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
+    ) -> None:
+        """Enter a spring and damper along ``stretch = sum c_i x_i``."""
+        ...
+
+    def push(self, body: str, force: Signal | float) -> None:
+        """Enter a force on a body."""
+        ...
+
+
+class Element:
+    """A part of a scene."""
+
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return cls.__name__.lower()
+
+    @property
+    def label(self) -> str:
+        """How messages name the element."""
+        raise NotImplementedError
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the element as plain data, defaults left out."""
+        data: dict[str, Any] = {}
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if value != field.default:
+                data[field.name] = value.to_dict() if isinstance(value, (Signal, Law)) else value
+        return data
+
+    def place(self, book: Book) -> None:
+        """Enter the element in a book."""
+        raise NotImplementedError
+
+    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
+        """Refuse names of bodies that the scene does not know, and what nothing can move.
+
+        Parameters
+        ----------
+        free, known : frozenset of str
+            Names of the free bodies, and those of drives and the ground, too.
+        """
+
+    def _number(self, name: str) -> float:
+        number = finite(getattr(self, name), f"{self.label}: {name}")
+        object.__setattr__(self, name, number)
+        return number
+
+    def _not_negative(self, name: str) -> None:
+        if (number := self._number(name)) < 0:
+            raise ValueError(f"{self.label}: {name} must not be negative, got {number:g}")
+
+    def _not_zero(self, name: str, remedy: str) -> float:
+        if (number := self._number(name)) == 0:
+            raise ValueError(f"{self.label}: {name} must not be 0; {remedy}")
+        return number
+
+    def _signal(self, name: str) -> None:
+        object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
+
+    def _identifier(self, name: str) -> None:
+        value = getattr(self, name)
+        if not isinstance(value, str) or not value:
+            raise TypeError(
+                f"{type(self).__name__}: {name} must be a name (a string that is not empty), got {value!r}"
+            )
+
+
+class Named(Element):
+    """An element with a name of its own."""
+
+    name: str
+
+    @property
+    def label(self) -> str:
+        """How messages name the element."""
+        return f"{self.noun()} {self.name!r}"
+
+    def _free_name(self) -> None:
+        """Check the name of a body or a drive: a contact may be called what it likes."""
+        self._identifier("name")
+        if self.name == GROUND:
+            raise ValueError(
+                f"{type(self).__name__}: the name {GROUND!r} is taken by the ground, which is always there; "
+                f"rename {self.label}, or leave it out and join to GROUND"
+            )
+
+
+class Link(Element):
+    """An element between two bodies."""
+
+    a: str
+    b: str
+
+    @property
+    def label(self) -> str:
+        """How messages name the element."""
+        return f"{self.noun()} {self.a!r}-{self.b!r}"
+
+    def _two_ends(self) -> None:
+        self._identifier("a")
+        self._identifier("b")
+        if self.a == self.b:
+            raise ValueError(f"{self.label}: joins {self.a!r} to itself; name two different bodies")
+
+    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
+        """Refuse names of bodies that the scene does not know, and a link that joins nothing free."""
+        check_members(self.label, (self.a, self.b), free, known)
+
+
+class Row(Named):
+    """An element with a row of its own: a named relative velocity and a force along it.
+
+    The names of rows are unique in the scene.
+    """
+
+
+class Radii(Link):
+    """A link whose ends act at radii."""
+
+    radius_a: float
+    radius_b: float
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """What the velocities of the ends are multiplied by in the relative velocity."""
+        return {self.a: self.radius_a, self.b: -self.radius_b}
+
+    def _check_radii(self) -> None:
+        for name in ("radius_a", "radius_b"):
+            self._not_zero(name, "an end at radius 0 transmits no force; use 1 for the body's own velocity")
+
+
+def check_members(label: str, members: Iterable[str], free: frozenset[str], known: frozenset[str]) -> None:
+    """Refuse members that a scene does not know, and those of which none is free to move."""
+    names = list(members)
+    for end in names:
+        if end not in known:
+            raise ValueError(f"{label}: no body is called {end!r}; known are {listed(known)}")
+    if not any(end in free for end in names):
+        said = (
+            f"neither {names[0]!r} nor {names[1]!r} is" if len(names) == 2 else f"none of {listed(names)} is"
+        )
+        raise ValueError(f"{label}: {said} free to move; join at least one Body")
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return the first ten of some names in alphabetical order."""
+    every = sorted(names)
+    return ", ".join(map(repr, every[:10])) + (", ..." if len(every) > 10 else "")

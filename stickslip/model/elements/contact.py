@@ -1,0 +1,67 @@
+"""A friction contact."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+
+from stickslip.model.elements.base import Book, Radii, Row
+from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.signals import Signal
+
+__all__ = ["Contact"]
+
+
+@dataclass(frozen=True)
+class Contact(Row, Radii):
+    """A friction contact between two bodies, or between a body and a drive or the ground.
+
+    Its relative velocity is ``w = radius_a v_a - radius_b v_b``; its friction force r acts with ``-radius_a r`` on `a`
+    and ``+radius_b r`` on `b` (Breedveld 2000, with the radii of wheels and drums).
+
+    Parameters
+    ----------
+    name : str
+        Unique in the scene.
+    a, b : str
+        Names of bodies or drives, or GROUND.
+    law : Law
+        The friction law.
+    normal : float or Signal
+        Normal force in N; where it is negative the contact is open and the force is 0.
+    rested : float
+        How long in s a contact that is stuck at the start has been stuck already.
+    radius_a, radius_b : float
+        What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
+        force in N into a torque in N m.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, a radius 0, or an argument of the wrong kind.
+    """
+
+    name: str
+    a: str
+    b: str
+    law: Law
+    _: KW_ONLY
+    normal: Signal | float
+    rested: float = 0.0
+    radius_a: float = 1.0
+    radius_b: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        self._two_ends()
+        if not isinstance(self.law, Law) or not isinstance(getattr(self.law, "law", self.law), DryFriction):
+            raise TypeError(
+                f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
+            )
+        self._signal("normal")
+        self._not_negative("rested")
+        self._check_radii()
+
+    def place(self, book: Book) -> None:
+        """Enter a row of dry friction."""
+        book.row(self.name, self.coefficients, law=self.law, normal=self.normal, rested=self.rested)

@@ -1,0 +1,53 @@
+"""An external force or torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stickslip.model.elements.base import Book, Element, listed
+from stickslip.model.signals import Signal
+
+__all__ = ["Force"]
+
+
+@dataclass(frozen=True)
+class Force(Element):
+    """An external force or torque on a body.
+
+    Parameters
+    ----------
+    body : str
+        Name of a free body.
+    signal : float or Signal
+        In N or N m.
+
+    Raises
+    ------
+    TypeError
+        If the force is not a signal.
+    """
+
+    body: str
+    signal: Signal | float
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("body")
+        self._signal("signal")
+
+    @property
+    def label(self) -> str:
+        """How messages name the element."""
+        return f"force on {self.body!r}"
+
+    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
+        """Refuse a force on what no force can move."""
+        if self.body not in free:
+            remedy = f"known bodies are {listed(free)}"
+            if self.body in known:
+                remedy = "no force changes the velocity of a drive or of the ground; leave it out"
+            raise ValueError(f"{self.label}: no free body is called {self.body!r}; {remedy}")
+
+    def place(self, book: Book) -> None:
+        """Enter a force."""
+        book.push(self.body, self.signal)

@@ -1,0 +1,74 @@
+"""A fixed relation between velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from stickslip.model.checks import finite
+from stickslip.model.elements.base import Book, Row, check_members
+
+__all__ = ["Tie"]
+
+
+@dataclass(frozen=True)
+class Tie(Row):
+    """A fixed relation between velocities: ``sum c_i v_i = 0`` for ever.
+
+    Its force lambda is whatever keeps it so; it acts with ``-c_i lambda`` on body i, and does no work (the constraint
+    equations of mechanics with multipliers, ``M v' + G^T lambda = F``).
+
+    Parameters
+    ----------
+    name : str
+        Unique among the contacts, ties and clutches of the scene.
+    coefficients : dict of str to float
+        By name of the body or drive, or GROUND; none of them 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there is no member, or a coefficient is 0 or not finite.
+    """
+
+    name: str
+    coefficients: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        given = self.coefficients
+        if not isinstance(given, Mapping):
+            raise TypeError(
+                f"{self.label}: coefficients must be a dict of body names to numbers "
+                f"such as {{'wheel': 1.0, 'shaft': -2.0}}, got {given!r}"
+            )
+        if not given:
+            raise ValueError(f"{self.label}: coefficients are empty; name at least one body")
+        checked: dict[str, float] = {}
+        for member, value in given.items():
+            if not isinstance(member, str) or not member:
+                raise TypeError(f"{self.label}: members must be names of bodies, got {member!r}")
+            checked[member] = finite(value, f"{self.label}: coefficient of {member!r}")
+            if checked[member] == 0:
+                raise ValueError(
+                    f"{self.label}: coefficient of {member!r} must not be 0; leave {member!r} out"
+                )
+        object.__setattr__(self, "coefficients", checked)
+
+    def __hash__(self) -> int:
+        """Equal ties have equal hashes, whatever the order of their members."""
+        return hash((self.name, frozenset(self.coefficients.items())))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tie as plain data."""
+        return {"name": self.name, "coefficients": dict(self.coefficients)}
+
+    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
+        """Refuse members that the scene does not know, and a tie that joins nothing free."""
+        check_members(self.label, self.coefficients, free, known)
+
+    def place(self, book: Book) -> None:
+        """Enter a row that is always held."""
+        book.row(self.name, self.coefficients, kind="tie")
