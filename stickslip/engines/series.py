@@ -92,6 +92,9 @@ class Series:
         guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step would be
         short beside dwells and periods.
         """
+        if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
+            # a guard that leaves 0 is told from it by what the sine does
+            return None
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
             return step
