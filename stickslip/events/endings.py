@@ -33,7 +33,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         values = guards.values(tau, motion.watched(tau, path.last))
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            part = values / np.maximum(guards.scale, np.finfo(float).tiny)
+            size = np.maximum(guards.scale, guards.majorant[0])
+            part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
