@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.simulation.simulate import simulate
+from stickslip.model.scene import Scene
 from stickslip.results.files import save, to_csv, to_json
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
-from stickslip.model.scene import Scene
+from stickslip.simulation.simulate import simulate
 
 __all__ = ["main"]
 

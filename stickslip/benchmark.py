@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.modes import Mode
-from stickslip.simulation.result import Event
 from stickslip.model.scene import GROUND, Body, Contact, Damper, Element, Scene
 from stickslip.model.signal_makers import Signal, triangle
+from stickslip.simulation.result import Event
 
 __all__ = [
     "BENCHMARK_SPAN",

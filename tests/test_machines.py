@@ -191,9 +191,7 @@ def test_a_planetary_shifts(options: dict[str, Any], off: float) -> None:
 @every_engine
 def test_a_lever_shares_a_force(options: dict[str, Any], off: float) -> None:
     """Masses 1 and 2 at arms 2 and 1: v_a = 2 v_b; a force of 6 on b moves b with 6 / (2 + 4 1) = 1."""
-    scene = Scene(
-        Body("a", inertia=1), Body("b", inertia=2), Tie("lever", {"a": 1, "b": -2}), Force("b", 6)
-    )
+    scene = Scene(Body("a", inertia=1), Body("b", inertia=2), Tie("lever", {"a": 1, "b": -2}), Force("b", 6))
     result = simulate(scene, (0, 2), **options)
     assert result.velocity("a")[-1] == pytest.approx(4.0, abs=10 * off)
     # the tie's force is what accelerates a, and acts on it with -1
@@ -686,7 +684,9 @@ REFUSED: dict[str, tuple[Any, type[Exception], list[str]]] = {
         ["'d1', 'd2'", "leave a tie out"],
     ),
     "unknown field": (
-        lambda: Scene.from_dict({"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}),
+        lambda: Scene.from_dict(
+            {"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}
+        ),
         ValueError,
         ["gears[0]", "unknown field 'teeth'", "ratio"],
     ),

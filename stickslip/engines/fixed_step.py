@@ -101,7 +101,9 @@ class FixedStep:
         self.work.rate_calls += self._stages * count
         return ys
 
-    def _until_a_change(self, motion: Motion, guards: Guards, ends: Array, ys: Array) -> tuple[int, bool, bool]:
+    def _until_a_change(
+        self, motion: Motion, guards: Guards, ends: Array, ys: Array
+    ) -> tuple[int, bool, bool]:
         """Return how many steps hold, whether a guard ended them, and whether anything did."""
         sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
         taus, ys = ends[1 : sound + 1], ys[:sound]

@@ -65,7 +65,12 @@ class Ida:
         work: Work,
         interruption: Interruption,
     ) -> None:
-        self._rtol, self._atol, self._max_step, self._period = LOCAL * rtol, LOCAL * atol, max_step, loads.period
+        self._rtol, self._atol, self._max_step, self._period = (
+            LOCAL * rtol,
+            LOCAL * atol,
+            max_step,
+            loads.period,
+        )
         self.work, self._interruption = work, interruption
         self.show: Callable[[float], None] | None = None
         self._progress: Progress
@@ -255,9 +260,7 @@ class _Residual:
             places = motion.equations.bristle_places
             sigma = system.coefficients.sigma[acting[motion.equations.law.bristles], 0]
             pushed = sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
-            entries = sparse.csr_array(
-                (sigma, (np.arange(places.size), places)), shape=(places.size, size)
-            )
+            entries = sparse.csr_array((sigma, (np.arange(places.size), places)), shape=(places.size, size))
             forces = forces - pushed @ entries
         top = sparse.vstack([-forces, -full[n:]], format="csr")
         if not count:

@@ -89,8 +89,8 @@ class Series:
         """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
 
         A level that rises with its dwell is not below what it would be without rising any more, and a sine lowers no
-        guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step would be
-        short beside dwells and periods.
+        guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step
+        would be short beside dwells and periods.
         """
         if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
             # a guard that leaves 0 is told from it by what the sine does

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, eigs, lsqr
 
-from stickslip.model.laws.kernels import SMOOTH
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
+from stickslip.model.laws.kernels import SMOOTH
 
 __all__ = ["Stability", "Unstable"]
 

@@ -8,10 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.path import Path
 from stickslip.engines.progress import Interruption, Progress
+from stickslip.equations.path import Path
 
-__all__ = ["LOOK_AT_SCENE", "Interrupted", "Interruption", "Progress", "SolverFailure", "Work", "failure_of", "sound"]
+__all__ = [
+    "LOOK_AT_SCENE",
+    "Interrupted",
+    "Interruption",
+    "Progress",
+    "SolverFailure",
+    "Work",
+    "failure_of",
+    "sound",
+]
 
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
@@ -80,4 +89,6 @@ def sound(smallest: float, tau: float) -> float:
 def failure_of(solution: Any, path: Path | None) -> SolverFailure:
     """Return SUNDIALS' failure with its own sentence."""
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
-    return SolverFailure(sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", path)
+    return SolverFailure(
+        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", path
+    )

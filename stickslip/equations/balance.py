@@ -87,7 +87,8 @@ class Balance:
         self._finish()
 
     def _finish(self) -> None:
-        T, inertia = self.T, self._inertia
+        T: Any = self.T
+        inertia = self._inertia
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False
         self._independent = np.flatnonzero(independent)
@@ -130,13 +131,15 @@ class Balance:
             block = G[rows]
             bodies = np.unique(block.indices)
             if rows.size > _SMALL and (tree := _Tree.of(self._inertia, block, D[rows], bodies)) is not None:
-                T.add(tree.T), U.add(tree.U)
+                T.add(tree.T)
+                U.add(tree.U)
                 own = tree.dependent
                 self._large.append((rows, tree))
                 S.block(rows, first + np.arange(own.size), np.zeros((rows.size, own.size)))
             else:
                 part = _Component(self._inertia[bodies], block[:, bodies].toarray(), D[rows].toarray())
-                T.block(bodies, bodies, part.T), U.block(bodies, np.arange(d), part.U)
+                T.block(bodies, bodies, part.T)
+                U.block(bodies, np.arange(d), part.U)
                 own = bodies[part.dependent]
                 S.block(rows, first + np.arange(own.size), part.S)
                 self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
@@ -261,7 +264,11 @@ class _Component:
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
-        reduced, drives, combine = work[:done, :n], work[:done, n : n + D.shape[1]], work[:done, n + D.shape[1] :]
+        reduced, drives, combine = (
+            work[:done, :n],
+            work[:done, n : n + D.shape[1]],
+            work[:done, n + D.shape[1] :],
+        )
         self.T = np.eye(n)
         self.T[self.dependent] = -reduced
         self.T[:, self.dependent] = 0.0
@@ -358,7 +365,9 @@ class _Tree:
         sizes = np.abs(G.data)
         if sizes.min() != 1.0 or sizes.max() != 1.0:
             # along a way through the tree, ratios of coefficients multiply: the forces of units at the leaves tell
-            tree._gain = float(np.abs(solver.solve(np.ones(dependent.size))).max()) / sizes.min() * sizes.max()
+            tree._gain = (
+                float(np.abs(solver.solve(np.ones(dependent.size))).max()) / sizes.min() * sizes.max()
+            )
         return tree
 
     def forces(self, rest: Array) -> Array:
@@ -378,7 +387,7 @@ class _Entries:
         self._parts: list[tuple[Any, Any, Any]] = []
 
     def add(self, part: tuple[Any, ...]) -> None:
-        self._parts.append(part)  # type: ignore[arg-type]
+        self._parts.append((part[0], part[1], part[2]))
 
     def block(self, rows: Indices, columns: Indices, values: Array) -> None:
         i, j = values.nonzero()

@@ -155,7 +155,9 @@ class Guards:
         held = ~self.is_velocity
         level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
-        near = np.where(held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant)
+        near = np.where(
+            held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
+        )
         close = ~(g0 > near)
         if self.at_rest.any():
             close |= self.is_velocity & self.at_rest[self.row]

@@ -12,7 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.signal_makers import Clipped, Constant, Function, PiecewiseLinear, Signal, Sine, Sum, time_scale
+from stickslip.model.signal_makers import (
+    Clipped,
+    Constant,
+    Function,
+    PiecewiseLinear,
+    Signal,
+    Sine,
+    Sum,
+    time_scale,
+)
 
 __all__ = ["Loads", "Stretch"]
 
@@ -47,7 +56,12 @@ class Loads:
     """
 
     def __init__(
-        self, signals: Sequence[Signal], rates: Sequence[int], start: float, stop: float, stepped: bool = False
+        self,
+        signals: Sequence[Signal],
+        rates: Sequence[int],
+        start: float,
+        stop: float,
+        stepped: bool = False,
     ) -> None:
         self._signals = [signal.within(start, stop) for signal in signals]
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
@@ -76,7 +90,9 @@ class Loads:
         number = bisect_right(self.breaks, t)
         if self._last is not None and self._last[0] == number:
             return self._last[1]
-        found = self._stretch(self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop))
+        found = self._stretch(
+            self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop)
+        )
         self._last = (number, found)
         return found
 
@@ -100,7 +116,9 @@ class Loads:
                     waves.append((i, term.amplitude, term.frequency, term.phase))
                     if rate is not None:
                         turn = 2 * math.pi * term.frequency
-                        waves.append((rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi))
+                        waves.append(
+                            (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
+                        )
                 elif isinstance(term, (Constant, PiecewiseLinear)):
                     value[i] += term(t)
                     slope[i] += term.slope(t)
@@ -147,7 +165,9 @@ class Stretch:
         if waves:
             entries, amplitude, frequency, phase = zip(*waves, strict=True)
             self._entry = np.array(entries, dtype=np.intp)
-            self._amplitude, self._frequency, self._phase = (np.array(x) for x in (amplitude, frequency, phase))
+            self._amplitude, self._frequency, self._phase = (
+                np.array(x) for x in (amplitude, frequency, phase)
+            )
             self._turn = 2 * math.pi * self._frequency
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
@@ -167,7 +187,9 @@ class Stretch:
         """Return the inputs at many times, one column each."""
         q = self.value[:, None] + np.multiply.outer(self.slope, times - self.start)
         if self.has_waves:
-            angle = 2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
+            angle = (
+                2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
+            )
             np.add.at(q, self._entry, self._amplitude[:, None] * np.sin(angle))
         for i, function in self._functions:
             q[i] += _sample(function, np.minimum(times, self._before_stop))

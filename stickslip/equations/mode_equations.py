@@ -1,4 +1,4 @@
-"""The equations of a scene in one set of modes: rates, relative velocities and held forces, linear in states and inputs."""
+"""The equations of a scene in one set of modes, linear in states and inputs."""
 
 from __future__ import annotations
 
@@ -86,21 +86,21 @@ class ModeEquations:
         plain = self.slip[~system.coefficients.curved[self.slip]]
         total = system.inputs + system.dwelling.size
         friction = np.zeros((system.m, total)) if not system.sparse else None
-        rows, columns, values = [], [], []
+        entries: list[tuple[int, int, float]] = []
         for j in plain.tolist():
-            rows.append(j), columns.append(j), values.append(float(modes[j]) * system.mu_c[side[j], j])
+            entries.append((j, j, float(modes[j]) * system.mu_c[side[j], j]))
         for j in self.at_level.tolist():
             sign = 1.0 if modes[j] == AT_HIGH else -1.0
-            rows.append(j), columns.append(j), values.append(sign * system.mu_s[side[j], j])
+            entries.append((j, j, sign * system.mu_s[side[j], j]))
             if (place := system.dwell_place[j]) >= 0:
-                rows.append(j), columns.append(system.inputs + place)
-                values.append(-sign * system.rise[side[j], j])
+                entries.append((j, system.inputs + place, -sign * system.rise[side[j], j]))
+        rows, columns = (np.array([entry[k] for entry in entries], dtype=np.intp) for k in (0, 1))
+        values = np.array([entry[2] for entry in entries])
         if friction is not None:
             friction[rows, columns] = values
             self.friction: Any = friction
         else:
-            entries = (np.array(values), (np.array(rows, int), np.array(columns, int)))
-            self.friction = sparse.csr_array(entries, shape=(system.m, total))
+            self.friction = sparse.csr_array((values, (rows, columns)), shape=(system.m, total))
 
     # -- guards ----------------------------------------------------------------------------------------------
 
@@ -261,7 +261,9 @@ class ModeEquations:
         rows = (system.G @ self.balance.T).tocsr()[self.acting]
         pushed = sparse.csr_array(system.GT)[:, self.acting]
         forces = -(pushed @ (sparse.diags_array(slopes) @ rows))
-        return self._spread(sparse.hstack([forces, sparse.csr_array((n, system.size - n))], format="csr"), None)
+        return self._spread(
+            sparse.hstack([forces, sparse.csr_array((n, system.size - n))], format="csr"), None
+        )
 
     def jacobian(self) -> Any:
         """Return ``A``, dense or sparse as the scene is."""
@@ -294,7 +296,9 @@ class ModeEquations:
         """
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
-        forces = system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (self._largest * q[:m])
+        forces = (
+            system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (self._largest * q[:m])
+        )
         rate = np.zeros(size)
         rate[:n] = balance.acceleration_magnitudes(forces)
         if self.is_driven:

@@ -130,7 +130,11 @@ class Motion:
     def inputs(self, tau: float | Array) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array."""
         many = isinstance(tau, np.ndarray)
-        q = self.stretch.sampled(self.t + tau) if many else self.stretch.at(self.t + tau)
+        q = (
+            self.stretch.sampled(self.t + tau)
+            if isinstance(tau, np.ndarray)
+            else self.stretch.at(self.t + tau)
+        )
         if not self._dwelling.size:
             return q
         full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
@@ -286,13 +290,13 @@ class Motion:
         pushed = sparse.csr_array(equations.push(units)[:size])
         extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
         extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
-        return matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+        return (
+            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+        )
 
     # -- series ----------------------------------------------------------------------------------------------
 
-    def expand(
-        self, tau: float, y: Array, order: int, scale: float = 1.0, frozen: bool = False
-    ) -> Expansion:
+    def expand(self, tau: float, y: Array, order: int, scale: float = 1.0, frozen: bool = False) -> Expansion:
         """Return the Taylor coefficients of a linear motion at local time `tau`.
 
         ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T. With

@@ -18,8 +18,8 @@ from scipy import sparse
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
-from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.model.scene import GROUND, Scene
 from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 
@@ -134,7 +134,9 @@ class System:
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
         self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
-        self.carried_state = np.array([self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp)
+        self.carried_state = np.array(
+            [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
+        )
 
     def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
         if not self.sparse:

@@ -44,8 +44,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
 def jumped(motion: Motion, loads: Loads, path: Path, t: float) -> tuple[Mask, Array]:
     """Return the rows whose relative velocity jumps with a drive at `t`, the end of a path, and the state after it.
 
-    Ties and one-way clutches hand the jump on, momentum conserved but for what drives take up; friction does not, because
-    its force is finite.
+    Ties and one-way clutches hand the jump on, momentum conserved but for what drives take up; friction does not,
+    because its force is finite.
     """
     system = motion.system
     if not system.drives:
@@ -95,7 +95,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     if not near.any():
         return path, []
     found: tuple[float, list[int]] | None = None
-    for k in near.any(axis=1).nonzero()[0].tolist():
+    for k in np.flatnonzero(near.any(axis=1)).tolist():
         tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
         if tau is None:
             continue
@@ -136,7 +136,11 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
                 return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
 
             left = float(path.taus[k - 1])
-            entry = float(brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15)) if beyond(left) > 0 > beyond(tau) else tau
+            entry = (
+                float(brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
+                if beyond(left) > 0 > beyond(tau)
+                else tau
+            )
             if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
                 return entry if entry > 0 else tau
             continue
@@ -178,4 +182,3 @@ def _acceleration(motion: Motion, tau: float, y: Array, row: int) -> float:
     rate = motion.rate(tau, y)
     dq = motion.stretch.rate(motion.t + tau)
     return float(system.relative_velocity(rate, np.concatenate([dq, np.zeros(system.dwelling.size)]))[row])
-

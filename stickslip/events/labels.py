@@ -23,7 +23,7 @@ _CALM = 1e-7
 
 def label(
     motion: Motion,
-    named: Modes,
+    named: Array | Modes,
     w: Array,
     resting: Mask,
     before: Modes | None,
@@ -54,7 +54,7 @@ def label(
     is_open = modes == OPEN
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
     may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
-    if (is_open & may_rest).any():
+    if np.any(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
         named = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
     shown = np.where(is_open, named, np.where(modes >= AT_HIGH, 0, modes))
@@ -63,14 +63,14 @@ def label(
 
 def _to_come(
     motion: Motion,
-    named: Array,
+    named: Array | Modes,
     w: Array,
     resting: Mask,
     may_rest: Mask,
     before: Modes,
     quiet: float,
     blur: float,
-) -> Array:
+) -> Array | Modes:
     """Return the signs of relative velocities, or where these are 0 of what they become."""
     is_open = motion.equations.modes == OPEN
     to_come, calm = _first_terms(motion, 2, quiet, blur)

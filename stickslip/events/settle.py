@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
@@ -215,7 +215,14 @@ class _Search:
     """Try mode sets until one is consistent."""
 
     def __init__(
-        self, system: System, stretch: object, now: Situation, y: Array, since: Array, labels: Modes, candidates: Mask
+        self,
+        system: System,
+        stretch: Stretch,
+        now: Situation,
+        y: Array,
+        since: Array,
+        labels: Modes,
+        candidates: Mask,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
@@ -244,7 +251,11 @@ class _Search:
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
         motion = Motion(
-            equations_in(trial, self._system), self._stretch, self._now.t, self._y, self._since  # type: ignore[arg-type]
+            equations_in(trial, self._system),
+            self._stretch,
+            self._now.t,
+            self._y,
+            self._since,
         )
         return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
 
@@ -252,7 +263,7 @@ class _Search:
         """Return the modes to try next, None if these are consistent."""
         if not guards.violated.any():
             return None
-        system, held = self._system, ~guards.is_velocity
+        held = ~guards.is_velocity
         over = (guards.violated & held).nonzero()[0]
         following = trial.copy()
         carrying = over[guards.direction[over] == 0]
@@ -370,7 +381,9 @@ class _Search:
     def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
         base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
         system = self._system
-        choices = [(0,) if system.is_tie[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows]
+        choices = [
+            (0,) if system.is_tie[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
+        ]
         for values in sorted(product(*choices), key=lambda v: sum(map(abs, v))):
             trial = base.copy()
             trial[rows] = values

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
+from stickslip.model.elements import KINDS
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
-from stickslip.model.elements import KINDS
 from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
@@ -74,7 +74,13 @@ def _compiled(system: System, loads: Loads) -> list[str]:
     scene = system.scene
     kinds = ((kind.noun(), len(getattr(scene, table))) for table, kind in KINDS.items())
     present = ", ".join(_count(number, name) for name, number in kinds if number)
-    lines = [f"Scene: {present}", *_states(system), *_contacts(system), *_others(system), *_loads(system, loads)]
+    lines = [
+        f"Scene: {present}",
+        *_states(system),
+        *_contacts(system),
+        *_others(system),
+        *_loads(system, loads),
+    ]
     kind = "sparse" if system.sparse else "dense"
     lines.append(f"Matrices: {kind} (bodies and contacts together: {system.n + system.m})")
     return lines

@@ -9,7 +9,7 @@ import sys
 import pytest
 from references import load as reference
 
-from stickslip import Body, Force, Scene, simulate
+from stickslip import Body, Force, Scene, load, simulate
 from stickslip.__main__ import main
 from stickslip.benchmark import (
     EXACT_EVENTS,
@@ -18,7 +18,6 @@ from stickslip.benchmark import (
     flywheel_chain,
     four_flywheels,
 )
-from stickslip import load
 
 SCENE = """
 [simulation]

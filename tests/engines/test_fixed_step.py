@@ -26,8 +26,8 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.simulation.result import Result
 from stickslip.engines.stability import Unstable
+from stickslip.simulation.result import Result
 
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 

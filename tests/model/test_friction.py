@@ -26,8 +26,8 @@ from stickslip import (
     step,
     triangle,
 )
-from stickslip.model.laws.kernels import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.laws.kernels import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
 from stickslip.simulation.result import Result
 
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}

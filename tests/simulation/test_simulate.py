@@ -331,7 +331,9 @@ def test_benchmark_and_its_economy(method: str) -> None:
     result = simulate(benchmark(), (0.0, 4.0), method=method)
     assert [(e.contact, e.before, e.after) for e in result.events] == [e[1:] for e in BENCHMARK]
     exact = method == "auto"
-    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8)
+    np.testing.assert_allclose(
+        times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8
+    )
     assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-15 if exact else 1e-8)
     stats = result.stats
     # no springs, no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
