@@ -191,9 +191,7 @@ def test_a_planetary_shifts(options: dict[str, Any], off: float) -> None:
 @every_engine
 def test_a_lever_shares_a_force(options: dict[str, Any], off: float) -> None:
     """Masses 1 and 2 at arms 2 and 1: v_a = 2 v_b; a force of 6 on b moves b with 6 / (2 + 4 1) = 1."""
-    scene = Scene(
-        Body("a", inertia=1), Body("b", inertia=2), Tie("lever", {"a": 1, "b": -2}), Force("b", 6)
-    )
+    scene = Scene(Body("a", inertia=1), Body("b", inertia=2), Tie("lever", {"a": 1, "b": -2}), Force("b", 6))
     result = simulate(scene, (0, 2), **options)
     assert result.velocity("a")[-1] == pytest.approx(4.0, abs=10 * off)
     # the tie's force is what accelerates a, and acts on it with -1
@@ -235,6 +233,24 @@ def test_a_drive_that_jumps_takes_what_is_tied_along_and_friction_slips() -> Non
     np.testing.assert_array_equal(at.velocity("a"), [2.0, 2.0])
     np.testing.assert_allclose(at.velocity("b"), [0.0, 0.5], atol=1e-14)
     assert [(e.t, e.after) for e in result.events] == [(1.0, Mode.FORWARD), (pytest.approx(5.0), Mode.STUCK)]
+
+
+@every_engine
+def test_a_body_without_inertia_slips_with_the_drive_that_it_is_tied_to(
+    options: dict[str, Any], off: float
+) -> None:
+    """It takes 0.2 N m either way: the drive does 0.2 times the way of 2 sin(2 pi t) rad/s."""
+    scene = Scene(
+        Body("z", inertia=0),
+        Drive("m", velocity=sine(1, frequency=1)),
+        Gear("g", "z", "m", ratio=2),
+        Contact("k", "z", GROUND, dry(0.3, 0.2), normal=1),
+    )
+    result = simulate(scene, (0, 0.9), **options)
+    np.testing.assert_allclose(result.velocity("z"), 2 * result.velocity("m"), atol=1e-15)
+    way = 2 * (3 + math.cos(0.2 * math.pi)) / (2 * math.pi)
+    assert result.energy().drives[-1] == pytest.approx(0.2 * way, abs=10 * off)
+    assert result.sample([0.25]).force("g")[0] == pytest.approx(-0.2, abs=1e-12)
 
 
 def test_a_tie_to_the_ground_holds() -> None:
@@ -686,7 +702,9 @@ REFUSED: dict[str, tuple[Any, type[Exception], list[str]]] = {
         ["'d1', 'd2'", "leave a tie out"],
     ),
     "unknown field": (
-        lambda: Scene.from_dict({"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}),
+        lambda: Scene.from_dict(
+            {"bodies": [{"name": "a", "inertia": 1}], "gears": [{"name": "g", "teeth": 3}]}
+        ),
         ValueError,
         ["gears[0]", "unknown field 'teeth'", "ratio"],
     ),

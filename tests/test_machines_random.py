@@ -53,7 +53,8 @@ def machine(seed: int, loads: bool = True) -> Scene:
             elements.append(Tie(f"loop {g}", {f"b{a}": 2.0, f"b{b}": -2.0 * float(turn[a])}))
     speed = np.array([velocity[group[i]] * turn[i] for i in range(n)])
     elements += [
-        Body(f"b{i}", inertia=round(float(rng.uniform(0.2, 3)), 3), velocity=float(speed[i])) for i in range(n)
+        Body(f"b{i}", inertia=round(float(rng.uniform(0.2, 3)), 3), velocity=float(speed[i]))
+        for i in range(n)
     ]
     # a planetary with a ring of no inertia between the groups: nothing but its contacts loads it
     ratio = 1.5
@@ -180,6 +181,7 @@ def test_units_do_not_matter(seed: int, scale: float) -> None:
         *(Force(f.body, scale * f.signal) for f in scene.forces),
     )
     plain, other = run(scene), run(scaled)
+
     def told(result: Result) -> list[tuple[float, str, int]]:
         return sorted((round(e.t, 8), e.contact, int(e.after)) for e in result.events)
 

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.modes import Mode
+from stickslip.model.scene import Contact
+from stickslip.model.signal_makers import Constant
 from stickslip.plots.motion import MANY
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
@@ -29,8 +31,6 @@ from stickslip.plots.style import (
     raster,
 )
 from stickslip.results.outcome import Drawable
-from stickslip.model.scene import Contact
-from stickslip.model.signal_makers import Constant
 
 __all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
+from stickslip.model.elements import KINDS
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
-from stickslip.model.elements import KINDS
 from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome

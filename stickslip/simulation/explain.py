@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from stickslip.results.explanations import explain_result, explain_scene, span_of
 from stickslip.model.scene import Scene
+from stickslip.results.explanations import explain_result, explain_scene, span_of
 from stickslip.simulation.choice import ENGINES, choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled

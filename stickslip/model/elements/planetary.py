@@ -13,8 +13,8 @@ __all__ = ["Planetary"]
 class Planetary(Row):
     """A planetary gear: ``(1 + ratio) v_carrier = v_sun + ratio v_ring``.
 
-    Its force lambda acts with ``-(1 + ratio) lambda`` on the carrier, ``+lambda`` on the sun and ``+ratio lambda`` on the
-    ring. The law of Modelica's IdealPlanetary: no losses, no inertia.
+    Its force lambda acts with ``-(1 + ratio) lambda`` on the carrier, ``+lambda`` on the sun and ``+ratio lambda`` on
+    the ring. The law of Modelica's IdealPlanetary: no losses, no inertia.
 
     Parameters
     ----------

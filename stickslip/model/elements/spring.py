@@ -13,8 +13,8 @@ __all__ = ["Spring"]
 class Spring(Radii):
     """A linear spring, with a damper in parallel.
 
-    Its stretch is ``s = radius_a x_a - radius_b x_b``; its pull ``k (s - rest) + c s'`` acts with ``-radius_a`` on `a` and
-    with ``+radius_b`` on `b`.
+    Its stretch is ``s = radius_a x_a - radius_b x_b``; its pull ``k (s - rest) + c s'`` acts with ``-radius_a`` on `a`
+    and with ``+radius_b`` on `b`.
 
     Parameters
     ----------
