@@ -1,6 +1,6 @@
 """Rows on what no motion may violate: momentum, energy, heat, and the limit of friction.
 
-Everything is summed up here from velocities, positions and forces at given times; `stickslip.results.energy` is not asked.
+Everything is summed up here from velocities, positions and forces at given times; `EnergyLedger` is not asked.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from stickslip import (
 )
 from validation.exact import INTEGRATED, REFERENCES, TIGHT, reference
 from validation.published import belt, coupled_clutches
-from validation.rows import FORMULATIONS, Answer, Array, Row, require
+from validation.rows import FORMULATIONS, Answer, Array, Row, asked, require
 
 conservation_row = partial(Row, "Conservation")
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -64,7 +64,7 @@ def move(
     **options: Any,
 ) -> Motion:
     """Simulate a scene, and again with outputs at Gauss points between its computed points."""
-    options = TIGHT | options | {"formulation": formulation}
+    options = TIGHT | options | asked(formulation)
     whole = simulate(scene, span, **options)
     edges = np.union1d(whole.t, np.linspace(*span, parts + 1))
     edges = np.concatenate([edges[:-1][np.diff(edges) > 1e-12 * (span[1] - span[0])], edges[-1:]])

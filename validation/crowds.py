@@ -25,7 +25,7 @@ from stickslip import (
 )
 from validation.blocks import DRY, FLOOR, block, extreme_row
 from validation.exact import TIGHT
-from validation.rows import FORMULATIONS, Answer, Row, changes, event_error, require, worst
+from validation.rows import FORMULATIONS, Answer, Row, asked, changes, event_error, require, worst
 
 
 def symmetric(count: int) -> Answer:
@@ -90,7 +90,7 @@ def loops(kind: str) -> Answer:
     exact = np.linalg.pinv(g / inertia @ g.T, rcond=1e-10) @ (g / inertia @ forces)
     errors = []
     for f in FORMULATIONS:
-        result = simulate(scene, (0.0, 1.0), formulation=f, t_eval=[0.0, 1.0], **TIGHT)
+        result = simulate(scene, (0.0, 1.0), **asked(f), t_eval=[0.0, 1.0], **TIGHT)
         found = np.array([result.force(f"c{k}") for k in range(len(ends))])
         errors.append(worst(found, np.column_stack([exact, exact])))
         require(not result.events, f"{f}: stuck contacts slip")
@@ -120,7 +120,7 @@ def relief(kind: str) -> Answer:
         Contact("seat", "rider", "sled", DRY, normal=14.0),  # 7 N: 8 N at first, 6 N once the floor slips
         Force("rider", step(1.0, 0.0, 8.0)),
     )
-    result = simulate(scene, (0.0, 3.0), formulation=kind, t_eval=[1.0, 2.0, 3.0], **TIGHT)
+    result = simulate(scene, (0.0, 3.0), **asked(kind), t_eval=[1.0, 2.0, 3.0], **TIGHT)
     error = event_error(changes(result), [(1.0, "floor", 0, 1)], 3.0)
     return max(error, *(worst(result.velocity(b), [0.0, 2.0, 4.0]) for b in ("sled", "rider")))
 

@@ -25,8 +25,8 @@ from stickslip.simulation.recorder import Recorder
 from validation.rows import Answer, Array, Row, require
 
 BELT, STIFFNESS, NORMAL, LAW = 0.2, 10.0, 10.0, DryFriction(0.35, 0.2)
-STEPS_PER_PERIOD = 161
-"""What BDF takes at the default tolerances; from it follows how long a run of so many steps is."""
+STEPS_PER_PERIOD = {"BDF": 161, "series": 7}
+"""What each method takes at the default tolerances; from it follows how long a run of so many steps is."""
 
 _LOOKS = 200
 _PAGE = resource.getpagesize()
@@ -120,12 +120,14 @@ def _traced() -> Iterator[None]:
 
 
 @cache
-def run(steps: int, kept: bool) -> Run:
+def run(method: str, steps: int, kept: bool) -> Run:
     """Simulate a limit cycle of about so many steps, with all of its motion kept or nothing but its events."""
-    periods = steps // STEPS_PER_PERIOD
+    periods = steps // STEPS_PER_PERIOD[method]
     first, _, period = cycle()
     stop = first + periods * period
-    options: dict[str, Any] = {} if kept else {"t_eval": [stop], "dense_output": False}
+    options: dict[str, Any] = {"method": method}
+    if not kept:
+        options |= {"t_eval": [stop], "dense_output": False}
     with _watched(max(2 * periods // _LOOKS, 1)) as looks, _traced() if kept else contextlib.nullcontext():
         result = simulate(scene(), (0.0, stop), **options)
     return Run(np.array([e.t for e in result.events]), int(result.stats["steps"]), np.array(looks))
@@ -135,21 +137,21 @@ def _said(found: Run) -> str:
     return f"{found.steps} steps, {found.events.size} events"
 
 
-def punctual(steps: int) -> Answer:
+def punctual(method: str, steps: int) -> Answer:
     """Compare all event times with the formula, over the length of the run."""
-    found = run(steps, kept=False)
+    found = run(method, steps, kept=False)
     first, slip, period = cycle()
     count = found.events.size
     require(found.steps > 0.9 * steps, f"only {_said(found)}")
-    require(abs(count - 2 * (steps // STEPS_PER_PERIOD)) <= 2, f"{count} events")
+    require(abs(count - 2 * (steps // STEPS_PER_PERIOD[method])) <= 2, f"{count} events")
     k = np.arange(count)
     exact = first + (k // 2) * period + (k % 2) * slip
     return float(np.abs(found.events - exact).max() / exact[-1]), _said(found)
 
 
-def time_growth(steps: int) -> Answer:
+def time_growth(method: str, steps: int) -> Answer:
     """Return the CPU time of an event in the last tenth over that in the first, less 1."""
-    found = run(steps, kept=False)
+    found = run(method, steps, kept=False)
     first, last = found.per_event(1)
     remark = (
         f"{_said(found)}: {1e6 * first:.0f} us per event in the first tenth, {1e6 * last:.0f} us in the last"
@@ -157,9 +159,9 @@ def time_growth(steps: int) -> Answer:
     return max(last / first - 1, 0.0), remark
 
 
-def memory_growth(steps: int) -> Answer:
+def memory_growth(method: str, steps: int) -> Answer:
     """Return the memory that an event takes in the last tenth over that in the first, less 1; all motion is kept."""
-    found = run(steps, kept=True)
+    found = run(method, steps, kept=True)
     first, last = found.per_event(2)
     remark = (
         f"{_said(found)}: {first / 1e3:.1f} kB per event in the first tenth, {last / 1e3:.1f} kB in the last"
@@ -167,9 +169,9 @@ def memory_growth(steps: int) -> Answer:
     return max(last / first - 1, 0.0), remark
 
 
-def memory_unkept(steps: int) -> Answer:
+def memory_unkept(method: str, steps: int) -> Answer:
     """Return the memory in kB that an event takes in the last tenth of a run that keeps its events only."""
-    found = run(steps, kept=False)
+    found = run(method, steps, kept=False)
     _, last = found.per_event(2)
     grown = (found.looks[-1, 2] - found.looks[len(found.looks) // 10, 2]) / 1e6
     remark = (
@@ -178,41 +180,44 @@ def memory_unkept(steps: int) -> Answer:
     return max(last, 0.0) / 1e3, remark
 
 
-def _rows(steps: int) -> list[Row]:
+def _rows(method: str, steps: int, bound: float) -> list[Row]:
     size = f"1e{round(math.log10(steps))}"
+    if method != "BDF":
+        size += f"-{method}"
     return [
         long_row(
             f"cycle-events-{size}",
-            f"a block on a belt for {size} steps: all its event times, over the time run",
+            f"a block on a belt for {steps:.0e} steps of {method}: all its event times, over the time run",
             "sines and straight lines",
-            partial(punctual, steps),
-            1e-7,
+            partial(punctual, method, steps),
+            bound,
         ),
         long_row(
             f"cycle-time-{size}",
             "the same run: CPU time per event in the last tenth over that in the first, less 1",
             "ratio",
-            partial(time_growth, steps),
+            partial(time_growth, method, steps),
             0.5,
         ),
         long_row(
             f"cycle-memory-{size}",
             "the same run, which keeps nothing but its events: memory per event in the last tenth [kB]",
             "what an event is made of",
-            partial(memory_unkept, steps),
+            partial(memory_unkept, method, steps),
             0.5,
         ),
     ]
 
 
 ROWS = [
-    *_rows(10**6),
-    *_rows(10**7),
+    *_rows("BDF", 10**6, 1e-7),
+    *_rows("BDF", 10**7, 1e-7),
+    *_rows("series", 10**6, 1e-12),
     long_row(
         "cycle-memory-kept",
         "the same for 3e5 steps, all kept: memory per event in the last tenth over that in the first, less 1",
         "ratio",
-        partial(memory_growth, 3 * 10**5),
+        partial(memory_growth, "BDF", 3 * 10**5),
         0.2,
     ),
 ]

@@ -28,7 +28,7 @@ from stickslip import (
     simulate,
 )
 from stickslip.model.laws import kernels
-from validation.rows import Row, Tried, Wrong, require
+from validation.rows import Row, Tried, Wrong, asked, require
 from validation.tried import try_each
 
 Load = Callable[[float], Any]
@@ -41,7 +41,7 @@ PATIENCE = 30.0
 SOLVERS: dict[str, dict[str, Any]] = {
     "contact-force": {},
     "Adams": {"method": "Adams"},
-    "merged": {"formulation": "merged"},
+    "merged": asked("merged"),
     "multiplier": {"formulation": "multiplier"},
     "RK4": {"method": "RK4", "step": 1e-3},
     "Euler": {"method": "Euler", "step": 1e-3},

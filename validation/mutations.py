@@ -29,9 +29,7 @@ from validation.survivors import Trial, try_generated
 
 ENOUGH = 3
 """Rows that must notice before the next mutation is tried."""
-_WATCHED = ("*/contact-force", "relaxation/*", "[a-z]*-*")
 _LEFT_OUT = (
-    "*/merged",
     "*/multiplier",
     "events-*",
     "chain-100*",
@@ -94,26 +92,33 @@ def _static_while_slipping(coefficients: Any) -> None:
     coefficients.mu_c = coefficients.mu_s.copy()
 
 
-def _frozen_normal(original: Any) -> Any:
-    """The guards of stuck contacts do not see that their normal forces change."""
+def _no_rise(system: Any) -> None:
+    system.rise[:] = 0.0
 
-    def changed(self: Any, y: Any, q0: Any, q1: Any) -> Any:
-        found = original(self, y, q0, q1)
-        return found._replace(c1=found.c1 - self.guard_levels * q1[self.guard_inputs])
+
+def _frozen_normal(original: Any) -> Any:
+    """The guards of held contacts do not see that their normal forces change."""
+
+    def changed(self: Any, expansion: Any) -> Any:
+        found = original(self, expansion)
+        for k, q in enumerate(expansion.q):
+            if k and q is not None:
+                found[k] -= self._mu * q[self._row]
+        return found
 
     return changed
 
 
 def _since_the_start(original: Any) -> Any:
-    def changed(self: Any, system: Any, mode_set: Any, t: float, y: Any, since: Any, *rest: Any) -> None:
-        original(self, system, mode_set, t, y, np.minimum(since, 0.0), *rest)
+    def changed(self: Any, equations: Any, stretch: Any, t: float, y: Any, since: Any) -> None:
+        original(self, equations, stretch, t, y, np.minimum(since, 0.0))
 
     return changed
 
 
 def _since_now(original: Any) -> Any:
-    def changed(self: Any, system: Any, mode_set: Any, t: float, y: Any, since: Any, *rest: Any) -> None:
-        original(self, system, mode_set, t, y, np.full_like(since, t), *rest)
+    def changed(self: Any, equations: Any, stretch: Any, t: float, y: Any, since: Any) -> None:
+        original(self, equations, stretch, t, y, np.full_like(since, t))
 
     return changed
 
@@ -123,133 +128,154 @@ def _first_come(original: Any) -> Any:
     return lambda self, *args: np.ones_like(original(self, *args))
 
 
-def _no_zeros(original: Any) -> Any:
-    def changed(self: Any, fired: Any) -> Any:
-        violated, order = original(self, fired)
-        return violated, np.zeros_like(order)
-
-    return changed
+def _none_spared(original: Any) -> Any:
+    return lambda self, *args: np.zeros_like(original(self, *args))
 
 
-def _plain_mean(original: Any) -> Any:
-    """Joined bodies take the mean of their velocities, whatever they weigh."""
+def _no_zeros(guards: Any) -> None:
+    guards.order[:] = 0
 
-    def changed(system: Any, y: Any, q: Any, joined: Any) -> Any:
-        out = original(system, y, q, joined)
-        for j in np.flatnonzero(joined):
-            a, b = system.a[j], system.b[j]
-            if a < system.n and b < system.n:
-                out[a] = out[b] = 0.5 * (y[a] + y[b])
-        return out
 
-    return changed
+def _as_the_heaviest(original: Any) -> Any:
+    """Joined bodies take the velocity of the heaviest."""
+    return lambda self, v, u: self.consistent(v, u)
 
 
 def _weighted_norm(original: Any) -> Any:
     """Forces in loops that hold the motion as well, but are not the shortest."""
 
-    def changed(self: Any, *args: Any) -> Any:
-        forces = original(self, *args)
-        g = self._incidence.toarray()
-        weighted = g / np.arange(1, g.shape[0] + 1)[:, None]
-        return weighted @ np.linalg.pinv(g.T @ weighted) @ (g.T @ forces)
+    def changed(self: Any, inertia: Any, D: Any, null: Any, scale: Any) -> None:
+        original(self, inertia, D, null, scale * np.arange(1, scale.size + 1))
 
     return changed
 
 
 def _equal_shares(original: Any) -> Any:
-    """Members of a group share its force by number, not by inertia."""
+    """Light members of a group count as heavy as the mean."""
 
-    def changed(self: Any, forces: Any) -> Any:
-        inertia, self.mass = self.mass, self.mass * 1.0
-        self.mass = np.maximum(self.mass, self.mass.mean())
-        answer = original(self, forces)
-        self.mass = inertia
-        return answer
+    def changed(self: Any) -> None:
+        own, self._inertia = self._inertia, np.maximum(self._inertia, self._inertia.mean())
+        original(self)
+        self._inertia = own
 
     return changed
 
 
-def _one_sided(original: Any) -> Any:
+def _no_drives(original: Any) -> Any:
+    return lambda self, forces, drives=None: original(self, forces, None)
+
+
+def _one_sided(equations: Any) -> None:
     """The lower breakaway level is never reached."""
-
-    def changed(self: Any, tau: Any, z: Any) -> Any:
-        g = original(self, tau, z)
-        g[self.slips + self.helds :] += 1e6
-        return g
-
-    return changed
+    equations.guard_constant[(equations.direction < 0) & ~equations.is_velocity] += 1e6
 
 
 def _straight(original: Any) -> Any:
-    def changed(points: Any, query: Any) -> Any:
-        return np.column_stack([np.interp(query, points.taus, column) for column in points.states.T])
+    def changed(coefficients: Any, step: Any, s: Any, is_chebyshev: bool) -> Any:
+        first, last = (original(coefficients, step, np.full_like(s, end), is_chebyshev) for end in (0.0, 1.0))
+        return first + s[:, None] * (last - first)
 
     return changed
 
 
 def _untouched(original: Any) -> Any:
-    return lambda system, y, q, joined: y
+    return lambda system, y, u, held: y
 
 
 def _to_the_end(original: Any) -> Any:
     return lambda self, t, stop: stop
 
 
-def _whole_horizon(original: Any) -> Any:
-    return lambda segment, horizon, max_step: horizon
+def _by_sign(original: Any) -> Any:
+    """Roots are looked for where the signs at both ends of a step differ, and only there."""
+    return lambda c: original(c) if c.sum() < 0 else None
 
 
-def _sticky(original: Any) -> Any:
-    """A contact that comes to rest is tried in its old mode, not stuck."""
+def _not_touching(original: Any) -> Any:
+    """A contact whose velocity has come to 0 goes on with what is left of it."""
 
-    def changed(system: Any, t: float, y: Any, modes: Any, since: Any, touching: Any, *rest: Any) -> Any:
-        return original(system, t, y, modes, since, np.zeros_like(touching), *rest)
+    def changed(*args: Any) -> Any:
+        touching, fired = original(*args)
+        return np.zeros_like(touching), fired
 
-    # nor where it alone changes
-    importlib.import_module("stickslip.simulation.simulate").change_one = _returning(None)(None)  # type: ignore[attr-defined]
     return changed
 
 
+def _by_velocity(original: Any) -> Any:
+    return lambda motion, w, *rest: np.sign(w)
+
+
+def _level(original: Any) -> Any:
+    return lambda self, w: np.broadcast_to(self._of_side(self._level, w), w.shape)
+
+
 MUTATIONS = (
-    Mutation("eq1-sign", "eq. (1) with the wrong sign", "stickslip.grouping:Groups.contact_forces", _negated),
+    Mutation(
+        "eq1-sign",
+        "eq. (1) with the wrong sign",
+        "stickslip.equations.balance:Balance.held_forces",
+        _negated,
+    ),
     Mutation(
         "t-start-old",
         "dwell counted from the start of the run",
-        "stickslip.guards:Guarded.__init__",
+        "stickslip.equations.motion:Motion.__init__",
         _since_the_start,
     ),
     Mutation(
-        "dwell-restarts", "dwell starts anew at every event", "stickslip.guards:Guarded.__init__", _since_now
+        "dwell-restarts",
+        "dwell starts anew at every event",
+        "stickslip.equations.motion:Motion.__init__",
+        _since_now,
     ),
     Mutation(
-        "dwell-off", "the static level is there at once", "stickslip.guards:Guarded._lag", _returning(0.0)
+        "dwell-off",
+        "the static level is there at once",
+        "stickslip.equations.system:System._place_laws",
+        _after(_no_rise),
     ),
     Mutation(
-        "margin-off",
-        "relaxation is never found",
-        "stickslip.segment:Segment.has_come_to_rest",
-        _returning(False),
+        "margin-off", "relaxation is never found", "stickslip.events.endings:_first_rest", _returning(None)
     ),
     Mutation(
-        "margin-alone",
-        "inside the margin is at rest",
-        "stickslip.segment:Segment.has_come_to_rest",
-        _returning(True),
+        "margin-alone", "inside the margin is at rest", "stickslip.events.endings:_at_rest", _returning(True)
     ),
     Mutation(
-        "projection-off", "velocities are not joined on locking", "stickslip.transitions:project", _untouched
+        "projection-off",
+        "velocities are not joined on locking",
+        "stickslip.events.settle:_project",
+        _untouched,
     ),
     Mutation(
-        "projection-mean", "bodies lock at their mean velocity", "stickslip.transitions:project", _plain_mean
+        "projection-heaviest",
+        "bodies lock at the velocity of the heaviest",
+        "stickslip.equations.balance:Balance.project",
+        _as_the_heaviest,
     ),
     Mutation(
         "one-by-one",
         "overloaded contacts are let go with old forces",
-        "stickslip.transitions:_Search._ratios",
+        "stickslip.events.settle:_Search._ratios",
         _first_come,
     ),
-    Mutation("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads:Loads.next_break", _to_the_end),
+    Mutation(
+        "none-spared",
+        "in loops, the first to reach its level moves",
+        "stickslip.events.settle:_Search._spared",
+        _none_spared,
+    ),
+    Mutation(
+        "never-released",
+        "overloaded contacts are held all the same",
+        "stickslip.events.settle:_Search._improved",
+        _returning(None),
+    ),
+    Mutation(
+        "kinks-missed",
+        "load breaks are stepped over",
+        "stickslip.equations.loads:Loads.next_break",
+        _to_the_end,
+    ),
     Mutation(
         "static-slip",
         "slipping friction at the static level",
@@ -257,37 +283,82 @@ MUTATIONS = (
         _after(_static_while_slipping),
     ),
     Mutation(
+        "curve-flat",
+        "no Stribeck curve",
+        "stickslip.model.laws.kernels:_Kinetic.__call__",
+        _level,
+    ),
+    Mutation(
         "normal-frozen",
         "the level keeps the old normal force",
-        "stickslip.mode_set_dense:DenseModeSet.expand",
+        "stickslip.equations.guards:Guards.series",
         _frozen_normal,
     ),
-    Mutation("deflation-off", "guards start at 0 undivided", "stickslip.segment:Segment.classify", _no_zeros),
     Mutation(
-        "looks-off-steps", "no look between computed points", "stickslip.engine:first_dip", _returning(None)
+        "deflation-off",
+        "guards start at 0 undivided",
+        "stickslip.equations.guards:Guards._classify",
+        _after(_no_zeros),
     ),
     Mutation(
-        "looks-off-parabolas",
-        "no look between ends of parabolas",
-        "stickslip.engine:first_violation",
-        _whole_horizon,
+        "looks-off-steps",
+        "no look between computed points",
+        "stickslip.engines.cvode:first_dip",
+        _returning(None),
+    ),
+    Mutation(
+        "looks-off-series",
+        "double crossings within a series are missed",
+        "stickslip.engines.series:first_root",
+        _by_sign,
+    ),
+    Mutation(
+        "reach-off",
+        "series are used beyond their reach",
+        "stickslip.engines.series:Series._reach",
+        lambda original: staticmethod(_returning(1.0)(original)),
     ),
     Mutation(
         "norm",
         "forces in loops are not the shortest",
-        "stickslip.grouping:Groups._least_norm",
+        "stickslip.equations.balance:_Component._least_norm",
         _weighted_norm,
     ),
     Mutation(
-        "shares", "groups accelerate as if all were heavy", "stickslip.grouping:Groups.mean", _equal_shares
+        "shares",
+        "groups accelerate as if all were heavy",
+        "stickslip.equations.balance:Balance._finish",
+        _equal_shares,
     ),
-    Mutation("one-sided", "no breakaway backwards", "stickslip.guards:Guarded.raw_guards", _one_sided),
-    Mutation("straight-lines", "linear interpolation of outputs", "stickslip.pieces:read_off", _straight),
+    Mutation(
+        "drives-steady",
+        "what a drive holds does not feel it accelerate",
+        "stickslip.equations.balance:Balance.accelerations",
+        _no_drives,
+    ),
+    Mutation(
+        "one-sided",
+        "no breakaway backwards",
+        "stickslip.equations.mode_equations:ModeEquations._place_guards",
+        _after(_one_sided),
+    ),
+    Mutation(
+        "straight-lines",
+        "linear interpolation of outputs",
+        "stickslip.results.trajectory:_polynomials",
+        _straight,
+    ),
     Mutation(
         "never-stuck",
         "contacts that come to rest are not found at rest",
-        "stickslip.simulation.simulate:settle",
-        _sticky,
+        "stickslip.simulation.run:at_limit",
+        _not_touching,
+    ),
+    Mutation(
+        "open-by-velocity",
+        "open contacts at rest do not show where they go",
+        "stickslip.events.labels:_to_come",
+        _by_velocity,
     ),
 )
 

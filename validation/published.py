@@ -23,7 +23,7 @@ from stickslip import (
     step,
 )
 from validation.exact import INTEGRATED, TIGHT
-from validation.rows import FORMULATIONS, Answer, Row, changes, event_error, require, worst
+from validation.rows import FORMULATIONS, Answer, Row, asked, changes, event_error, require, worst
 
 published_row = partial(Row, "Published results")
 
@@ -53,7 +53,7 @@ CLUTCH_SPEEDS = (3.2470582724188, 2.4631871666496, 2.4631871666496, 2.4631871666
 
 def clutches(formulation: str) -> Answer:
     """Events and final speeds."""
-    result = simulate(coupled_clutches(), (0.0, 1.5), formulation=formulation, **TIGHT)
+    result = simulate(coupled_clutches(), (0.0, 1.5), **asked(formulation), **TIGHT)
     times = event_error(changes(result), CLUTCH_EVENTS, 1.5)
     speeds = worst([result.velocity(f"J{i}")[-1] for i in (1, 2, 3, 4)], CLUTCH_SPEEDS)
     return max(times, speeds), f"6 events, times {times:.1e}, speeds {speeds:.1e}"
@@ -100,7 +100,7 @@ BELT_CYCLE = (4.29599952548016, 7.70503176935042, 12.0010312948306, 1.1339446764
 
 def belt_cycle(formulation: str) -> Answer:
     """The limit cycle, reached at the first breakaway."""
-    result = simulate(belt(), (0.0, 42.0), formulation=formulation, **TIGHT)
+    result = simulate(belt(), (0.0, 42.0), **asked(formulation), **TIGHT)
     events = changes(result)
     require([e[2:] for e in events] == [(0, -1), (-1, 0)] * 3 + [(0, -1)], f"events {events}")
     t = [e[0] for e in events]

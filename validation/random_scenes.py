@@ -37,7 +37,7 @@ from validation.conservation import (
     power_error,
     stuck_error,
 )
-from validation.rows import Array, Row, Tried, Wrong
+from validation.rows import Array, Row, Tried, Wrong, asked
 from validation.tried import try_each
 
 random_row = partial(Row, "Random scenes", tries="random scenes", same=True)
@@ -183,9 +183,7 @@ def _apart(number: int, other: Result, sign: float = 1.0) -> float:
 
 
 def _formulated(formulation: str, number: int) -> float:
-    return _apart(
-        number, simulate(draw(number), (0.0, STOP), formulation=formulation, t_eval=GRID, **OPTIONS)
-    )
+    return _apart(number, simulate(draw(number), (0.0, STOP), **asked(formulation), t_eval=GRID, **OPTIONS))
 
 
 def _mirrored(number: int) -> float:

@@ -19,6 +19,11 @@ Change = tuple[float, str, int, int]
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 
 
+def asked(formulation: str) -> dict[str, Any]:
+    """Return what `simulate` is asked for: contact forces by the default engine, merged inertias by CVODE."""
+    return {"formulation": formulation} | ({"method": "BDF"} if formulation == "merged" else {})
+
+
 class Wrong(Exception):
     """An answer that is wrong in kind, not by an amount: a missing event, a stuck contact that moves."""
 

@@ -23,7 +23,7 @@ __all__ = ["Series"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ORDER, _POLYNOMIAL = 18, 2
+_ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
@@ -67,8 +67,8 @@ class Series:
         while tau < horizon and not hit and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
-            if motion.is_rising(tau):
-                step = self._past_rises(motion, guards, watched, tau, y, longest)
+            if (motion.is_rising(tau) or motion.stretch.has_waves) and motion.may_be_bounded:
+                step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
                 hit = step.root is not None
@@ -83,18 +83,23 @@ class Series:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
         return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit)
 
-    def _past_rises(
+    def _past_bounds(
         self, motion: Motion, guards: Guards, watched: Indices, tau: float, y: Array, longest: float
     ) -> _Step | None:
-        """Return a step on which no guard comes to 0, whatever static coefficients rise meanwhile.
+        """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
 
-        A level that rises with its dwell is not below what it would be without rising any more: where that excludes a
-        root, the exponential need not be followed. None where the step would be short beside the dwell.
+        A level that rises with its dwell is not below what it would be without rising any more, and a sine lowers no
+        guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step would be
+        short beside dwells and periods.
         """
+        if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
+            # a guard that leaves 0 is told from it by what the sine does
+            return None
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
             return step
-        if step.root * step.h < _WORTH * motion.dwell_times.min():
+        dwell = float(motion.dwell_times.min()) if motion.dwell_times.size else 0.0
+        if step.root * step.h < _WORTH * max(dwell, motion.stretch.longest_period):
             return None
         # up to there no guard is 0
         powers = np.arange(step.coefficients.shape[0])
@@ -111,14 +116,18 @@ class Series:
         frozen: bool,
     ) -> _Step:
         """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
-        polynomial = motion.is_polynomial and (frozen or not motion.is_rising(tau))
-        order = _POLYNOMIAL if polynomial else _ORDER
-        if polynomial and tau == 0 and not frozen:
+        straight = motion.is_straight and not motion.is_rising(tau)
+        polynomial = motion.is_polynomial and (frozen or straight)
+        # velocities are quadratic in time, and positions cubic
+        order = (3 if motion.system.placed.size else 2) if polynomial else _ORDER
+        if polynomial and tau == 0 and not frozen and order == 2:
             h, scale, expansion = longest, 1.0, motion.start
         else:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
             h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
         g = guards.series(expansion)
+        if frozen and motion.stretch.has_waves:
+            g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
             self._guess = 1.5 * h

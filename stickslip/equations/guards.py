@@ -259,6 +259,19 @@ class Guards:
         size = self.levels(q) + np.abs(z[self._source])
         return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
 
+    @cached_property
+    def allowance(self) -> Array:
+        """By how much sines can lower each guard, where they move nothing."""
+        motion, system = self.motion, self.motion.system
+        found = np.zeros(self.size)
+        amplitudes = motion.stretch.amplitudes
+        for i in amplitudes.nonzero()[0].tolist():
+            q = np.zeros(motion.inputs(0.0).size)
+            q[i] = amplitudes[i]
+            z = motion.equations.respond(q)[system.size :]
+            found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
+        return found
+
     @property
     def idle(self) -> Indices:
         """Moving rows at rest whose relative velocity stays 0."""

@@ -190,12 +190,15 @@ class Stretch:
         left, right = max(t - d, self.start), min(t + d, self._before_stop)
         return (function(right) - function(left)) / (right - left) if right > left else 0.0
 
-    def taylor(self, t: float, order: int, scale: float = 1.0) -> list[Array | None]:
-        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, None where all are 0; functions count nothing."""
+    def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> list[Array | None]:
+        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, None where all are 0; functions count nothing.
+
+        Without `waves`, sines count nothing either.
+        """
         found: list[Array | None] = [self.value + (t - self.start) * self.slope]
         found.append(None if self.is_steady else scale * self.slope)
         found += [None] * (order - 1)
-        if self.has_waves:
+        if self.has_waves and waves:
             angle, size = self._angle(t), self._amplitude
             for k in range(order + 1):
                 part = found[k]
@@ -219,6 +222,19 @@ class Stretch:
             found[0][i] += abs(function(min(t, self._before_stop)))
             found[1][i] += abs(self._slope_of(function, t))
         return found
+
+    @property
+    def amplitudes(self) -> Array:
+        """The sum of the amplitudes of the sines in each entry."""
+        found = np.zeros(self.value.size)
+        if self.has_waves:
+            np.add.at(found, self._entry, np.abs(self._amplitude))
+        return found
+
+    @property
+    def longest_period(self) -> float:
+        """Longest period in s of the sines."""
+        return float(1.0 / np.abs(self._frequency).min()) if self.has_waves else 0.0
 
     def _angle(self, t: float) -> Array:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t

@@ -68,9 +68,12 @@ class Motion:
         self.is_linear = not (self.has_law or stretch.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, equations.at_level].any())
         if self._dwelling.size:
             self._place_dwells()
-        self.is_polynomial = stretch.is_straight and not (self.has_law or equations.feeds_back)
+        self.is_straight = stretch.is_straight
+        self.is_polynomial = not (stretch.has_functions or self.has_law or equations.feeds_back)
 
     # -- inputs ----------------------------------------------------------------------------------------------
 
@@ -85,6 +88,35 @@ class Motion:
         self._age = age[self._rising]
         if self._rising.size:
             self._over = float(np.max((_DWELL_OVER - self._age) / self._rate))
+
+    @cached_property
+    def waves_rest(self) -> bool:
+        """Whether sines move nothing: they only push on what rests, or press it."""
+        stretch, equations = self.stretch, self.equations
+        if not stretch.has_waves:
+            return True
+        pushed = np.zeros(self.system.inputs + self._dwelling.size)
+        pushed[: self.system.inputs] = stretch.amplitudes
+        y, size = np.zeros(self.system.size), self.system.size
+        rate, _ = equations.magnitudes(y, pushed)
+        moved = np.abs(equations.respond(pushed)[:size]) > 1e-12 * rate
+        drives = pushed[self.system.first_drive : self.system.first_acceleration]
+        return not (moved.any() or drives.any() or self._pushes_apart(pushed, rate))
+
+    def _pushes_apart(self, pushed: Array, rate: Array) -> bool:
+        """Tell whether two sines that cancel at their peaks move something."""
+        size = self.system.size
+        for i in self.stretch.amplitudes.nonzero()[0].tolist():
+            one = np.zeros(pushed.size)
+            one[i] = pushed[i]
+            if np.any(np.abs(self.equations.respond(one)[:size]) > 1e-12 * rate):
+                return True
+        return False
+
+    @property
+    def may_be_bounded(self) -> bool:
+        """Whether what bends the guards alone, rising levels and sines, moves nothing."""
+        return not self.rises_push and (self.waves_rest or not self.stretch.has_waves)
 
     def is_rising(self, tau: float) -> bool:
         """Tell whether a static coefficient still rises at local time `tau`."""
@@ -123,7 +155,7 @@ class Motion:
         return full
 
     def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> list[Array | None]:
-        series = self.stretch.taylor(self.t + tau, order, scale)
+        series = self.stretch.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
         if not self._dwelling.size:
             return series
         size, count = self.system.inputs, self._dwelling.size
@@ -264,11 +296,11 @@ class Motion:
         """Return the Taylor coefficients of a linear motion at local time `tau`.
 
         ``y_{k+1} = (A y_k + B q_k) / (k + 1)``; the state `y` has its dependent velocities written through T. With
-        `frozen`, static coefficients keep the values that they have at `tau`.
+        `frozen`, static coefficients keep the values that they have at `tau`, and sines that move nothing are left out.
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        q = self._input_series(tau, order, scale, frozen and not equations.at_level.size)
+        q = self._input_series(tau, order, scale, frozen)
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
         finite = False

@@ -31,10 +31,10 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, motion.watched(tau, path.last))
-        reach = np.full(values.size, max(0.0, float(values.min())))
-        # rows that tie within roundoff go together
-        reach += _TIE * guards.scale
-        at = values <= reach
+        # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
+        with np.errstate(over="ignore"):
+            part = values / np.maximum(guards.scale, np.finfo(float).tiny)
+        at = part <= max(0.0, float(part.min())) + _TIE
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
     return touching, fired

@@ -227,7 +227,7 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         "marker": "o",
         "markersize": size,
         "markerfacecolor": "white",
-        "label": "computed points",
+        "label": "times fit for a plot",
     }
     for at, style in ((fine, line), (computed, points)):
         force = at.force(contact)

@@ -44,7 +44,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
 def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
-    Markers are the computed points, or ticks at the bottom where they are many, one in so many as the legend
+    Markers are times fit for a plot, or ticks at the bottom where they are many, one in so many as the legend
     says; a broad grey line runs under a body while a contact with a normal force holds it. More than a dozen
     bodies become a raster with a colour bar.
 
@@ -85,7 +85,7 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
-    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": "computed points"}
+    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": "times fit for a plot"}
     if few:
         ax.plot([], [], marker="o", markersize=3.5, **points)
     else:
@@ -125,7 +125,7 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
     """Draw ticks along the bottom at computed times, every so many where all of them would run together."""
     every = -(-times.size // _TICKS)
     if every > 1:
-        points = points | {"label": f"computed points, 1 in {every}"}
+        points = points | {"label": f"times fit for a plot, 1 in {every}"}
     chosen = times[::every]
     ticks = {"transform": ax.get_xaxis_transform(), "markersize": 9, "markeredgewidth": 0.6}
     ax.plot(chosen, np.zeros(chosen.size), "|", **ticks, **points)

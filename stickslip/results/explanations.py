@@ -98,6 +98,7 @@ def _contacts(system: System) -> list[str]:
     contacts = system.scene.contacts
     if not contacts:
         return [] if system.m else ["Contacts: none, so no modes and no guards"]
+    # contacts are the first rows
     alive = np.flatnonzero(system.alive[: len(contacts)]).tolist()
     lines = [f"Contacts: {len(alive)} of {len(contacts)} assembled"]
     lines += [f"  {contacts[j].name}: {_contact(system, j)}" for j in alive[:_LISTED]]

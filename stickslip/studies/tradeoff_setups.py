@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from stickslip.simulation.simulate import simulate
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.regularized import Shape
-from stickslip.simulation.result import Result
 from stickslip.model.scene import Scene
+from stickslip.simulation.choice import choose
+from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import compiled, simulate
 
 __all__ = ["Call", "calls", "reference_calls"]
 
@@ -71,7 +72,7 @@ def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     scale : float
         Size of the velocities in m/s or rad/s.
     """
-    return [*_event_exact(scene, scale), *_fixed_steps(span), *_pre_slip(scene, scale)]
+    return [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span), *_pre_slip(scene, scale)]
 
 
 def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
@@ -85,6 +86,14 @@ def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
 
 def _tolerances(rtol: float, scale: float) -> dict[str, float]:
     return {"rtol": float(f"{rtol:.3g}"), "atol": float(f"{_ABSOLUTE * rtol * scale:.1g}")}
+
+
+def _series(scene: Scene, span: tuple[float, float]) -> Iterator[Call]:
+    """Yield the call without options where it takes the series: elsewhere it is CVODE's BDF, which follows."""
+    system = compiled(scene)
+    name, _ = choose(system, system.loads(*span), "contact-force", "auto", span[1] - span[0])
+    if name == "series":
+        yield Call("contact-force, series")
 
 
 def _event_exact(scene: Scene, scale: float) -> Iterator[Call]:

@@ -18,7 +18,7 @@ from validation.oracle import solve
 from validation.oracle_scenes import FAMILIES
 from validation.oracle_signals import Lines, Sine, read
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 PARTS = sorted(Path(oracle.__file__).parent.glob("oracle*.py"))
 
 

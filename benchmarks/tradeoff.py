@@ -1,6 +1,6 @@
 """Error against time for every way of simulating a scene that `stickslip` offers, on four scenes.
 
-    python -m validation.tradeoff [--quick] [--figures DIR]
+    python -m benchmarks.tradeoff [--quick] [--figures DIR]
 
 The flywheel benchmark and four viscous flywheels are judged by exact answers, Leine's belt and a chain of 50
 blocks on a belt by converged event-exact runs. Then the comparison of Breedveld (2000, section 8) at fixed
@@ -19,11 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.scaling import blocks
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, Spring, simulate
-from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from stickslip.studies.tradeoff import Tradeoff, tradeoff
+from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from validation.exact import Story, reference, two_flywheels
-from validation.scaling import blocks
 
 LEVELS = (1e-2, 1e-4, 1e-6, 1e-9)
 README_LEVELS = (1e-3, 1e-6)

@@ -1,7 +1,7 @@
 """Accelerations and held forces against eq. (1), closed forms, and the dense equations they solve.
 
-``M v' + G^T lambda = F`` and ``G v' + D u' = 0``: in 60 digits where the rows are independent, least norm of the unit rows
-where they are not.
+``M v' + G^T lambda = F`` and ``G v' + D u' = 0``: in 60 digits where the rows are independent, least norm of the
+unit rows where they are not.
 """
 
 from __future__ import annotations
@@ -249,7 +249,7 @@ def test_a_drive_s_acceleration_pulls_its_group_along(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_that_part_pull_with_huge_forces(kind: str) -> None:
-    """A block between the floor and a belt that accelerates with 0.5: dragged over both, F aside with the same force."""
+    """A block between the floor and a belt that accelerates with 0.5: dragged over both with the same force."""
     case = Case([2.0], [{0: 1.0}, {0: 1.0, 1: -1.0}], [6.0], (0.0,))
     assert case.solved(kind)[1].tolist() == pytest.approx([3.0, 3.0])
     _, found = Case(case.inertia, case.rows, case.forces, (0.5,)).solved(kind)
@@ -420,9 +420,7 @@ def test_many_columns_of_forces_at_once(case: Case) -> None:
         for k in range(3):
             alone = found.accelerations(wide[:, k])
             np.testing.assert_allclose(accelerations[:, k], alone, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(
-                forces[:, k], found.held_forces(wide[:, k], alone), rtol=0, atol=1e-9
-            )
+            np.testing.assert_allclose(forces[:, k], found.held_forces(wide[:, k], alone), rtol=0, atol=1e-9)
 
 
 @settings(deadline=None)

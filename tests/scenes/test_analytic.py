@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from validation import analytic
 from validation.analytic import Contact, Motion, exact, mp
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 BENCHMARK = (  # time [s], contact, mode before, mode after
     ("0.000909090909090909", "interface", -1, 0),
     ("0.473006762576147516", "interface", 0, -1),

@@ -1,6 +1,6 @@
 """How the work grows with the size of a scene: chains of wheels, chains of blocks on a belt, and pre-slip.
 
-    python -m validation.scaling [--quick]
+    python -m benchmarks.scaling [--quick]
 
 Every size runs in a process of its own, for its peak memory. Wheels: inertia 1, free ends, friction between
 neighbours, to the standstill of all interfaces; their last velocity must be the average of the first ones.

@@ -1,4 +1,5 @@
 import ast
+import importlib
 import math
 import sys
 from pathlib import Path
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stickslip.studies import work_precision
 from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
+
+# the function of the same name hides the module
+study = importlib.import_module("stickslip.studies.work_precision")
 
 
 def row(name, median, error, failure=None, family=None):
@@ -254,7 +257,7 @@ def test_progress_bar_only_on_request(capsys):
     assert "3/3" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("module", ["study", "study_table", "sweeps", "sweep_data"])
+@pytest.mark.parametrize("module", ["work_precision", "table", "sweeps", "sweep_data"])
 def test_studies_know_no_friction_and_draw_nothing_on_import(module):
     source = Path(study.__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
     tree = ast.parse(source)

@@ -133,7 +133,7 @@ def test_result_plot_is_the_overview(wheels):
 def test_velocities_follow_the_motion_between_computed_points(wheels):
     ax = plots.velocities(wheels)
     assert ax.get_xlabel() == "time [s]"
-    assert labels(ax) == ["wheel1", "wheel2", "held by a contact", "computed points"]
+    assert labels(ax) == ["wheel1", "wheel2", "held by a contact", "times fit for a plot"]
     one, two = curve(ax, "wheel1"), curve(ax, "wheel2")
     assert one.get_linestyle() != two.get_linestyle()
     t, v = one.get_data()
@@ -185,7 +185,7 @@ def test_many_points_become_ticks_and_drives_have_none(blocks):
     ax = plots.velocities(blocks)
     assert labels(ax)[:3] == ["b0", "b1", "plate"]
     every = math.ceil(blocks.t.size / 200)
-    ticks = curve(ax, f"computed points, 1 in {every}")
+    ticks = curve(ax, f"times fit for a plot, 1 in {every}")
     assert ticks.get_marker() == "|"
     assert np.array_equal(ticks.get_xdata(), blocks.t[::every])
     drawn(ax)

@@ -1,6 +1,6 @@
 """The two-flywheel benchmark at 1000 outputs: `stickslip` beside scripts written by hand for this one scene.
 
-    python -m validation.peers [--repeats 21]
+    python -m benchmarks.peers [--repeats 21]
 
 Each script is what a competent user would write: one smooth segment after another between load breaks and
 events, with analytic rates and guards, plain floats in the callbacks and the exact Jacobian for the implicit

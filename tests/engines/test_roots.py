@@ -1,4 +1,4 @@
-"""First roots of polynomials on (0, 1]: as numpy finds them, none missed, none made up, tangencies to the last digit."""
+"""First roots of polynomials on (0, 1]: as numpy finds them, none missed, none made up, tangencies too."""
 
 from __future__ import annotations
 
