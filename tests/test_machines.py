@@ -235,6 +235,24 @@ def test_a_drive_that_jumps_takes_what_is_tied_along_and_friction_slips() -> Non
     assert [(e.t, e.after) for e in result.events] == [(1.0, Mode.FORWARD), (pytest.approx(5.0), Mode.STUCK)]
 
 
+@every_engine
+def test_a_body_without_inertia_slips_with_the_drive_that_it_is_tied_to(
+    options: dict[str, Any], off: float
+) -> None:
+    """It takes 0.2 N m either way: the drive does 0.2 times the way of 2 sin(2 pi t) rad/s."""
+    scene = Scene(
+        Body("z", inertia=0),
+        Drive("m", velocity=sine(1, frequency=1)),
+        Gear("g", "z", "m", ratio=2),
+        Contact("k", "z", GROUND, dry(0.3, 0.2), normal=1),
+    )
+    result = simulate(scene, (0, 0.9), **options)
+    np.testing.assert_allclose(result.velocity("z"), 2 * result.velocity("m"), atol=1e-15)
+    way = 2 * (3 + math.cos(0.2 * math.pi)) / (2 * math.pi)
+    assert result.energy().drives[-1] == pytest.approx(0.2 * way, abs=10 * off)
+    assert result.sample([0.25]).force("g")[0] == pytest.approx(-0.2, abs=1e-12)
+
+
 def test_a_tie_to_the_ground_holds() -> None:
     scene = Scene(Body("a", inertia=1), Body("b", inertia=1), Tie("t", {"a": 3, GROUND: 1}), Force("a", 6))
     result = simulate(scene, (0, 1))

@@ -295,7 +295,7 @@ class _Component:
             off = null @ D
             off[np.abs(off) <= _ZERO] = 0.0
             if off.any():
-                stiff = _RIGID * max(inertia.sum(), np.finfo(float).tiny)
+                stiff = _RIGID * (float(inertia.sum()) or 1.0)
                 self.parting = stiff * (null.T @ gram @ off)
 
 

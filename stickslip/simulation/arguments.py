@@ -122,9 +122,8 @@ def check_ties(system: System, loads: Loads, start: float) -> None:
                 "give its bodies velocities that satisfy it"
             )
         raise ValueError(
-            f"{element.label}: its relative velocity at the start is {w[j]:.12g}, "
-            f"but it cannot turn forward ({given}); "
-            "exchange a and b, or give velocities at which b is not slower than a"
+            f"{element.label}: its relative velocity at the start is {w[j]:.12g}, but it cannot turn forward "
+            f"({given}); exchange a and b, or give velocities at which b is not slower than a"
         )
 
 
@@ -140,11 +139,10 @@ def _check_drives(system: System) -> None:
     bound = np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN
     if bound.any():
         names = [drive.name for drive, has in zip(system.scene.drives, bound.any(axis=0), strict=True) if has]
-        tie = next(system.rows[j].name for j in ties.tolist() if np.any(system.D[[j]]))
+        tie = system.rows[int(ties[D.any(axis=1).nonzero()[0][0]])].name
         raise ValueError(
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
-            "but a drive has a "
-            "velocity of its own; leave a tie out, or make the drive a Body"
+            "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
 
 

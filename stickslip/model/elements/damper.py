@@ -11,7 +11,9 @@ __all__ = ["Damper"]
 
 @dataclass(frozen=True)
 class Damper(Radii):
-    """Viscous friction: ``c w`` with ``w = radius_a v_a - radius_b v_b``, ``-radius_a`` of it on `a`.
+    """Viscous friction: ``c w`` with ``w = radius_a v_a - radius_b v_b``.
+
+    It acts with ``-radius_a`` on `a` and with ``+radius_b`` on `b`.
 
     Parameters
     ----------
