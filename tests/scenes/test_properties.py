@@ -355,7 +355,7 @@ def test_reruns_are_bit_identical(seed: int) -> None:
 @pytest.mark.slow
 @FEWER
 @given(seeds)
-def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:
+def test_an_unconnected_scene_changes_nothing(seed: int) -> None:
     scene = make(seed)
     other = (
         Body("unconnected", inertia=1.0, velocity=1.0),
@@ -365,6 +365,12 @@ def test_an_unconnected_scene_changes_no_bit(seed: int) -> None:
     both = Scene(*scene.elements, *other)
     times = np.linspace(0.0, STOP, 31)
     alone, beside = (simulate(one, (0.0, STOP), t_eval=times) for one in (scene, both))
-    assert [e for e in beside.events if e.contact != "beside"] == alone.events
+    others = [e for e in beside.events if e.contact != "beside"]
+    assert [(e.contact, e.after) for e in others] == [(e.contact, e.after) for e in alone.events]
+    # the series leaves roundoff; where a curve asks for CVODE, all parts share its steps
+    exact = alone.stats["engine"] == "Taylor series"
+    off = 1e-10 if exact else 1e-5
+    np.testing.assert_allclose([e.t for e in others], [e.t for e in alone.events], rtol=0, atol=off * STOP)
     n = len(scene.bodies)
-    assert beside.y[:n].tobytes() == alone.y[:n].tobytes()
+    speed = max(1.0, float(np.abs(alone.y[:n]).max()))
+    np.testing.assert_allclose(beside.y[:n], alone.y[:n], rtol=0, atol=10 * off * speed)
