@@ -9,7 +9,7 @@ from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
 from stickslip.equations.motion import Motion
 
-__all__ = ["label"]
+__all__ = ["label", "rests"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,13 +78,21 @@ def _to_come(
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come
-    kept = (to_come == 0) & (before != 0) & ~_locked(motion)
+    kept = (to_come == 0) & (before != 0) & ~locked(motion)
     named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
 
 
-def _locked(motion: Motion) -> Mask:
+def rests(motion: Motion, quiet: float, blur: float) -> Mask:
+    """Tell which rows would stay at rest: nothing accelerates them, or held ones lock the same motion."""
+    to_come, _ = _first_terms(motion, 2, quiet, blur)
+    if motion.is_linear:
+        to_come, _ = _first_terms(motion, _HIGHEST, quiet, blur)
+    return np.asarray((to_come == 0) | locked(motion))
+
+
+def locked(motion: Motion) -> Mask:
     """Tell which rows cannot move because held ones lock the same motion."""
     system, equations = motion.system, motion.equations
     if not equations.held.size:
