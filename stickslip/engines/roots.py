@@ -50,17 +50,17 @@ def may_vanish(coefficients: Array) -> Indices:
     return close[bernstein.min(axis=0) <= 0]
 
 
-def first_root(coefficients: Array) -> float | None:
+def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
-    else is halved. A polynomial that only touches 0, to roundoff, has no root.
+    else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root.
     """
     order = coefficients.size - 1
     bernstein = _to_bernstein(order) @ coefficients
     left, right = _halves(order)
     stack = [(bernstein, 0.0, 1.0, 0)]
-    noise = _ROUNDOFF * float(np.abs(coefficients).sum())
+    noise = _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
     while stack:
         b, low, high, depth = stack.pop()
         if b.min() >= -noise:

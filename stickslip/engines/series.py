@@ -52,6 +52,7 @@ class Series:
     def __init__(self, max_step: float, work: Work, interruption: Interruption) -> None:
         self._max_step, self.work, self._interruption = max_step, work, interruption
         self._guess = math.inf
+        self._speed: Array | None = None
 
     @staticmethod
     def can(motion: Motion) -> bool:
@@ -138,7 +139,7 @@ class Series:
             g = g[:, watched] * stretched
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
-            root = self._first(g)
+            root = self._first(g, self._floor(motion, guards, y)[watched])
         return _Step(expansion.y * stretched, h, root)
 
     @staticmethod
@@ -175,7 +176,14 @@ class Series:
             reach *= 0.99 * (_REMAINDER / part) ** (1.0 / order)
         return float(reach)
 
-    def _first(self, g: Array) -> float | None:
+    def _floor(self, motion: Motion, guards: Guards, y: Array) -> Array:
+        """Return what each guard has the roundoff of: the largest speeds so far, or forces at the start."""
+        n = motion.system.n
+        speed = np.abs(y[:n])
+        self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
+        return np.where(guards.is_velocity, (motion.system.abs_G @ self._speed)[guards.row], guards.scale)
+
+    def _first(self, g: Array, floor: Array) -> float | None:
         """Return the first root in (0, 1] of any column of power coefficients."""
         close = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
@@ -185,7 +193,7 @@ class Series:
             if found is not None:
                 # only what comes before is of interest
                 c = c * found ** np.arange(c.size)
-            root = first_root(c)
+            root = first_root(c, float(floor[i]))
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root
