@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -92,7 +91,6 @@ class Cvode:
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         self._motion, self._guards = _Selected(motion, self._order, self._merged), guards
-        self.work.fewest_states = min(self.work.fewest_states, self._motion.start.size)
 
         def solve(tau: float) -> Path:
             self._progress = Progress(tau, self._interruption, self.show)
@@ -268,6 +266,3 @@ def protected(
 def _shortest(values: Array) -> float | Array:
     """Return one number where all are equal: a long vector of tolerances takes long to check."""
     return float(values[0]) if np.all(values == values[0]) else values
-
-
-_ = math

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from stickslip.engines.progress import Interruption, Progress
 from stickslip.equations.path import Path
 
@@ -38,7 +36,6 @@ class Work:
     solvers: int = 0
     guards_excluded: int = 0
     guards_isolated: int = 0
-    fewest_states: float = np.inf
 
 
 class SolverFailure(Exception):

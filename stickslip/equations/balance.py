@@ -325,7 +325,7 @@ class _Tree:
         ends = place[np.stack([G.indices[G.indptr[two]], G.indices[G.indptr[two] + 1]])]
         size = bodies.size
         graph = sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
-        order, parent = sparse.csgraph.breadth_first_order(graph, root, directed=False)
+        order, _ = sparse.csgraph.breadth_first_order(graph, root, directed=False)
         rank = np.empty(size, dtype=np.intp)
         rank[order] = np.arange(size)
         # each row belongs to the one of its bodies that is further from the root
@@ -334,7 +334,6 @@ class _Tree:
         row_of[outer] = two
         if fixed.size:
             row_of[root] = fixed[0]
-        del parent
         some = order if fixed.size else order[1:]
         rows = row_of[some]
         dependent = bodies[some]

@@ -20,7 +20,7 @@ from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
-from stickslip.model.scene import GROUND, Scene
+from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 
 __all__ = ["System"]
@@ -221,6 +221,3 @@ def _ever_positive(signal: Signal) -> bool:
         case PiecewiseLinear(values=values):
             return max(values) > 0
     return True
-
-
-_ = GROUND

@@ -238,7 +238,6 @@ class _Search:
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion."""
-        trial = self._as_fired(trial)
         while True:
             key = trial.tobytes()
             if key in self._tried or len(self._tried) > _MOST_TRIALS:
@@ -249,9 +248,6 @@ class _Search:
             if following is None:
                 return self._without_idlers(motion, guards)
             trial = following
-
-    def _as_fired(self, trial: Modes) -> Modes:
-        return trial
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
         motion = Motion(
@@ -349,7 +345,7 @@ class _Search:
         expansion, noise = motion.start, ROUNDOFF * guards.majorant
         equations = motion.equations
         for place, i in enumerate(over.tolist()):
-            sign, row, ratio = guards.direction[i], guards.row[i], np.inf
+            sign, ratio = guards.direction[i], np.inf
             source = int(equations.guard_source[i])
             for k in range(3):
                 q = expansion.q[k]
@@ -359,7 +355,6 @@ class _Search:
                     ratio = force / level if level > noise[k, i] else np.inf
                     break
             found[place] = min(ratio, np.finfo(float).max)
-            del row
         return found
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:

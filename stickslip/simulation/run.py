@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.engines.work import Interrupted, SolverFailure, Work
+from stickslip.engines.work import Work
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
@@ -174,6 +174,3 @@ class Run:
 
     def _names(self) -> str:
         return ", ".join(sorted({repr(self.system.rows[j].name) for j in self._recent}))
-
-
-_ = (Interrupted, SolverFailure)
