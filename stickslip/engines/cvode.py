@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stickslip.engines.dips import first_dip
 from stickslip.engines.linear_solver import LinearSolver, band_order
+from stickslip.engines.passing import back_to_zero
 from stickslip.engines.steps import DEGREE, take_steps
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.work import (
@@ -232,10 +233,10 @@ def without_dips(motion: Motion, guards: Guards, solve: Callable[[float], Path],
         path = solve(horizon)
         missed = first_dip(motion, guards, path)
         if missed is None:
-            return path
+            return back_to_zero(motion, guards, path)
         if missed >= path.taus[-1]:
             # a root at the very end is none for the solver, however often it is sent there
-            return replace(path, hit=True)
+            return back_to_zero(motion, guards, replace(path, hit=True))
         horizon = missed
 
 

@@ -55,6 +55,9 @@ class Guards:
         Rows whose relative velocity is 0 at the start.
     fired : array (m,) of bool
         Rows that an event has just found at their limit.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: the errors of a solver, 0 where
+        an engine makes none.
 
     Attributes
     ----------
@@ -66,8 +69,15 @@ class Guards:
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
     """
 
-    def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
-        self.motion, self.at_rest = motion, at_rest
+    def __init__(
+        self,
+        motion: Motion,
+        labels: NDArray[np.int8],
+        at_rest: Mask,
+        fired: Mask,
+        uncertain: float = 0.0,
+    ) -> None:
+        self.motion, self.at_rest, self.uncertain = motion, at_rest, uncertain
         equations = motion.equations
         loose = equations.open[labels[equations.open] != 0]
         self._row, self._turn = equations.guard_row, equations.guard_turn
@@ -174,7 +184,7 @@ class Guards:
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.at_rest[self.row[i]]:
-                    self.violated[i] = coefficients[0, i] < 0
+                    self.violated[i] = coefficients[0, i] < -self.uncertain
                     continue
                 if self.motion.equations.modes[self.row[i]] == OPEN:
                     # nothing but roundoff is uncertain where no force can hold it
@@ -308,9 +318,19 @@ class Guards:
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
-    def values(self, tau: float | Array, z: Array) -> Array:
-        """Return the guards at local time `tau` from what is watched, zeros at the start divided out."""
+    @cached_property
+    def passing(self) -> Indices:
+        """Guards of velocities that pass 0."""
+        return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
+
+    def values(self, tau: float | Array, z: Array, late: bool = False) -> Array:
+        """Return the guards at local time `tau` from what is watched, zeros at the start divided out.
+
+        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        """
         g = self.raw(z, self.motion.inputs(tau))
+        if late and self.uncertain:
+            g[self.passing] += self.uncertain
         if self.is_plain:
             return g
 
@@ -333,5 +353,5 @@ class Guards:
         return g
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state."""
-        return float(self.values(tau, self.motion.watched(tau, y)).min(initial=math.inf))
+        """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
+        return float(self.values(tau, self.motion.watched(tau, y), late=True).min(initial=math.inf))

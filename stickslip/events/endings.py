@@ -19,6 +19,9 @@ Modes = NDArray[np.int8]
 
 _TIE = 1e-13
 _CONSTANT = 1e-7
+_FULLY = 0.999
+"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
+
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
@@ -36,6 +39,10 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             size = np.maximum(guards.scale, guards.majorant[0])
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
+        if guards.uncertain:
+            # a velocity that is beyond 0 by no more than the solver's errors has not passed it
+            passed = values[guards.passing] / guards.uncertain
+            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
     return touching, fired

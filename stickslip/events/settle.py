@@ -97,7 +97,9 @@ class Situation:
         return self.fired if self.labels is None else self.fired & (self.labels == 0)
 
 
-def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
+def settle(
+    system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
+) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
@@ -113,6 +115,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event.
 
     Raises
     ------
@@ -150,7 +154,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     was_held = trial == 0 if now.labels is None else now.labels == 0
     since = np.where(was_held, now.since, now.t)
     labels = np.where(resting, 0, named).astype(np.int8)
-    search = _Search(system, stretch, now, y, since, labels, closed & resting)
+    search = _Search(system, stretch, now, y, since, labels, closed & resting, uncertain)
     motion, guards = search.run(trial)
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     # what held rows lock is at rest, open or not, and so is what nothing moves
@@ -158,7 +162,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     if slow.any():
         shown = np.where(slow & rests(motion, quiet, blur), 0, shown).astype(np.int8)
     if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
-        guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
+        guards = Guards(motion, shown, search.at_rest(shown), now.at_level, uncertain)
     return Settled(shown, motion, guards)
 
 
@@ -228,9 +232,11 @@ class _Search:
         since: Array,
         labels: Modes,
         candidates: Mask,
+        uncertain: float,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
+        self._uncertain = uncertain
         self._tried: dict[bytes, None] = {}
 
     def at_rest(self, labels: Modes) -> Mask:
@@ -260,7 +266,7 @@ class _Search:
             self._y,
             self._since,
         )
-        return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
+        return motion, Guards(motion, self._labels, self._candidates, self._now.at_level, self._uncertain)
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""

@@ -64,6 +64,8 @@ class Run:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: 0 where the engine is exact.
     """
 
     def __init__(
@@ -76,11 +78,12 @@ class Run:
         margin: float,
         quiet: float,
         blur: float,
+        uncertain: float = 0.0,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
-        self._margin, self._quiet, self._blur = margin, quiet, blur
+        self._margin, self._quiet, self._blur, self._uncertain = margin, quiet, blur, uncertain
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -97,7 +100,7 @@ class Run:
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
         situation = Situation(self.t, y, None, since, nothing, nothing)
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
 
     def to_end(self) -> None:
         """Advance, settle, repeat."""
@@ -133,7 +136,7 @@ class Run:
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
         situation = Situation(t, y, before, since, touching, fired, path.largest)
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones)

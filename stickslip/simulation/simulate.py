@@ -117,7 +117,8 @@ def simulate(
     engine = _engine(name, system, loads, wanted, step, max_step, formulation == "merged", interruption)
     blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
     recorder = Recorder(system, span, outputs, dense_output)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    uncertain = 0.0 if name == "series" or step is not None else wanted.passed
+    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur, uncertain)
     simulation = _Simulation(run, recorder, interruption, (start, stop), name, formulation == "merged")
     return simulation.to_end(progress)
 

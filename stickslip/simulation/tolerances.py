@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 _RESOLVED = 1000.0
 """A pre-slip velocity has to be this many times what the tolerances leave uncertain."""
 
+_PASSED = 30.0
+"""How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
+
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
@@ -38,6 +41,8 @@ class Tolerances:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
+    passed : float
+        Velocity in m/s or rad/s by which a solver has to go beyond 0 before 0 is passed.
     """
 
     rtol: float
@@ -45,6 +50,7 @@ class Tolerances:
     margin: float
     quiet: float
     speed: float
+    passed: float
 
 
 def tolerances(
@@ -84,7 +90,7 @@ def tolerances(
         deflection = coefficients.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
         each[state] = min(atol, _BRISTLE * max(deflection, np.finfo(float).tiny) / coefficients.sigma[j, 0])
     quiet = rtol * speed + atol
-    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, _PASSED * quiet)
 
 
 def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:
