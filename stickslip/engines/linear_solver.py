@@ -34,7 +34,7 @@ def band_order(system: System) -> Indices | None:
     pattern = sparse.lil_array((size, size))
     pattern[:n, :n] = joined
     pattern = pattern.tocsr()
-    springs = abs(sparse.csr_array(system.C))
+    springs = sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
     inner = system.placed < n
     rows, columns = system.n + np.flatnonzero(inner), system.placed[inner]

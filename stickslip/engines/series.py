@@ -181,7 +181,8 @@ class Series:
         n = motion.system.n
         speed = np.abs(y[:n])
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
-        return np.where(guards.is_velocity, (motion.system.abs_G @ self._speed)[guards.row], guards.scale)
+        speeds = np.append(motion.system.abs_G @ self._speed, 0.0)
+        return np.where(guards.is_velocity, speeds[guards.row], guards.scale)
 
     def _first(self, g: Array, floor: Array) -> float | None:
         """Return the first root in (0, 1] of any column of power coefficients."""

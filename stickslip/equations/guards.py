@@ -59,7 +59,9 @@ class Guards:
     Attributes
     ----------
     row : array of int
-        The row of each guard.
+        The row of each guard, -1 where it is the border of a region.
+    is_border : array of bool
+        Guards that are borders of regions.
     violated : array of bool
         Guards that are negative at the start or just after it.
     order : array of int
@@ -67,19 +69,21 @@ class Guards:
     """
 
     def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
-        self.motion, self.at_rest = motion, at_rest
+        # guards of no row have the number -1
+        self.motion, self.at_rest = motion, np.append(at_rest, False)
         equations = motion.equations
         loose = equations.open[labels[equations.open] != 0]
         self._row, self._turn = equations.guard_row, equations.guard_turn
         self._source, self._mu = equations.guard_source, equations.guard_mu
         self._constant = equations.guard_constant
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
+        self.is_border = equations.is_border
         self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
         self._dwell = equations.guard_dwell[equations.rising]
         if equations.has_threshold:
             self._constant = self._constant.copy()
             slips = equations.slips
-            self._constant[:slips] = np.where(at_rest[equations.slip], 0.0, equations.threshold)
+            self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
         if loose.size:
             none = np.zeros(loose.size)
             self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
@@ -88,6 +92,7 @@ class Guards:
                 np.append(x, none) for x in (self._mu, self._constant, self.direction)
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
+            self.is_border = np.append(self.is_border, none != 0)
         self.row = self._row
         self._has_levels = bool(self._mu.any())
         self._has_constant = bool(self._constant.any())
@@ -152,12 +157,15 @@ class Guards:
         q = self.motion.start.q[0]
         assert q is not None
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
-        held = ~self.is_velocity
+        held = ~(self.is_velocity | self.is_border)
         level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         near = np.where(
             held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
         )
+        if self.is_border.any():
+            size = self.motion.equations.border_magnitudes(np.abs(self.motion.y), np.abs(q))
+            near[self.is_border] = _NEAR * size + soon * np.abs(self.start[1, self.is_border])
         close = ~(g0 > near)
         if self.at_rest.any():
             close |= self.is_velocity & self.at_rest[self.row]
@@ -167,10 +175,10 @@ class Guards:
 
     def _look_closer(self, rows: Indices, fired: Mask) -> None:
         coefficients, majorant = self.start, self.majorant
-        size = self.scale
+        size, has_fired = self.scale, np.append(fired, False)
         horizon = max(self.motion.horizon, _TINY)
         for i in rows.tolist():
-            closeness = _AS_FIRED if fired[self.row[i]] else AT_LIMIT
+            closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.at_rest[self.row[i]]:
@@ -259,7 +267,8 @@ class Guards:
         q, z = self.motion.start.q[0], self.motion.start.z[0]
         assert q is not None
         size = self.levels(q) + np.abs(z[self._source])
-        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
+        adds_up = self.is_velocity | self.is_border
+        return np.where(adds_up, self.majorant[0] + np.abs(self._constant), size)
 
     @cached_property
     def allowance(self) -> Array:

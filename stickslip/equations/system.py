@@ -18,6 +18,7 @@ from scipy import sparse
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
+from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.model.scene import Scene
@@ -62,20 +63,23 @@ class System:
         self.sparse = n + m > _DENSE_LIMIT
         self.inertia = np.array([body.inertia for body in book.bodies])
         self.normals = [row.normal for row in book.rows]
-        self.others = [signal for _, signal in book.forces] + [_signal(d.velocity) for d in book.drives]
-        self.first_force, self.first_drive = m, m + len(book.forces)
+        self.others = [signal for _, signal in book.forces] + book.signals
+        self.others += [_signal(drive.velocity) for drive in book.drives]
+        self.first_force, self.first_signal = m, m + len(book.forces)
+        self.first_drive = self.first_signal + len(book.signals)
         self.first_acceleration = self.first_drive + drives
         self.inputs = self.first_acceleration + drives + 1
         self._place_states(book)
         self._place_laws(book)
         self._join(book)
+        self.piecewise = PiecewiseMatrices(book, self)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        self.placed = np.array(sorted(stretched), dtype=np.intp)
+        self.placed = np.array(sorted(stretched | book.read), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
@@ -83,13 +87,14 @@ class System:
         c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
-        self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
+        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap)
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
-        self.hard = c.kind == HARD
-        self.all_hard = bool(self.hard.all())
+        self.hard = (c.kind == HARD) & ~self.is_gap
+        self.all_hard = bool((self.hard | self.is_gap).all())
         self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
         bristles = np.flatnonzero(c.kind == BRISTLE)
         self.size = self.first_bristle + bristles.size
@@ -105,12 +110,12 @@ class System:
 
     def _join(self, book: Book) -> None:
         n, drives = self.n, self.drives
-        rows, driven = _Triplets(), _Triplets()
+        rows, driven = Triplets(), Triplets()
         for j, row in enumerate(book.rows):
             for i, c in row.coefficients.items():
                 (rows if i < n else driven).add(j, i if i < n else i - n, c)
-        self.G, self.D = self._matrix(rows, (self.m, n)), self._matrix(driven, (self.m, drives))
-        state, inputs = _Triplets(), _Triplets()
+        self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, drives))
+        state, inputs = Triplets(), Triplets()
         for link in book.couplings:
             for i, c in link.coefficients.items():
                 if i >= n:
@@ -125,8 +130,8 @@ class System:
                 inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
         for k, (i, _) in enumerate(book.forces):
             inputs.add(i, self.first_force + k, 1.0)
-        self.C, self.Q = self._matrix(state, (n, self.size)), self._matrix(inputs, (n, self.inputs))
-        self.has_couplings = bool(state.values)
+        self.C, self.Q = self.matrix(state, (n, self.size)), self.matrix(inputs, (n, self.inputs))
+        self.has_couplings = bool(state.values or book.piecewises)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -138,7 +143,8 @@ class System:
             [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
         )
 
-    def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
+    def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
+        """Return entries as a matrix, dense or sparse as the scene is."""
         if not self.sparse:
             dense = np.zeros(shape)
             if triplets.rows:
@@ -193,21 +199,6 @@ class System:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
         return System, (self.scene,)
-
-
-class _Triplets:
-    """Entries of a matrix under construction."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-        self.columns: list[int] = []
-        self.values: list[float] = []
-
-    def add(self, row: int, column: int, value: float) -> None:
-        if value:
-            self.rows.append(row)
-            self.columns.append(column)
-            self.values.append(value)
 
 
 def _signal(value: Signal | float) -> Signal:

@@ -36,7 +36,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             size = np.maximum(guards.scale, guards.majorant[0])
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
-        fired[guards.row[at]] = True
+        fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
     return touching, fired
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.labels import label, rests
 
@@ -80,6 +81,8 @@ class Situation:
         Rows found at their limit.
     was : array (size,), optional
         The state when the modes before began.
+    regions : array (p,), optional
+        The regions of the piecewise-linear functions before, None at the start.
     """
 
     t: float
@@ -89,6 +92,7 @@ class Situation:
     touching: Mask
     fired: Mask
     was: Array | None = None
+    regions: Regions | None = None
 
     @property
     def at_level(self) -> Mask:
@@ -146,16 +150,23 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     if not system.all_hard:
         trial = np.where(system.hard, trial, _slip_states(system, w, now))
     trial = np.where(closed, trial, OPEN).astype(np.int8)
+    trial[system.is_gap] = APART
     was_held = trial == 0 if now.labels is None else now.labels == 0
     since = np.where(was_held, now.since, now.t)
     labels = np.where(resting, 0, named).astype(np.int8)
-    search = _Search(system, stretch, now, y, since, labels, closed & resting)
+    regions = system.piecewise.at(y, q, now.regions)
+    search = _Search(system, stretch, now, y, since, labels, closed & resting, regions)
     motion, guards = search.run(trial)
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     # what held rows lock is at rest, open or not, and so is what nothing moves
     slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
     if slow.any():
         shown = np.where(slow & rests(motion, quiet, blur), 0, shown).astype(np.int8)
+    functions = system.piecewise
+    if functions.count:
+        shown = shown.copy()
+        of_rows = functions.row >= 0
+        shown[functions.row[of_rows]] = functions.mode[functions.places(motion.equations.regions)[of_rows]]
     if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
         guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
     return Settled(shown, motion, guards)
@@ -227,9 +238,11 @@ class _Search:
         since: Array,
         labels: Modes,
         candidates: Mask,
+        regions: Regions,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
+        self._regions = regions
         self._tried: dict[bytes, None] = {}
 
     def at_rest(self, labels: Modes) -> Mask:
@@ -250,21 +263,38 @@ class _Search:
             trial = following
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
-        motion = Motion(
-            equations_in(trial, self._system),
-            self._stretch,
-            self._now.t,
-            self._y,
-            self._since,
-        )
-        return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
+        """Return the motion in some modes, its piecewise-linear functions in the regions that it goes into.
+
+        The functions are continuous: regions that meet at a border agree there about all forces, and about the first
+        derivative with which the border leaves 0. So stepping over each border that is violated ends in the region.
+        """
+        seen: set[bytes] = set()
+        while True:
+            equations = equations_in(trial, self._system, self._regions)
+            motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
+            guards = Guards(motion, self._labels, self._candidates, self._now.at_level)
+            seen.add(self._regions.tobytes())
+            over = guards.violated & guards.is_border
+            if not over.any():
+                return motion, guards
+            following = self._beyond(motion, over[guards.is_border])
+            if following.tobytes() in seen:
+                return motion, guards
+            self._regions = following
+
+    def _beyond(self, motion: Motion, over: Mask) -> Regions:
+        """Return the regions beyond some of the borders; of those of one function the first counts."""
+        functions, following = self._system.piecewise, self._regions.copy()
+        for border in motion.equations.borders[over][::-1].tolist():
+            following[functions.owner[border]] = functions.beyond[border]
+        return following
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        if not guards.violated.any():
+        violated = guards.violated & ~guards.is_border
+        if not violated.any():
             return None
-        held = ~guards.is_velocity
-        over = (guards.violated & held).nonzero()[0]
+        over = (violated & ~guards.is_velocity).nonzero()[0]
         following = trial.copy()
         carrying = over[guards.direction[over] == 0]
         if carrying.size:
@@ -272,7 +302,7 @@ class _Search:
             following[guards.row[carrying]] = 0
             return following
         if not over.size:
-            following[guards.row[guards.violated]] = 0
+            following[guards.row[violated]] = 0
             return following
         ratio = self._ratios(motion, guards, over)
         first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]

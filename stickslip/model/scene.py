@@ -18,6 +18,7 @@ from stickslip.model.elements import (
     Drive,
     Element,
     Force,
+    Gap,
     Gear,
     Named,
     OneWay,
@@ -39,6 +40,7 @@ __all__ = [
     "Drive",
     "Element",
     "Force",
+    "Gap",
     "Gear",
     "OneWay",
     "Planetary",
@@ -64,13 +66,13 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper or Force; bodies are referred to by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Spring, Damper or Force; they refer to bodies by name.
 
     Attributes
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers, forces : tuple
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, springs, dampers, forces : tuple
         Those of one kind, in the order given.
 
     Raises

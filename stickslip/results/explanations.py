@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.elements import KINDS
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Contact, OneWay, Scene
+from stickslip.model.scene import Contact, Gap, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
@@ -123,11 +123,14 @@ def _others(system: System) -> list[str]:
     rows = [element for element in system.scene.rows if not isinstance(element, Contact)]
     if not rows:
         return []
-    lines = [f"Ties and one-way clutches: {len(rows)}"]
+    gaps = " and gaps" if system.scene.gaps else ""
+    lines = [f"Ties{',' if gaps else ' and'} one-way clutches{gaps}: {len(rows)}"]
     for element in rows[:_LISTED]:
         w = _sum(element.coefficients)
         if isinstance(element, OneWay):
             lines.append(f"  {element.name}: {w} <= 0; guards: 1 overrunning (w), 1 locked (its force)")
+        elif isinstance(element, Gap):
+            lines.append(f"  {element.name}: {_gap(element)}")
         else:
             lines.append(f"  {element.name}: {w} = 0 for ever; no guard")
     if len(rows) > _LISTED:
@@ -136,6 +139,16 @@ def _others(system: System) -> list[str]:
     if weightless:
         lines.append(f"  without inertia, moved by ties alone: {_listed(weightless)}")
     return lines
+
+
+def _gap(gap: Gap) -> str:
+    """Return the limits of a gap, its law and its guards."""
+    ends = " and ".join(f"{limit:g}" for limit in (gap.lower, gap.upper) if math.isfinite(limit))
+    law = f"elastic beyond {ends}, stiffness {gap.stiffness:g}"
+    if gap.damping:
+        law += f", damping {gap.damping:g}"
+    clip = ", closed (its stretch, and where the clip of its damping turns)" if gap.damping else ", 1 closed"
+    return f"stretch {_sum(gap.coefficients)}; {law}; guards: open (its stretch at each limit){clip}"
 
 
 def _sum(coefficients: Mapping[str, float]) -> str:
@@ -226,6 +239,7 @@ def _modes(system: System, modes: NDArray[np.int8]) -> str:
         FREE: "smooth",
         AT_HIGH: "stuck",
         AT_LOW: "stuck",
+        APART: "gaps",
     }
     names: dict[str, list[str]] = {word: [] for word in words.values()}
     for row, mode, alive in zip(system.rows, modes.tolist(), system.alive, strict=True):
@@ -321,11 +335,24 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
         return _slip_state(event, law, limits)
     if isinstance(law, Karnopp) and event.cause == "relative velocity 0":
         return f"came into the dead band of {law.velocity:g}; {_held(limits)}"
+    if event.cause in _GAP_CAUSES:
+        return _gap_change(event, limits)
     if law is None and event.before == Mode.STUCK:
         others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
     sentence = _SENTENCES.get(event.cause)
     return event.cause if sentence is None else sentence(event, limits)
+
+
+_GAP_CAUSES = ("touches", "leaves")
+
+
+def _gap_change(event: Event, at: _Limits) -> str:
+    limit = "upper" if Mode.FORWARD in (event.before, event.after) else "lower"
+    if event.cause == "leaves":
+        return f"left its {limit} limit at relative velocity {at.w[1]:.6g}"
+    limit = "upper" if event.after == Mode.FORWARD else "lower"
+    return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"
 
 
 def _slip_state(event: Event, law: PreSlip, at: _Limits) -> str:

@@ -16,6 +16,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 
 __all__ = ["Piece", "Trajectory", "balances_kept", "by_piece", "kind_of"]
@@ -48,6 +49,8 @@ class Piece:
         Modes that the rows show: -1, 0 or +1.
     since : array (m,)
         When each row last became held, in s.
+    regions : array (p,) of int16
+        The region of each piecewise-linear function.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """
@@ -58,6 +61,7 @@ class Piece:
     modes: Modes
     labels: Modes
     since: Array = field(repr=False)
+    regions: Regions = field(repr=False)
     path: Path | None = field(repr=False)
 
     @property
@@ -106,7 +110,7 @@ class Trajectory:
     def motion(self, number: int) -> Motion:
         """Return the motion of a piece, built again."""
         piece = self.pieces[number]
-        equations = equations_in(piece.modes, self.system)
+        equations = equations_in(piece.modes, self.system, piece.regions)
         return Motion(equations, self.loads.after(piece.t), piece.t, piece.y, piece.since)
 
     def places(self, times: Array) -> Indices:

@@ -97,7 +97,7 @@ def check_dead_bands(scene: Scene) -> None:
 
 def check_ties(system: System, loads: Loads, start: float) -> None:
     """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
-    rigid = ~system.is_friction
+    rigid = system.is_tie | system.is_one_way
     if not rigid.any():
         return
     _check_drives(system)

@@ -79,7 +79,10 @@ class Recorder:
     @staticmethod
     def _piece(now: Settled, stop: float, path: Path | None) -> Piece:
         motion = now.motion
-        return Piece(motion.t, stop, motion.y, motion.equations.modes, now.labels, motion.since, path)
+        equations = motion.equations
+        return Piece(
+            motion.t, stop, motion.y, equations.modes, now.labels, motion.since, equations.regions, path
+        )
 
     def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
         """Keep an event."""

@@ -16,6 +16,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, settle
+from stickslip.model.modes import Mode
 
 __all__ = ["Engine", "Run"]
 
@@ -132,7 +133,8 @@ class Run:
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, y, before, since, touching, fired, path.largest)
+        regions = motion.equations.regions
+        situation = Situation(t, y, before, since, touching, fired, path.largest, regions)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
@@ -141,7 +143,9 @@ class Run:
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
-        if self.now.motion.equations.modes[j] == OPEN:
+        if self.system.is_gap[j]:
+            cause = "leaves" if after == Mode.OPEN else "touches"
+        elif self.now.motion.equations.modes[j] == OPEN:
             cause = "open"
         elif relaxed_now:
             cause = "relaxation"

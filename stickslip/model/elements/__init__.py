@@ -6,6 +6,7 @@ from stickslip.model.elements.contact import Contact
 from stickslip.model.elements.damper import Damper
 from stickslip.model.elements.drive import Drive
 from stickslip.model.elements.force import Force
+from stickslip.model.elements.gap import Gap
 from stickslip.model.elements.gear import Gear
 from stickslip.model.elements.one_way import OneWay
 from stickslip.model.elements.planetary import Planetary
@@ -22,6 +23,7 @@ __all__ = [
     "Drive",
     "Element",
     "Force",
+    "Gap",
     "Gear",
     "Link",
     "Named",
@@ -40,6 +42,7 @@ KINDS: dict[str, type[Element]] = {
     "gears": Gear,
     "planetaries": Planetary,
     "one_ways": OneWay,
+    "gaps": Gap,
     "springs": Spring,
     "dampers": Damper,
     "forces": Force,
