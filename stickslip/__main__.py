@@ -106,6 +106,15 @@ def _parser() -> argparse.ArgumentParser:
     ):
         run.add_argument(f"--{kind}", metavar="FILE", help=f"write {what}")
     run.add_argument("--progress", action="store_true", help="progress bar even if stderr is not a terminal")
+
+    draw = commands.add_parser(
+        "draw", help="draw a scene file as a schematic", description="Draw a scene file as a schematic."
+    )
+    draw.set_defaults(job=_draw_scene)
+    draw.add_argument("scene", help="scene file")
+    draw.add_argument(
+        "--plot", metavar="FILE", help="where the figure goes (png, svg, pdf; default SCENE.png)"
+    )
     return parser
 
 
@@ -172,10 +181,7 @@ def _run(chosen: argparse.Namespace) -> int:
     data = _read(Path(chosen.scene))
     given = data.pop("simulation", {})
     options = _options(chosen, given)
-    try:
-        scene = Scene.from_dict(data)
-    except (ValueError, TypeError) as error:
-        raise _BadInput(f"{chosen.scene}: {error}") from None
+    scene = _scene(chosen.scene, data)
     span = options.pop("span")
     options["progress"] = chosen.progress or sys.stderr.isatty()
     code = _OK
@@ -190,6 +196,23 @@ def _run(chosen: argparse.Namespace) -> int:
     _write(result, outputs)
     _print_run(result)
     return code
+
+
+def _draw_scene(chosen: argparse.Namespace) -> int:
+    target = chosen.plot or str(Path(chosen.scene).with_suffix(".png").name)
+    _check_folders({"plot": target})
+    data = _read(Path(chosen.scene))
+    data.pop("simulation", None)
+    _save_figure(_scene(chosen.scene, data).draw(), target)
+    print(f"figure: {target}")
+    return _OK
+
+
+def _scene(file: str, data: Mapping[str, Any]) -> Scene:
+    try:
+        return Scene.from_dict(data)
+    except (ValueError, TypeError) as error:
+        raise _BadInput(f"{file}: {error}") from None
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -290,8 +313,14 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
 def _draw(result: Result, path: str, **options: Any) -> None:
     from stickslip import plots
 
+    _save_figure(plots.overview(result, **options), path)
+
+
+def _save_figure(figure: Any, path: str) -> None:
     try:
-        plots.overview(result, **options).savefig(path, dpi=150)
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise _BadInput(f"--plot {path}: cannot be written: {error.strerror}") from None
     except ValueError as error:  # a format that matplotlib does not know
         raise _BadInput(f"--plot {path}: {error}") from None
 

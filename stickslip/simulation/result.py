@@ -351,6 +351,12 @@ class Result:
 
         return plots.overview(self, **options)
 
+    def _repr_html_(self) -> str:
+        """Return figure, events and last velocities, as notebooks show them."""
+        from stickslip.plots.notebook import result_html
+
+        return result_html(self)
+
     def __str__(self) -> str:
         lines = [self.message, *map(str, self.events)]
         lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))

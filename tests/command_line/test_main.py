@@ -168,6 +168,17 @@ def test_progress_goes_to_stderr_when_asked(here, capsys):
     assert "simulated" in capsys.readouterr().err
 
 
+def test_draw_makes_a_figure_of_the_scene(here, capsys):
+    assert main(["draw", "scene.toml"]) == 0
+    assert (here / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert capsys.readouterr().out == "figure: scene.png\n"
+    assert main(["draw", "scene.toml", "--plot", "o.svg"]) == 0
+    assert "<svg" in (here / "o.svg").read_text()
+    (here / "scene.toml").write_text(SCENE.replace("normal = 1.0", 'normal = "much"'))
+    assert main(["draw", "scene.toml"]) == 2
+    assert "normal" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
