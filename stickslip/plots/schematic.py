@@ -187,7 +187,7 @@ class _Drawing:
                 else {"facecolor": "0.88"}
             )
             box = (left, self._top(row) - _BOX), right - left, _BOX
-            ax.add_patch(Rectangle(*box, **{"linewidth": 0.0, "zorder": 2} | look))
+            ax.add_patch(Rectangle(*box, linewidth=0.0, zorder=2, **look))
             ax.add_patch(Rectangle(*box, fill=False, linewidth=1.2, zorder=5))
             text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 6}
             if driven:
