@@ -181,13 +181,11 @@ class _Drawing:
         for name, row in self.rows.items():
             left, right = self._sides(name)
             driven = isinstance(self.nodes[name], Drive)
-            look = (
-                {"facecolor": "white", "hatch": "////", "edgecolor": "0.6"}
-                if driven
-                else {"facecolor": "0.88"}
-            )
             box = (left, self._top(row) - _BOX), right - left, _BOX
-            ax.add_patch(Rectangle(*box, linewidth=0.0, zorder=2, **look))
+            inside = Rectangle(*box, facecolor="0.88", linewidth=0.0, zorder=2)
+            if driven:
+                inside.set(facecolor="white", hatch="////", edgecolor="0.6")
+            ax.add_patch(inside)
             ax.add_patch(Rectangle(*box, fill=False, linewidth=1.2, zorder=5))
             text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 6}
             if driven:
