@@ -18,6 +18,7 @@ import numpy as np
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.scene import Scene
 from stickslip.results.files import save, to_csv, to_json
+from stickslip.results.units import units
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.simulate import simulate
 
@@ -275,7 +276,7 @@ def _print_run(result: Result) -> None:
     if len(result.events) > _EVENTS_SHOWN:
         print(f"  ... and {len(result.events) - _EVENTS_SHOWN} more events; --json FILE writes all")
     if result.t.size:
-        print(f"velocities at {result.t[-1]:.12g} s [m/s | rad/s]")
+        print(f"velocities at {result.t[-1]:.12g} s [{units(result.scene).velocity}]")
         for body in result.scene.bodies[:_EVENTS_SHOWN]:
             print(f"  {body.name}: {result.velocity(body.name)[-1]:.12g}")
     print("work: " + ", ".join(f"{name} {value}" for name, value in result.stats.items()))

@@ -15,7 +15,6 @@ from stickslip.model.modes import Mode
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
     TIME,
-    VELOCITY,
     WITH_DOTS,
     beside,
     color_bar,
@@ -24,8 +23,10 @@ from stickslip.plots.style import (
     look,
     own_axes,
     raster,
+    value_raster,
 )
 from stickslip.results.outcome import Drawable
+from stickslip.results.units import units
 
 __all__ = ["modes", "velocities"]
 
@@ -81,7 +82,7 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
         ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(VELOCITY)
+    ax.set_ylabel(f"velocity [{units(result.scene).velocity}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -135,7 +136,7 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
-    color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), VELOCITY)
+    value_raster(ax, coarse.t, rows, names, f"velocity [{units(result.scene).velocity}]")
     ax.set_ylabel("body")
 
 

@@ -11,6 +11,8 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from stickslip.plots.style import COLOURS
+
 __all__ = ["sweep_map", "tradeoff", "work_precision"]
 
 _MARKERS = "osD^vP*X<>ph"
@@ -127,8 +129,9 @@ def work_precision(table: Table, *, ax: Any = None) -> Any:
 
 def _family(ax: Any, k: int, family: str, rows: list[Measured], table: Any) -> None:
     """Draw all rows of a family as markers, and a line through those that no other of them beats."""
-    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": f"C{k % 10}"}
-    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": f"C{k % 10}", "linewidth": 1.2}
+    colour = COLOURS[k % len(COLOURS)]
+    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": colour}
+    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": colour, "linewidth": 1.2}
     best = replace(table, rows=tuple(rows)).pareto()
     ax.plot([row.median for row in rows], [row.error for row in rows], **marker | {"linestyle": "none"})
     ax.plot([row.median for row in best], [row.error for row in best], **line)
