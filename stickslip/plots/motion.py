@@ -20,6 +20,7 @@ from stickslip.plots.style import (
     color_bar,
     contact_names,
     dots,
+    keep_names_inside,
     look,
     own_axes,
     raster,
@@ -182,6 +183,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)
     ax.tick_params(axis="y", length=0)
+    keep_names_inside(ax)
     entries = [
         Patch(edgecolor="black", linewidth=0.5, label=Mode(mode).name, **bar)
         for mode, bar in _STRIPS.items()

@@ -21,11 +21,13 @@ __all__ = [
     "contact_names",
     "dots",
     "edges",
+    "keep_names_inside",
     "look",
     "makes_room",
     "mark_events",
     "own_axes",
     "raster",
+    "robust",
     "value_raster",
 ]
 
@@ -106,7 +108,18 @@ def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str]
     ax.invert_yaxis()
     every = -(-len(names) // 20)
     ax.set_yticks(range(0, len(names), every), names[::every], fontsize="small")
+    keep_names_inside(ax)
     return mesh
+
+
+def keep_names_inside(ax: Any) -> None:
+    """Let the names at the left stand within the axes where nothing makes room beside them."""
+    if makes_room(ax):
+        return
+    for label in ax.get_yticklabels():
+        paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+        label.set(horizontalalignment="left", fontsize="x-small", bbox=paper)
+    ax.tick_params(axis="y", pad=-4)
 
 
 def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
@@ -118,15 +131,24 @@ def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
     return ax.figure.colorbar(mesh, label=label, **options)
 
 
+def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
+    """Return limits of a colour scale that a few extremes do not stretch until all else looks alike.
+
+    The text says at which ends of the colour bar an arrow tells that values lie beyond.
+    """
+    some = values[np.isfinite(values)]
+    if not some.size:
+        return {}, "neither"
+    lowest, low, high, highest = np.quantile(some, [0.0, 0.01, 0.99, 1.0]).tolist()
+    if not high > low or highest - lowest <= _STRETCHED * (high - low):
+        return {}, "neither"
+    ends = {(True, True): "both", (True, False): "min"}.get((lowest < low, highest > high), "max")
+    return {"vmin": low, "vmax": high}, ends
+
+
 def value_raster(
     ax: Any, t: NDArray[np.float64], rows: NDArray[np.float64], names: list[str], label: str
 ) -> None:
-    """Draw numbers as a raster with its colour bar; a few extremes do not stretch its colours until all looks alike."""
-    limits, extend = {}, "neither"
-    if rows.size:
-        lowest, low, high, highest = np.quantile(rows, [0.0, 0.01, 0.99, 1.0]).tolist()
-        if high > low and highest - lowest > _STRETCHED * (high - low):
-            limits = {"vmin": low, "vmax": high}
-            extend = {(True, True): "both", (True, False): "min"}.get((lowest < low, highest > high), "max")
-    mesh = raster(ax, t, rows, names, cmap="cividis", **limits)
-    color_bar(ax, mesh, label, extend=extend)
+    """Draw numbers as a raster with its colour bar."""
+    limits, ends = robust(rows)
+    color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)
