@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -369,6 +370,27 @@ class Result:
         from stickslip import plots
 
         return plots.overview(self, **options)
+
+    def report(self, path: Target, *, title: str = "A simulation with dry friction") -> None:
+        """Write a report of the run: one HTML file that needs no other file and no network.
+
+        It shows the scene as a schematic, motion, modes and forces, the events with their causes, the part of the time
+        in each mode, the energy ledger, and what is known of the accuracy. It can be read on a phone.
+
+        Parameters
+        ----------
+        path : path
+        title : str
+            Heading of the page.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from stickslip.plots.report import report
+
+        Path(path).write_text(report(self, title), encoding="utf-8")
 
     def _repr_html_(self) -> str:
         """Return figure, events and last velocities, as notebooks show them."""

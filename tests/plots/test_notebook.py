@@ -1,38 +1,10 @@
 """What notebooks show: valid HTML with a figure and the numbers of the thing shown."""
 
-from html.parser import HTMLParser
-
 import pytest
+from pages import Checked
 
 from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, signal, simulate
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
-
-EMPTY = {"img", "br", "meta", "path", "use", "rect", "line", "circle", "stop"}
-
-
-class Checked(HTMLParser):
-    """Tags that close in order, pictures, and the text of the page."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.open, self.images, self.text = [], 0, []
-        self.feed(page)
-        assert not self.open
-
-    def handle_starttag(self, tag, attributes):
-        self.images += tag in ("img", "svg")
-        if tag not in EMPTY:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.images += tag == "img"
-
-    def handle_endtag(self, tag):
-        if tag not in EMPTY:
-            assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 @pytest.fixture(scope="module")
