@@ -88,7 +88,7 @@ class Guards:
                 np.append(x, none) for x in (self._mu, self._constant, self.direction)
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
-        self.row = self._row
+        self.row, self._loose = self._row, loose.size
         self._has_levels = bool(self._mu.any())
         self._has_constant = bool(self._constant.any())
         self.size = self._row.size
@@ -121,6 +121,14 @@ class Guards:
 
     def series(self, expansion: Expansion) -> Array:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
+        if expansion.g is not None:
+            g = expansion.g.copy()
+            if self._loose:
+                loose = expansion.z[:, self._source[-self._loose :]] * self._turn[-self._loose :]
+                g = np.concatenate([g, loose], axis=1)
+            if self._has_constant:
+                g[0] += self._constant
+            return g
         g = expansion.z[:, self._source]
         g *= self._turn
         for k, q in enumerate(expansion.q):
@@ -149,11 +157,8 @@ class Guards:
 
     def _classify(self, fired: Mask) -> None:
         g0 = self.start[0]
-        q = self.motion.start.q[0]
-        assert q is not None
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
-        held = ~self.is_velocity
-        level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
+        held, level = ~self.is_velocity, self.force_scale
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         near = np.where(
             held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
@@ -241,6 +246,11 @@ class Guards:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
         return self._majorant(2)
 
+    @cached_property
+    def value_majorant(self) -> Array:
+        """The same of the guards themselves."""
+        return self._majorant(0)[0]
+
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
         for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
@@ -256,10 +266,14 @@ class Guards:
     @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        q, z = self.motion.start.q[0], self.motion.start.z[0]
+        return np.where(self.is_velocity, self.value_majorant + np.abs(self._constant), self.force_scale)
+
+    @cached_property
+    def force_scale(self) -> Array:
+        """The same for guards of forces; without meaning for velocities."""
+        q = self.motion.start.q[0]
         assert q is not None
-        size = self.levels(q) + np.abs(z[self._source])
-        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
+        return self.levels(q) + np.abs(self.motion.start.z[0][self._source])
 
     @cached_property
     def allowance(self) -> Array:

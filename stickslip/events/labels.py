@@ -9,7 +9,7 @@ from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
 from stickslip.equations.motion import Motion
 
-__all__ = ["label", "rests"]
+__all__ = ["label", "locked"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,14 +82,6 @@ def _to_come(
     named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
-
-
-def rests(motion: Motion, quiet: float, blur: float) -> Mask:
-    """Tell which rows would stay at rest: nothing accelerates them, or held ones lock the same motion."""
-    to_come, _ = _first_terms(motion, 2, quiet, blur)
-    if motion.is_linear:
-        to_come, _ = _first_terms(motion, _HIGHEST, quiet, blur)
-    return np.asarray((to_come == 0) | locked(motion))
 
 
 def locked(motion: Motion) -> Mask:

@@ -15,7 +15,7 @@ from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.labels import label, rests
+from stickslip.events.labels import label, locked
 
 __all__ = ["Inconsistent", "Settled", "Situation", "settle"]
 
@@ -152,10 +152,10 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     search = _Search(system, stretch, now, y, since, labels, closed & resting)
     motion, guards = search.run(trial)
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
-    # what held rows lock is at rest, open or not, and so is what nothing moves
+    # what held rows lock is at rest, open or not
     slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
     if slow.any():
-        shown = np.where(slow & rests(motion, quiet, blur), 0, shown).astype(np.int8)
+        shown = np.where(slow & locked(motion), 0, shown).astype(np.int8)
     if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
         guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
     return Settled(shown, motion, guards)
