@@ -160,6 +160,11 @@ class ModeEquations:
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
         self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
         self.direction = np.concatenate([none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5]])
+        self.has_levels, self.has_constant = bool(self.guard_mu.any()), bool(self.guard_constant.any())
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
+        rests = (self.modes == 0) | (self.modes >= AT_HIGH)
+        self.resting_dwells = rests[system.dwelling].nonzero()[0]
 
     def _place_shares(self) -> Array:
         """Return the map from forces on the bodies to what rows at their level would carry if they had none.

@@ -82,8 +82,7 @@ class Motion:
         self.is_linear = not (self.has_law or stretch.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
-        # a row that carries its level pushes with it: where that rises, the motion follows
-        self.rises_push = bool(system.dwelling.size and system.rise[:, equations.at_level].any())
+        self.rises_push = equations.rises_push
         if self._dwelling.size:
             self._place_dwells()
         self.is_straight = stretch.is_straight
@@ -93,15 +92,17 @@ class Motion:
 
     def _place_dwells(self) -> None:
         """Rows whose static coefficient is still rising."""
-        system, rows = self.system, self._dwelling
-        age = (self.t - self.since[rows]) / system.dwell[rows]
-        modes = self.equations.modes[rows]
-        rests = (modes == 0) | (modes > 3)
-        self._rising = (rests & (age < _DWELL_OVER)).nonzero()[0]
-        self._rate = 1.0 / system.dwell[rows[self._rising]]
-        self._age = age[self._rising]
+        places = self._rising = self.equations.resting_dwells
+        if not places.size:
+            return
+        rows = self._dwelling[places]
+        self._rate = 1.0 / self.system.dwell[rows]
+        self._age = (self.t - self.since[rows]) * self._rate
+        young = self._age < _DWELL_OVER
+        if not young.all():
+            self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
         if self._rising.size:
-            self._over = float(np.max((_DWELL_OVER - self._age) / self._rate))
+            self._over = float(((_DWELL_OVER - self._age) / self._rate).max())
 
     @cached_property
     def waves_rest(self) -> bool:
@@ -139,7 +140,7 @@ class Motion:
     @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
-        return np.unique(1.0 / self._rate) if self._dwelling.size else np.empty(0)
+        return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
 
     def inputs(self, tau: float | Array) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array."""
@@ -184,10 +185,10 @@ class Motion:
                 wide = np.zeros(size + count)
                 wide[:size] = part
             full.append(wide)
-        age = self._age + self._rate * tau
-        live = (age < _DWELL_OVER).nonzero()[0] if self._rising.size else self._rising
-        if not live.size:
+        if not self._rising.size:
             return full
+        age = self._age + self._rate * tau
+        live = (age < _DWELL_OVER).nonzero()[0]
         rows, places = self._dwelling[self._rising[live]], size + self._rising[live]
         if frozen:
             factor = np.exp(-age[live])
@@ -388,6 +389,11 @@ class Motion:
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def start_inputs(self) -> Array:
+        """Inputs and dwells at the start."""
+        return self.inputs(0.0)
 
     @cached_property
     def start(self) -> Expansion:

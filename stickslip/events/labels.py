@@ -48,8 +48,8 @@ def label(
     blur : float
         Part of the forces that is uncertain.
     """
-    modes = motion.equations.modes
-    if modes.max(initial=0) < OPEN:
+    equations, modes = motion.equations, motion.equations.modes
+    if not (equations.open.size or equations.free.size or equations.at_level.size):
         return modes
     is_open = modes == OPEN
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
