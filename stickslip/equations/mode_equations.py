@@ -203,13 +203,19 @@ class ModeEquations:
         guards = np.arange(self.guard_row.size)
         by_input[guards, self.guard_row] += self.guard_mu
         by_input[self.rising, self.guard_dwell[self.rising]] -= self.guard_rise[self.rising]
-        self.of_state, self.of_input = np.vstack([self._AE, by_state]), np.vstack([self._BH, by_input])
+        self._of_states_all = np.vstack([self._AE, by_state])
+        self._of_inputs_all = np.vstack([self._BH, by_input])
 
     def taylor(self, order: int, frozen: bool) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order, None where it would be large."""
         key = order, frozen
         if key not in self._maps:
-            self._maps[key] = TaylorMap(self, order, frozen) if is_small(self, order) else None
+            found = None
+            if is_small(self.system, self.system.size + self.rows + self.guard_row.size, order):
+                found = TaylorMap(
+                    self.system, self._of_states_all, self._of_inputs_all, self.rows, self.consistent, *key
+                )
+            self._maps[key] = found
         return self._maps[key]
 
     def apply(self, y: Array) -> Array:

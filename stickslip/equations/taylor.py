@@ -10,13 +10,12 @@ them, for every motion in the same modes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.system import System
 
 __all__ = ["TaylorMap", "is_small"]
 
@@ -27,11 +26,9 @@ _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 
 
-def is_small(equations: ModeEquations, order: int) -> bool:
-    """Tell whether the matrix of all coefficients up to an order is worth keeping."""
-    system = equations.system
+def is_small(system: System, rows: int, order: int) -> bool:
+    """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
     columns = system.size + 2 * system.inputs + 2 * system.dwelling.size
-    rows = system.size + equations.rows + equations.guard_row.size
     return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
 
 
@@ -40,21 +37,34 @@ class TaylorMap:
 
     Parameters
     ----------
-    equations : ModeEquations
+    system : System
+    of_states, of_inputs : array
+        Maps from states, and from inputs and dwells, to rates, watched quantities and guards.
+    watched : int
+        How many watched quantities there are.
+    consistent : callable
+        Writes the dependent velocities of states through the independent ones, given those of the drives.
     order : int
         Highest order.
     frozen : bool
         Whether static coefficients keep their values.
     """
 
-    def __init__(self, equations: ModeEquations, order: int, frozen: bool) -> None:
-        system = equations.system
+    def __init__(
+        self,
+        system: System,
+        of_states: Array,
+        of_inputs: Array,
+        watched: int,
+        consistent: Callable[[Array, Array], Array],
+        order: int,
+        frozen: bool,
+    ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
         dwells = dwelling.size
-        self._size, self._watched, self._order = size, size + equations.rows, order
-        by_state, by_input = equations.of_state, equations.of_input
+        self._size, self._watched, self._order = size, size + watched, order
         # time is counted in units in which no coefficient grows
-        fastest = float(np.abs(equations.A).sum(axis=1).max(initial=0.0))
+        fastest = float(np.abs(of_states[:size]).sum(axis=1).max(initial=0.0))
         if dwells and not frozen:
             fastest = max(fastest, float((1.0 / system.dwell[dwelling]).max()))
         self._pace = fastest if fastest > 0 else 1.0
@@ -77,8 +87,8 @@ class TaylorMap:
                 q[:inputs, slope : slope + inputs] = np.eye(inputs) / self._pace
             q[place, dwell], q[place, dwell_slope] = decay, before / self._pace
             if k:
-                y = equations.consistent(y, system.drive_velocities(q))
-            found = by_state @ y + by_input @ q
+                y = consistent(y, system.drive_velocities(q))
+            found = of_states @ y + of_inputs @ q
             blocks.append(np.concatenate([y, found[size:]]))
             y = found[:size] / ((k + 1) * self._pace)
             decay, before = decay * fall / (k + 1), decay
