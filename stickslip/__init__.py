@@ -24,6 +24,7 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision
@@ -47,6 +48,7 @@ __all__ = [
     "PreSlip",
     "Result",
     "Scene",
+    "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
@@ -56,6 +58,7 @@ __all__ = [
     "load",
     "output",
     "piecewise_linear",
+    "sensitivities",
     "signal",
     "simulate",
     "sine",
