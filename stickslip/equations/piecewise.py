@@ -143,6 +143,12 @@ class PiecewiseMatrices:
             found[k] = int(least.argmax())
         return found
 
+    def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
+        """Return the modes that rows show, with those that show regions."""
+        labels, of = labels.copy(), self.row >= 0
+        labels[self.row[of]] = self.mode[self.places(regions)[of]]
+        return labels
+
     def widest(self, links: Any) -> Any:
         """Return how strongly states can push the bodies at most, beside springs and dampers: sums of sizes."""
         found = abs(links)
