@@ -5,8 +5,8 @@ may drift as long as nothing feels it. With the monodromy matrix ``M = dz(T)/dz(
 
     z(T) = z(0)                              with a period given, and otherwise also   f . (z(0) - z_guess) = 0
 
-where ``f = z'`` and T is unknown, too. Multipliers are the eigenvalues of M, without the 1 that belongs to the direction
-of the motion where the period is free.
+where ``f = z'`` and T is unknown, too. Multipliers are the eigenvalues of M, without the 1 that belongs to the
+direction of the motion where the period is free.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Cycle:
 
     @property
     def stable(self) -> bool:
-        """Whether small deviations die away: all multipliers are smaller than 1, by more than the computation's errors."""
+        """Whether small deviations die away: all multipliers are smaller than 1, by more than errors."""
         return bool(np.all(np.abs(self.multipliers) < 1.0 - _NEUTRAL))
 
     @property
