@@ -282,27 +282,20 @@ class Patchwork:
         return y[:, back]
 
     def moved(self, piece: Indices, t: Array) -> Array:
-        """Return how far bodies and drives have come since the start, a column for each time of a piece."""
+        """Return how far the bodies have come since the start, a column for each time of a piece."""
         ticks = self._ticks(piece, t)
         order = np.argsort(ticks, kind="stable")
-        n = self.system.n
-        found = np.empty((n + self.system.drives, t.size))
+        found = np.empty((self.system.n, t.size))
         entry = self.bodies.entries(ticks[order], slice(None))
-        begin = self.begin
-        found[:n, order] = self._positions(entry, t[order]) - begin[:n, None]
-        u, d = self.drives[1], t - self.since
-        found[n:] = self.drives[0][:, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:]) - begin[n:, None]
+        found[:, order] = self._positions(entry, t[order]) - self.begin[:, None]
         return found
 
     @cached_property
     def begin(self) -> Array:
-        """Positions of bodies and drives at the start."""
+        """Positions of the bodies at the start."""
         t = self.starts[:1]
         first = self.bodies.entries(self._ticks(np.zeros(1, dtype=np.intp), t), slice(None))
-        u, d = self.drives[1], float(t[0]) - self.since
-        return np.concatenate(
-            [self._positions(first, t)[:, 0], self.drives[0] + d * (u[:, 0] + 0.5 * d * u[:, 1])]
-        )
+        return self._positions(first, t)[:, 0]
 
     def _velocities(self, entry: Indices, t: Array) -> Array:
         v = self.bodies.values(entry, t, self.unit).reshape(entry.shape)

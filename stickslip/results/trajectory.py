@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
@@ -200,7 +200,7 @@ class Trajectory:
 
     def local(self, piece_of: Indices, times: Array) -> Array:
         """Return times in s since the starts of their pieces, none before and none past the end."""
-        return np.clip(times - self.starts[piece_of], 0.0, self._ends[piece_of])
+        return np.clip(times - self.starts[piece_of], 0.0, self.ends[piece_of])
 
     def order(self, number: int) -> int:
         """Return the degree of the polynomials of a piece."""
@@ -211,7 +211,8 @@ class Trajectory:
         return 0 if path is None or not path.taus[1:].size else path.coefficients.shape[1] - 1
 
     @cached_property
-    def _ends(self) -> Array:
+    def ends(self) -> Array:
+        """Local time in s of the end of each piece."""
         return self._joined(lambda piece: piece.end, lambda part: part.stops - part.starts)
 
     def part(self, number: int) -> tuple[Piece | Patchwork, int]:
@@ -232,7 +233,7 @@ class Trajectory:
             for k, duration in enumerate(durations.tolist()):
                 yield np.ascontiguousarray(inner[:, k]), duration
 
-    def ends(self, number: int) -> Array:
+    def steps(self, number: int) -> Array:
         """Return the local times at which steps of a piece end, its start among them.
 
         Raises
@@ -290,14 +291,39 @@ class Trajectory:
         taus : array (k,)
             Times in s since its start.
         """
-        found = np.empty((self.system.size, taus.size))
+        found = self.evaluated(piece_of, taus)
+        self._tie(piece_of, taus, found)
+        return found
+
+    def evaluated(
+        self, piece_of: Indices, taus: Array, change: Callable[[Path, int], Path] | None = None
+    ) -> Array:
+        """Return the polynomials of the steps at local times of pieces, one column each.
+
+        Parameters
+        ----------
+        piece_of : array (k,) of int
+            The piece of each time.
+        taus : array (k,)
+            Times in s since its start.
+        change : callable, optional
+            What to make of a path first, and of the number of velocities: integrals of these.
+        """
+        n = self.system.n
+        found = np.empty((self.system.size if change is None else n, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
         entries: dict[tuple[int, bool], int] = {}
         for part, some, own in self.by_part(piece_of):
-            found[:, some] = part.states(own, part.starts[own] + taus[some])
+            times = part.starts[own] + taus[some]
+            if change is None:
+                found[:, some] = part.states(own, times)
+            else:
+                found[:, some] = (part.moved(own, times) - part.moved(own, part.starts[own]))[:n]
         for number, chosen in self.whole(piece_of):
             path = self.pieces[number].path
             assert path is not None
+            if change is not None:
+                path = change(path, n)
             kind = kind_of(path)
             blocks.setdefault(kind, []).append((path, chosen))
             entries[kind] = entries.get(kind, 0) + path.coefficients.size
@@ -306,18 +332,15 @@ class Trajectory:
                 entries[kind] = 0
         for block in blocks.values():
             _evaluate(block, taus, found)
-        self._tie(piece_of, taus, found)
         return found
 
     def moved(self, piece_of: Indices, taus: Array) -> Array | None:
-        """Return how far bodies and drives have come at local times, None where that is not known by itself."""
+        """Return how far bodies have come at local times, None where that is not known by itself."""
         parts = self.parts
         if not isinstance(self.pieces, Pieces) or not all(isinstance(part, Patchwork) for part in parts):
             return None
-        firsts = self.pieces.firsts
-        system = self.system
-        found = np.empty((system.n + system.drives, taus.size))
-        base = np.zeros(found.shape[0])
+        firsts, n = self.pieces.firsts, self.system.n
+        found, base = np.empty((n, taus.size)), np.zeros(n)
         place = np.searchsorted(firsts, piece_of, side="right") - 1
         for number, part in enumerate(parts):
             assert isinstance(part, Patchwork)
@@ -330,17 +353,40 @@ class Trajectory:
 
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
         """Write the velocities that depend on others through them, in place."""
+        held = list(self.by_held(piece_of))
+        if not held:
+            return
         system = self.system
-        for held, chosen in self.by_held(piece_of):
-            balance = self.balance(held)
+        drives = None
+        if system.drives:
+            drives = system.drive_velocities(self.inputs(piece_of, taus))
+        self.write_led(held, y[: system.n], drives)
+
+    def write_led(
+        self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
+    ) -> None:
+        """Write what depends on others through the rows that hold it, in place.
+
+        Parameters
+        ----------
+        held : iterable of (bytes, array of int or slice)
+            Sets of held rows, and the columns in which each holds.
+        v : array (n, k)
+            Velocities of the bodies, or what follows the same ties.
+        drives : array (d, k) or None
+            The same of the drives.
+        """
+        for key, chosen in held:
+            balance = self.balance(key)
             if not balance.dependent.size:
                 continue
-            ties, drives = balance.T[balance.dependent], balance.U[balance.dependent]
-            led = ties @ y[: system.n, chosen]
-            if system.drives:
-                q = self.inputs(piece_of[chosen], taus[chosen])
-                led = led + drives @ system.drive_velocities(q)
-            y[np.ix_(balance.dependent, np.arange(taus.size)[chosen])] = led
+            led = balance.led_by_bodies @ v[:, chosen]
+            if drives is not None:
+                led = led + balance.led_by_drives @ drives[:, chosen]
+            if isinstance(chosen, slice):
+                v[balance.dependent, chosen] = led
+            else:
+                v[balance.dependent[:, None], chosen] = led
 
     def balance(self, held: bytes) -> Balance:
         """Return the balance of forces where some rows are held."""
