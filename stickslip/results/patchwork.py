@@ -140,7 +140,7 @@ class Series:
         some = self.terms != 0
         return np.where(some.any(axis=1), self.terms.shape[1] - 1 - some[:, ::-1].argmax(axis=1), 0)
 
-    def entries(self, ticks: Indices, things: slice | Indices) -> Indices:
+    def entries(self, ticks: Indices, things: slice | int) -> Indices:
         """Return the entries that hold at some ticks (in order), a line for each thing (all, or one)."""
         if not self.thing.size:
             return np.zeros((0, ticks.size), dtype=np.intp)
@@ -320,6 +320,12 @@ class Patchwork:
         inner = self.rows.first[entry].astype(np.int8)
         shown = np.where(inner == OPEN, self.labels[:, None], inner).astype(np.int8)
         return inner, shown, self.rows.second[entry]
+
+    def modes_of(self, row: int) -> list[tuple[int, int]]:
+        """Return for each piece the mode of a row as the equations know it, and the one it shows."""
+        ticks = self._ticks(np.arange(self.starts.size), self.starts)
+        inner = self.rows.first[self.rows.entries(ticks, row)].astype(int).tolist()
+        return [(mode, int(self.labels[row]) if mode == OPEN else mode) for mode in inner]
 
     def forces(self, piece: Indices, t: Array) -> Array:
         """Return the forces of held rows at times of pieces, a column each; those of other rows mean nothing."""

@@ -223,6 +223,14 @@ class Trajectory:
         place = int(np.searchsorted(firsts, number, side="right")) - 1
         return self.pieces.parts[place], number - int(firsts[place])
 
+    def modes_of(self, row: int) -> Iterator[tuple[int, int]]:
+        """Yield for each piece the mode of a row as the equations know it, and the one it shows."""
+        for part in self.parts:
+            if isinstance(part, Patchwork):
+                yield from part.modes_of(row)
+            else:
+                yield int(part.modes[row]), int(part.labels[row])
+
     def each_modes(self) -> Iterator[tuple[Modes, float]]:
         """Yield the modes of each piece as the equations know them, and how long it lasts in s."""
         count = max(_AT_ONCE // max(self.system.m, 1), 1)

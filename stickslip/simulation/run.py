@@ -161,12 +161,12 @@ class Run:
             return
         self.restarts += 1
         before = shown_at_end(motion, path, now.labels)
-        touching, fired = at_limit(motion, now.guards, path, ones)
+        touching, fired, let_go = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
-        self._settle(Situation(t, y, before, since, touching, fired, path.largest), before, ones)
+        self._settle(Situation(t, y, before, since, touching, fired, path.largest, let_go), before, ones)
 
     def _settle(self, situation: Situation, before: Modes, ones: list[int]) -> None:
         """Settle the whole scene, and note what has changed."""
