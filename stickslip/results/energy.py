@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.book import Book
 from stickslip.equations.system import System
@@ -165,12 +166,12 @@ class _Gaps:
         return np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0)
 
 
-def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> sparse.csr_array:
+def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> Any:
     """Return coefficients on bodies and drives as a matrix."""
     entries = [(k, i, c) for k, row in enumerate(rows) for i, c in row.items()]
     values = np.array(entries, dtype=float).reshape(-1, 3)
     places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
-    return sparse.csr_array((values[:, 2], places), shape=(len(rows), system.n + system.drives))
+    return scipy.sparse.csr_array((values[:, 2], places), shape=(len(rows), system.n + system.drives))
 
 
 def _positions(system: System, y: Array) -> Array:
