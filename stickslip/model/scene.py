@@ -25,6 +25,7 @@ from stickslip.model.elements import (
     Planetary,
     Row,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.elements.base import listed
@@ -47,6 +48,7 @@ __all__ = [
     "Row",
     "Scene",
     "Spring",
+    "Stop",
     "Tie",
 ]
 
@@ -66,13 +68,14 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Spring, Damper or Force; they refer to bodies by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper or Force; they refer to bodies
+        by name.
 
     Attributes
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, springs, dampers, forces : tuple
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers, forces : tuple
         Those of one kind, in the order given.
 
     Raises

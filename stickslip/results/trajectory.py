@@ -51,6 +51,8 @@ class Piece:
         When each row last became held, in s.
     regions : array (p,) of int16
         The region of each piecewise-linear function.
+    impulses : array (m,) or None
+        Of the rows, with which the motion began; None for none.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """
@@ -62,6 +64,7 @@ class Piece:
     labels: Modes
     since: Array = field(repr=False)
     regions: Regions = field(repr=False)
+    impulses: Array | None = field(repr=False)
     path: Path | None = field(repr=False)
 
     @property

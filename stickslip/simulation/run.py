@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,15 @@ from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
+from stickslip.events.endings import at_limit, at_stops, relaxed, shown_at_end, struck_at
+from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, settle
 from stickslip.model.modes import Mode
 
 __all__ = ["Engine", "Run"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
@@ -61,6 +63,8 @@ class Run:
     span : (float, float)
     margin : float
         Velocity in m/s or rad/s of the relaxation check.
+    rebound : float
+        Velocity in m/s or rad/s below which stops do not rebound.
     quiet : float
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
@@ -75,13 +79,14 @@ class Run:
         keeper: Keeper,
         span: tuple[float, float],
         margin: float,
+        rebound: float,
         quiet: float,
         blur: float,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
-        self._margin, self._quiet, self._blur = margin, quiet, blur
+        self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -90,15 +95,33 @@ class Run:
 
     def begin(self) -> None:
         """Settle the modes at the start."""
-        system, scene = self.system, self.system.scene
-        y = np.zeros(system.size)
-        y[: system.n] = [body.velocity for body in scene.bodies]
-        places: list[Any] = [*scene.bodies, *scene.drives]
-        y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+        system = self.system
+        y = system.at_start()
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        situation = Situation(self.t, y, None, since, nothing, nothing)
+        hit = self._strike_at_start(y) if system.has_stops else nothing
+        situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        for j in hit.nonzero()[0].tolist():
+            self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
+
+    def _strike_at_start(self, y: Array) -> Mask:
+        """Let stops rebound, in place, that start at a limit and go on into it; return which."""
+        system = self.system
+        q = self.loads.after(self.t).at(self.t)
+        sides, _ = at_stops(system, y, q)
+        u = system.drive_velocities(q)
+        hit = sides * (system.relative_velocity(y, q)) > 0
+        if hit.any():
+            y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
+        return hit
+
+    def _sides(self, y: Array) -> Modes:
+        """Return at which limits stops rest at the start."""
+        system, q = self.system, self.loads.after(self.t).at(self.t)
+        sides, _ = at_stops(system, y, q)
+        sides[sides * system.relative_velocity(y, q) < -self._rebound] = 0
+        return sides
 
     def to_end(self) -> None:
         """Advance, settle, repeat."""
@@ -123,27 +146,38 @@ class Run:
 
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion, system = now.motion, self.system
-        self._watch_progress(t, path.hit)
+        self._watch_progress(t, path.hit and not now.guards.is_border.any())
         if t >= self._stop:
             return
         self.restarts += 1
         before = shown_at_end(motion, path, now.labels)
-        touching, fired = at_limit(motion, now.guards, path, ones)
+        touching, fired, crossed = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        parted, y = jumped(motion, self.loads, path, t)
+        parted, y, sides, hit, impulses = struck_at(
+            motion, self.loads, path, t, now.labels, crossed, self._rebound
+        )
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
         regions = motion.equations.regions
-        situation = Situation(t, y, before, since, touching, fired, path.largest, regions)
+        situation = Situation(t, y, before, since, touching, fired, path.largest, regions, sides, impulses)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
-        for j in changed.nonzero()[0].tolist():
-            self._note(t, j, int(before[j]), bool(fired[j]), j in ones)
+        for j in (changed | hit).nonzero()[0].tolist():
+            thrown = impulses is not None and bool(parted[j])
+            self._note(t, j, int(before[j]), bool(fired[j]), j in ones, bool(hit[j]), thrown)
 
-    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool) -> None:
+    def _note(
+        self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, hit: bool, thrown: bool
+    ) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
-        if self.system.is_gap[j]:
+        if hit:
+            cause = "impact"
+        elif thrown and self.now.motion.equations.modes[j] != OPEN:
+            cause = "jump of velocities"
+        elif self.system.is_stop[j] and after == Mode.OPEN:
+            cause = "force 0" if fired else "leaves with another event"
+        elif self.system.is_gap[j] or self.system.is_stop[j]:
             cause = "leaves" if after == Mode.OPEN else "touches"
         elif self.now.motion.equations.modes[j] == OPEN:
             cause = "open"
