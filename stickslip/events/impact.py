@@ -155,8 +155,14 @@ def _complementary(gram: Array, short: Array, rows: NDArray[np.intp]) -> Array:
     found, distance = nnls(matrix, target, maxiter=100 * rows.size)
     if distance <= _NO_DISTANCE:
         raise Jammed(rows[found > 0])
+    # once the active rows are known their impulses follow from their equations: without the solver's roundoff
+    impulse = found / (1.0 - gap / scale @ found) * scale
     active = (found > _RANK * found.max(initial=0.0)).nonzero()[0]
-    impulse = np.zeros(rows.size)
-    exact = np.linalg.lstsq(unit[np.ix_(active, active)], gap[active], rcond=_RANK)[0]
-    impulse[active] = np.maximum(exact, 0.0)
+    while active.size:
+        exact = np.linalg.lstsq(unit[np.ix_(active, active)], gap[active], rcond=_RANK)[0]
+        if (exact >= 0).all():
+            impulse = np.zeros(rows.size)
+            impulse[active] = exact
+            break
+        active = active[exact >= 0]
     return np.asarray(impulse / size)
