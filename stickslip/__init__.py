@@ -24,7 +24,9 @@ from stickslip.results import files as output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
+from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision
@@ -49,6 +51,7 @@ __all__ = [
     "PreSlip",
     "Result",
     "Scene",
+    "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
@@ -59,6 +62,7 @@ __all__ = [
     "load",
     "output",
     "piecewise_linear",
+    "sensitivities",
     "signal",
     "simulate",
     "sine",
@@ -69,3 +73,5 @@ __all__ = [
     "work_precision",
 ]
 __version__ = "0.1.0"
+
+_let_scenes_show_themselves()

@@ -72,10 +72,13 @@ class Guards:
         # guards of no row have the number -1
         self.motion, self.at_rest = motion, np.append(at_rest, False)
         equations = motion.equations
-        loose = equations.open[labels[equations.open] != 0]
+        loose = equations.open
+        if loose.size:
+            loose = loose[labels[loose] != 0]
         self._row, self._turn = equations.guard_row, equations.guard_turn
         self._source, self._mu = equations.guard_source, equations.guard_mu
-        self._constant = equations.guard_constant
+        self._constant, self._has_constant = equations.guard_constant, equations.has_constant
+        self._has_levels = equations.has_levels
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
         self.is_border = equations.is_border
         self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
@@ -84,6 +87,7 @@ class Guards:
             self._constant = self._constant.copy()
             slips = equations.slips
             self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
+            self._has_constant = bool(self._constant.any())
         if loose.size:
             none = np.zeros(loose.size)
             self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
@@ -93,16 +97,16 @@ class Guards:
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
             self.is_border = np.append(self.is_border, none != 0)
-        self.row = self._row
-        self._has_levels = bool(self._mu.any())
-        self._has_constant = bool(self._constant.any())
+        self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
         if self.size:
             self._classify(fired)
         self.is_plain = not self.order.any()
-        self.armed = self.size - loose.size - np.count_nonzero(self.order == NEVER)
+        self.armed = self.size - self._loose
+        if not self.is_plain:
+            self.armed -= np.count_nonzero(self.order == NEVER)
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -126,6 +130,14 @@ class Guards:
 
     def series(self, expansion: Expansion) -> Array:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
+        if expansion.g is not None:
+            g = expansion.g
+            if self._loose:
+                loose = expansion.z[:, self._source[-self._loose :]] * self._turn[-self._loose :]
+                g = np.concatenate([g, loose], axis=1)
+            if self._has_constant:
+                g = np.concatenate([g[:1] + self._constant, g[1:]])
+            return g
         g = expansion.z[:, self._source]
         g *= self._turn
         for k, q in enumerate(expansion.q):
@@ -142,7 +154,8 @@ class Guards:
     def levels(self, q: Array) -> Array:
         """Return the limits of the guards' forces: breakaway levels, 0 for velocities."""
         level = self._mu * q[self._row]
-        level[self._rising] -= self._rise * q[self._dwell]
+        if self._rising.size:
+            level[self._rising] -= self._rise * q[self._dwell]
         return np.abs(level)
 
     @cached_property
@@ -154,17 +167,19 @@ class Guards:
 
     def _classify(self, fired: Mask) -> None:
         g0 = self.start[0]
-        q = self.motion.start.q[0]
-        assert q is not None
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
+        near: Array | float = 0.0
         held = ~(self.is_velocity | self.is_border)
-        level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
-        near = np.where(
-            held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
-        )
+        if held.any():
+            near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
+        if self._has_constant:
+            near = near + _NEAR * self._constant
         if self.is_border.any():
-            size = self.motion.equations.border_magnitudes(np.abs(self.motion.y), np.abs(q))
+            size = self.motion.equations.border_magnitudes(
+                np.abs(self.motion.y), np.abs(self.motion.start_inputs)
+            )
+            near = near + np.zeros(self.size)
             near[self.is_border] = _NEAR * size + soon * np.abs(self.start[1, self.is_border])
         close = ~(g0 > near)
         if self.at_rest.any():
@@ -253,6 +268,11 @@ class Guards:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
         return self._majorant(2)
 
+    @cached_property
+    def value_majorant(self) -> Array:
+        """The same of the guards themselves."""
+        return self._majorant(0)[0]
+
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
         for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
@@ -268,11 +288,22 @@ class Guards:
     @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        q, z = self.motion.start.q[0], self.motion.start.z[0]
-        assert q is not None
-        size = self.levels(q) + np.abs(z[self._source])
         adds_up = self.is_velocity | self.is_border
-        return np.where(adds_up, self.majorant[0] + np.abs(self._constant), size)
+        return np.where(adds_up, self.value_majorant + np.abs(self._constant), self.force_scale)
+
+    @cached_property
+    def value_scale(self) -> Array:
+        """The same for guards of forces and borders; without meaning for velocities."""
+        return (
+            np.where(self.is_border, self.value_majorant, self.force_scale)
+            if self.is_border.any()
+            else self.force_scale
+        )
+
+    @cached_property
+    def force_scale(self) -> Array:
+        """The same for guards of forces; without meaning for others."""
+        return self.levels(self.motion.start_inputs) + np.abs(self.motion.start.z[0][self._source])
 
     @cached_property
     def allowance(self) -> Array:

@@ -166,6 +166,12 @@ class PiecewiseMatrices:
         np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
         return upper, lower, sizes
 
+    def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
+        """Return the modes that rows show, with those that show regions."""
+        labels, of = labels.copy(), self.row >= 0
+        labels[self.row[of]] = self.mode[self.places(regions)[of]]
+        return labels
+
     def widest(self, links: Any) -> Any:
         """Return how strongly states can push the bodies at most, beside springs and dampers: sums of sizes."""
         found = abs(links)

@@ -92,6 +92,7 @@ class System:
         self.has_stops = bool(self.is_stop.any())
         self.restitution = np.array([row.restitution for row in book.rows])
         self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
+        self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -13,14 +15,16 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 
-__all__ = ["at_limit", "at_stops", "relaxed", "shown_at_end", "struck_at"]
+__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_TIE = 1e-13
+_TIE, _ALONE = 1e-13, 1e-6
+"""Guards, as parts of their scales, that tie; and that are near 0."""
+
 _CONSTANT = 1e-7
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
@@ -29,25 +33,74 @@ _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
 
-def at_limit(
-    motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
-) -> tuple[Mask, Mask, Indices]:
-    """Return the rows whose relative velocity, those whose guard, and the borders that have just come to 0."""
+class AtLimit(NamedTuple):
+    """What has come to its limit at the end of a path.
+
+    Attributes
+    ----------
+    touching : array (m,) of bool
+        Rows whose relative velocity has come to 0.
+    fired : array (m,) of bool
+        Rows whose guard has.
+    crossed : array of int
+        Borders of regions.
+    let_go : array (m,) of int8, or None
+        Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed.
+    """
+
+    touching: Mask
+    fired: Mask
+    crossed: Indices
+    let_go: Modes | None
+
+
+class Jump(NamedTuple):
+    """What impacts and jumping drives do at an instant.
+
+    Attributes
+    ----------
+    parted : array (m,) of bool
+        Rows whose relative velocity jumps.
+    y : array (size,)
+        The state after it.
+    sides : array (m,) of int8
+        +1 where a stop rests at its upper limit then, -1 at its lower one.
+    hit : array (m,) of bool
+        Stops that have been hit.
+    impulses : array (m,) or None
+        Of the rows, None for none.
+    """
+
+    parted: Mask
+    y: Array
+    sides: Modes
+    hit: Mask
+    impulses: Array | None
+
+
+def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
+    """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, motion.watched(tau, path.last))
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            size = np.maximum(guards.scale, guards.majorant[0])
+            size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
-    return touching, fired, crossed
+        near = (part <= _ALONE).nonzero()[0]
+        alone = near.size == 1 and not relaxed_ones
+        if alone and at[near[0]] and guards.direction[near[0]] and not guards.is_velocity[near[0]]:
+            let_go = np.zeros(m, dtype=np.int8)
+            let_go[guards.row[near]] = guards.direction[near]
+    return AtLimit(touching, fired, crossed, let_go)
 
 
 def at_stops(
@@ -94,23 +147,13 @@ def at_stops(
     return sides, (sides != 0) & ~was
 
 
-def struck_at(
+def jumped(
     motion: Motion, loads: Loads, path: Path, t: float, labels: Modes, crossed: Indices, margin: float
-) -> tuple[Mask, Array, Modes, Mask, Array | None]:
+) -> Jump:
     """Return what impacts and jumping drives do at `t`, the end of a path.
 
-    Returns
-    -------
-    array (m,) of bool
-        Rows whose relative velocity jumps.
-    array (size,)
-        The state after it.
-    array (m,) of int8
-        +1 where a stop rests at its upper limit then, -1 at its lower one.
-    array (m,) of bool
-        Stops that have been hit.
-    array (m,) or None
-        Impulses of the rows, None for none.
+    Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
+    rebound with less than `margin` stay.
     """
     system, y, n = motion.system, path.last, motion.system.n
     q = loads.after(t).at(t)
@@ -123,9 +166,9 @@ def struck_at(
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):
         sides[new & (sides * w < -margin)] = 0
-        return np.asarray(system.D @ jump != 0), y, sides, hit, None
-    if not (hit.any() or (system.is_tie | system.is_one_way | system.is_stop).any()):
-        return np.asarray(system.D @ jump != 0), y, sides, hit, None
+        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+    if not hit.any() and (system.is_friction | system.is_gap).all():
+        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     found = struck(system, y[:n], before, after, sides, hit)
     change = np.abs(system.G @ (found.v - y[:n]) + system.D @ jump)
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
@@ -133,7 +176,7 @@ def struck_at(
     y[:n] = found.v
     # rebounds slower than the margin do not happen
     sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
-    return np.asarray(change > _SAME * speed), y, sides, hit, found.impulses
+    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found.impulses)
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
@@ -186,7 +229,9 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 
 
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
-    w = motion.system.relative_velocity(states, motion.inputs(taus))[rows]
+    system = motion.system
+    q = motion.inputs(taus) if system.drives else np.empty(0)
+    w = system.relative_velocity(states, q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 

@@ -12,15 +12,15 @@ no set of rows comes twice.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.optimize import nnls
 from scipy.sparse.csgraph import connected_components
 
 from stickslip.equations.system import System
+from stickslip.events.nonnegative import nonnegative_least_squares
 
 __all__ = ["Jammed", "Struck", "struck"]
 
@@ -120,8 +120,8 @@ def _nearest(
     short = wanted[rows] - sign * _relative(system, v, u)[rows]
     if not np.any(short > least[rows]):
         return v, impulses
-    push = system.GT[:, rows]
-    push = (push.toarray() if sparse.issparse(push) else push) * sign
+    columns: Any = system.GT[:, rows]
+    push = (columns.toarray() if system.sparse else columns) * sign
     answer = balance.accelerations(push)
     gram = push.T @ answer
     # only rows that something joins to those that are too slow
@@ -152,7 +152,8 @@ def _complementary(gram: Array, short: Array, rows: NDArray[np.intp]) -> Array:
     matrix = np.vstack([lines, gap / scale])
     target = np.zeros(matrix.shape[0])
     target[-1] = 1.0
-    found, distance = nnls(matrix, target, maxiter=100 * rows.size)
+    found = nonnegative_least_squares(matrix, target)
+    distance = float(np.linalg.norm(matrix @ found - target))
     if distance <= _NO_DISTANCE:
         raise Jammed(rows[found > 0])
     # once the active rows are known their impulses follow from their equations: without the solver's roundoff

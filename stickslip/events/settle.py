@@ -16,7 +16,8 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPE
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.events.labels import label, rests
+from stickslip.events.labels import label, locked
+from stickslip.events.sharing import share
 
 __all__ = ["Inconsistent", "Settled", "Situation", "settle"]
 
@@ -83,7 +84,9 @@ class Situation:
     fired : array (m,) of bool
         Rows found at their limit.
     was : array (size,), optional
-        The state when the modes before began.
+        Bounds of the sizes of the states since the modes before began.
+    let_go : array (m,) of int, optional
+        The direction in which a held row is pushed that alone has come to its limit.
     regions : array (p,), optional
         The regions of the piecewise-linear functions before, None at the start.
     sides : array (m,), optional
@@ -99,6 +102,7 @@ class Situation:
     touching: Mask
     fired: Mask
     was: Array | None = None
+    let_go: Modes | None = None
     regions: Regions | None = None
     sides: Modes | None = None
     impulses: Array | None = None
@@ -136,53 +140,71 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
-    w, speed = _relative(system, now, q)
+    all_closed = bool(closed.all())
+    w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
-    limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
-    resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
-    # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
-    resting |= system.is_one_way & (w > 0)
-    if system.has_stops:
-        resting = np.where(system.is_stop, at_stop, resting)
+    limit = np.maximum(rough, system.coefficients.threshold)
+    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
-    if now.labels is not None:
+    if now.labels is not None and not all_closed:
         # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
         moves = ~closed & (now.labels != 0) & ~now.touching
         resting &= ~moves
         named = np.where(moves, now.labels, named)
+    candidates = closed & resting
     u = system.drive_velocities(q)
-    y = _project(system, now.y, u, closed & resting)
+    y = _project(system, now.y, u, candidates)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
-        also = system.hard & closed & ~resting & (np.abs(w) <= ROUNDOFF * speed)
-        if also.any():
+        also = closed & ~resting & (np.abs(w) <= rough)
+        if also.any() and (also := also & system.hard).any():
             resting |= also
-            y = _project(system, now.y, u, closed & resting)
-    trial = np.where(resting, 0, named)
-    if not system.all_hard:
-        trial = np.where(system.hard, trial, _slip_states(system, w, now))
-    trial = np.where(closed, trial, OPEN).astype(np.int8)
-    trial[system.is_gap | system.is_stop & ~at_stop] = APART
-    was_held = trial == 0 if now.labels is None else now.labels == 0
-    since = np.where(was_held, now.since, now.t)
+            candidates = closed & resting
+            y = _project(system, now.y, u, candidates)
     labels = np.where(resting, 0, named).astype(np.int8)
-    regions = system.piecewise.at(y, q, now.regions)
-    search = _Search(system, stretch, now, y, since, labels, closed & resting, regions)
-    motion, guards = search.run(trial)
-    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
-    # what held rows lock is at rest, open or not, and so is what nothing moves
-    slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
-    if slow.any():
-        shown = np.where(slow & rests(motion, quiet, blur), 0, shown).astype(np.int8)
+    trial = labels
+    if not system.all_hard:
+        trial = np.where(system.hard, trial, _slip_states(system, w, now)).astype(np.int8)
+    if not all_closed:
+        trial = np.where(closed, trial, OPEN).astype(np.int8)
     functions = system.piecewise
     if functions.count:
-        shown = shown.copy()
-        of_rows = functions.row >= 0
-        shown[functions.row[of_rows]] = functions.mode[functions.places(motion.equations.regions)[of_rows]]
-    if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
-        guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+        trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
+    since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
+    search = _Search(system, stretch, now, y, since, labels, candidates, functions.at(y, q, now.regions))
+    motion, guards = search.run(_foreseen(system, trial, now))
+    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
+    is_open = motion.equations.open
+    if is_open.size:
+        # what held rows lock is at rest, open or not
+        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
+        if slow.any():
+            shown = np.where(slow & locked(motion), 0, shown).astype(np.int8)
+        if np.any(shown[is_open] != labels[is_open]):
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+    if functions.count:
+        shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
+
+
+def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask) -> Mask:
+    """Tell which rows have a relative velocity of 0, or may not move."""
+    resting = now.touching | slow
+    if not system.all_friction:
+        # a one-way clutch cannot turn forward: what is left of that is roundoff
+        resting |= system.is_tie | system.is_one_way & (w > 0)
+    if not system.all_hard:
+        resting &= system.hard
+    return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
+
+
+def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
+    """Return the modes to try first: a row that alone has come to its limit, and that no loop spares, lets go."""
+    if now.let_go is None or np.any((trial[now.let_go != 0] != 0) | system.is_stop[now.let_go != 0]):
+        return trial
+    loop = system.balance(((trial == 0) & system.hard).tobytes()).loop
+    return trial if loop.max(initial=-1) >= 0 else trial + now.let_go
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
@@ -208,11 +230,13 @@ def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
     presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
-    return (presses | ~system.is_friction) & system.alive
+    if not system.all_friction:
+        presses |= ~system.is_friction
+    return presses & system.alive
 
 
 def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
-    """Return each row's relative velocity and the largest speed that adds up in it, floored by roundoff.
+    """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
     What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
     drive accelerates, whatever its speed is at the moment.
@@ -220,14 +244,14 @@ def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
     n = system.n
     speed = np.abs(now.y[:n])
     if now.was is not None:
-        speed = np.maximum(speed, np.abs(now.was[:n]))
+        speed = np.maximum(speed, now.was[:n])
     largest = float(speed.max(initial=0.0))
     found = _largest(system.abs_G, speed)
     if system.drives:
         u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * now.t)
         largest = max(largest, float(u.max()))
         found = np.maximum(found, _largest(system.abs_D, u))
-    return system.relative_velocity(now.y, q), np.maximum(found, ROUNDOFF * largest)
+    return system.relative_velocity(now.y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
 
 
 def _largest(coefficients: object, values: Array) -> Array:
@@ -267,10 +291,12 @@ class _Search:
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion."""
         while True:
-            key = trial.tobytes()
-            if key in self._tried or len(self._tried) > _MOST_TRIALS:
-                return self._enumerate()
-            self._tried[key] = None
+            if self._was_tried(trial):
+                # one by one ran in a circle: look at all that is shared together
+                trial = self._shared()
+                if self._was_tried(trial):
+                    return self._enumerate()
+            self._tried[trial.tobytes()] = None
             motion, guards = self._build(trial)
             following = self._improved(trial, motion, guards)
             if following is None:
@@ -333,7 +359,7 @@ class _Search:
         ratio = self._ratios(motion, guards, over)
         first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
         rows, side = guards.row[first], guards.direction[first]
-        spared = self._spared(motion, rows)
+        spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
             # others can carry what is beyond their level
             following[rows[spared]] = np.where(side[spared] > 0, AT_HIGH, AT_LOW)
@@ -382,20 +408,33 @@ class _Search:
         following[rows] = np.where(system.is_stop[rows], APART, np.sign(side))
         return following
 
-    def _spared(self, motion: Motion, rows: NDArray[np.intp]) -> Mask:
-        """Tell which of some held rows others can spare: in each loop, rows that tie all together or none."""
+    def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
+        """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
+
+        Where it does not, those go first whose guards fall fastest.
+        """
         held, balance = motion.equations.held, motion.equations.balance
         spared = np.zeros(rows.size, dtype=bool)
         if balance.loop.max(initial=-1) < 0:
             return spared
         loop = balance.loop[np.searchsorted(held, rows)]
         for number in np.unique(loop[loop >= 0]).tolist():
-            rest = motion.equations.is_held.copy()
-            rest[rows[loop == number]] = False
-            others = self._system.balance(rest.tobytes())
-            if others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows):
-                spared[loop == number] = True
+            ties = (loop == number).nonzero()[0]
+            if self._can_spare(motion, rows[ties]):
+                spared[ties] = True
+                continue
+            for place in ties[np.argsort(slopes[ties], kind="stable")].tolist():
+                spared[place] = True
+                spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
         return spared
+
+    def _can_spare(self, motion: Motion, rows: NDArray[np.intp]) -> bool:
+        """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
+        balance = motion.equations.balance
+        rest = motion.equations.is_held.copy()
+        rest[rows] = False
+        others = self._system.balance(rest.tobytes())
+        return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
     def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
         """Tell whether drives that move apart part the ends of some rows when only others hold."""
@@ -427,6 +466,19 @@ class _Search:
                     break
             found[place] = min(ratio, np.finfo(float).max)
         return found
+
+    def _was_tried(self, trial: Modes) -> bool:
+        return trial.tobytes() in self._tried or len(self._tried) > _MOST_TRIALS
+
+    def _shared(self) -> Modes:
+        """Return the modes in which the rows that were tried held at first share what they hold, or let go together."""
+        trial = np.frombuffer(next(iter(self._tried)), dtype=np.int8).copy()
+        found = share(*self._build(trial))
+        if found is not None:
+            limit = np.where(found.side > 0, AT_HIGH, AT_LOW)
+            moving = np.where(self._system.is_stop[found.rows], APART, np.sign(found.side))
+            trial[found.rows] = limit if found.holds else moving
+        return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can."""

@@ -20,6 +20,7 @@ from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
+from stickslip.results.units import units
 
 __all__ = ["explain_result", "explain_scene", "span_of"]
 
@@ -169,10 +170,11 @@ def _sum(coefficients: Mapping[str, float]) -> str:
 
 def _contact(system: System, j: int) -> str:
     contact = system.scene.contacts[j]
-    return f"{contact.a} on {contact.b}, {_law(contact)}; {_guards(system, j)}; {_normal(contact)}"
+    law = _law(contact, units(system.scene, contact).velocity)
+    return f"{contact.a} on {contact.b}, {law}; {_guards(system, j)}; {_normal(contact)}"
 
 
-def _law(contact: Contact) -> str:
+def _law(contact: Contact, unit: str) -> str:
     law = contact.law
     core = law if isinstance(law, DryFriction) else law.law  # type: ignore[attr-defined]
     text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
@@ -181,7 +183,7 @@ def _law(contact: Contact) -> str:
     if core.curved:
         text += ", kinetic curve"
     if hasattr(law, "velocity"):
-        text += f", within {law.velocity:g} m/s | rad/s"
+        text += f", within {law.velocity:g} {unit}"
     return text
 
 
@@ -294,7 +296,8 @@ def _event_sentences(result: Outcome) -> list[str]:
     events, samples = result.events, result.samples
     if not events:
         return ["Events: none"]
-    lines = [f"Events: {len(events)} (forces in N | N m, velocities in m/s | rad/s)"]
+    unit = units(samples.system.scene)
+    lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
     rows = [samples.row(event.contact) for event in events]
     limits = _limits(samples, events, rows) if samples.trajectory.is_dense else [None] * len(events)
     for event, j, around in zip(events, rows, limits, strict=True):
@@ -369,7 +372,9 @@ def _at_limit(event: Event, at: _Limits) -> str:
         return f"struck its {limit} limit at relative velocity {at.w[0]:.6g}, {ends}"
     if event.after == Mode.OPEN:
         limit = "upper" if event.before == Mode.FORWARD else "lower"
-        others = f" with the change of {', '.join(at.others)}" if "another" in event.cause and at.others else ""
+        others = (
+            f" with the change of {', '.join(at.others)}" if "another" in event.cause and at.others else ""
+        )
         return f"left its {limit} limit{others} at relative velocity {at.w[1]:.6g}"
     limit = "upper" if event.after == Mode.FORWARD else "lower"
     return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"

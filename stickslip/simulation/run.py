@@ -14,7 +14,7 @@ from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import at_limit, at_stops, relaxed, shown_at_end, struck_at
+from stickslip.events.endings import Jump, at_limit, at_stops, jumped, relaxed, shown_at_end
 from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, settle
 from stickslip.model.modes import Mode
@@ -151,30 +151,34 @@ class Run:
             return
         self.restarts += 1
         before = shown_at_end(motion, path, now.labels)
-        touching, fired, crossed = at_limit(motion, now.guards, path, ones)
+        at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        parted, y, sides, hit, impulses = struck_at(
-            motion, self.loads, path, t, now.labels, crossed, self._rebound
-        )
-        touching |= (before == 0) & ~parted
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound)
+        touching = at.touching | (before == 0) & ~jump.parted
         since = np.where(before == 0, motion.since, t)
-        regions = motion.equations.regions
-        situation = Situation(t, y, before, since, touching, fired, path.largest, regions, sides, impulses)
+        situation = Situation(
+            t,
+            jump.y,
+            before,
+            since,
+            touching,
+            at.fired,
+            path.largest,
+            at.let_go,
+            motion.equations.regions,
+            jump.sides,
+            jump.impulses,
+        )
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
-        for j in (changed | hit).nonzero()[0].tolist():
-            thrown = impulses is not None and bool(parted[j])
-            self._note(t, j, int(before[j]), bool(fired[j]), j in ones, bool(hit[j]), thrown)
+        for j in (changed | jump.hit).nonzero()[0].tolist():
+            self._note(t, j, int(before[j]), bool(at.fired[j]), j in ones, jump)
 
-    def _note(
-        self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, hit: bool, thrown: bool
-    ) -> None:
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
-        if hit:
+        if jump.hit[j]:
             cause = "impact"
-        elif thrown and self.now.motion.equations.modes[j] != OPEN:
-            cause = "jump of velocities"
         elif self.system.is_stop[j] and after == Mode.OPEN:
             cause = "force 0" if fired else "leaves with another event"
         elif self.system.is_gap[j] or self.system.is_stop[j]:
@@ -190,7 +194,7 @@ class Run:
         elif after == 0:
             cause = "relative velocity 0" if fired else "stuck with another event"
         else:
-            cause = "reversal"
+            cause = "jump of velocities" if jump.impulses is not None and jump.parted[j] else "reversal"
         self._recent = [*self._recent[-19:], j]
         self.keeper.note(t, j, before, after, cause)
 

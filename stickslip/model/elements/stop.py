@@ -41,8 +41,8 @@ class Stop(Row, Radii):
     Raises
     ------
     ValueError, TypeError
-        If the ends are the same, the limits are equal, exchanged or both infinite, the restitution is not within [0, 1],
-        or a radius 0.
+        If the ends are the same, the limits are equal, exchanged or both infinite, the restitution is not within
+        [0, 1], or a radius 0.
     """
 
     name: str
