@@ -12,6 +12,7 @@ from stickslip.model.elements import (
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -58,6 +59,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "Stop",
     "Tie",
     "explain",
     "limit_cycle",

@@ -26,11 +26,13 @@ class Row:
         The friction law; None for a row of another kind.
     kind : str
         "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its force
-        is a piecewise-linear function of the state).
+        is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes).
     normal : Signal
         In N.
     rested : float
         How long in s it has been held at the start.
+    restitution : float
+        Of impacts.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Row:
     kind: str
     normal: Signal
     rested: float
+    restitution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,11 @@ class Book:
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        restitution: float = 0.0,
     ) -> None:
         """Enter a row."""
-        self.rows.append(Row(name, self._by_index(coefficients), law, kind, _signal(normal), rested))
+        own = self._by_index(coefficients)
+        self.rows.append(Row(name, own, law, kind, _signal(normal), rested, restitution))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float

@@ -191,6 +191,8 @@ class Guards:
     def _look_closer(self, rows: Indices, fired: Mask) -> None:
         coefficients, majorant = self.start, self.majorant
         size, has_fired = self.scale, np.append(fired, False)
+        functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
+        of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
         horizon = max(self.motion.horizon, _TINY)
         for i in rows.tolist():
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
@@ -205,7 +207,9 @@ class Guards:
                 else:
                     limits = [closeness * majorant[1, i], AT_LIMIT * majorant[2, i]]
             else:
-                if not abs(coefficients[0, i]) <= closeness * size[i] + rough:
+                at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
+                # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
+                if not (at_stop or abs(coefficients[0, i]) <= closeness * size[i] + rough):
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough

@@ -145,8 +145,13 @@ class ModeEquations:
         m, h = system.m, self.held.size
         held_place = np.full(m, -1)
         held_place[self.held] = m + np.arange(h)
-        friction = self.held[system.is_friction[self.held]]
-        lower = self.held[~system.is_tie[self.held]]
+        # a stop at its lower limit is bounded above, at its upper one below
+        at_lower = np.zeros(m, dtype=bool)
+        if system.has_stops:
+            functions = system.piecewise
+            at_lower[functions.row[functions.is_stop & (self.regions == 2)]] = True
+        friction = self.held[(system.is_friction | at_lower)[self.held]]
+        lower = self.held[~(system.is_tie | at_lower)[self.held]]
         pre, top = self.pre, self.at_level
         first = m + h
         none = np.zeros

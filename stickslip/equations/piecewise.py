@@ -75,9 +75,13 @@ class PiecewiseMatrices:
     owner, within, beyond : array (borders,) of int
         The function of each border, its region (its place among all), and the number of the region beyond.
     row : array (p,) of int
-        The row whose force each value is, -1 for none.
+        The row that shows the modes of each, -1 for none.
+    is_force : array (p,) of bool
+        Those that are the force of their row.
+    is_stop : array (p,) of bool
+        Those that only tell between which limits a stop is.
     mode : array (all regions,) of int8
-        What that row shows.
+        What the row shows.
     """
 
     def __init__(self, book: Book, layout: Layout) -> None:
@@ -89,6 +93,9 @@ class PiecewiseMatrices:
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
         self.mode = np.array([region.mode for region in regions], dtype=np.int8)
         self.row = np.array([function.row for function in functions], dtype=np.intp)
+        kinds = ["" if row < 0 else book.rows[row].kind for row in self.row.tolist()]
+        self.is_stop = np.array([kind == "stop" for kind in kinds], dtype=bool)
+        self.is_force = np.array([kind == "gap" for kind in kinds], dtype=bool)
         signals = {id(signal): layout.first_signal + k for k, signal in enumerate(book.signals)}
         values, borders = (_Expressions(book, layout, signals) for _ in range(2))
         owner, within, beyond, acts = [], [], [], Triplets()
@@ -142,6 +149,22 @@ class PiecewiseMatrices:
             # of regions that meet there, the one that lies deepest
             found[k] = int(least.argmax())
         return found
+
+    def limits(self, y: Array, q: Array, largest: Array) -> tuple[Array, Array, Array]:
+        """Return how far each stop is from its upper and from its lower limit, and what adds up in that.
+
+        Infinite where there is no limit; a line per function. `largest` are the sizes of the states.
+        """
+        q = q[: self.border_q.shape[1]]
+        depth = self.border_y @ y + self.border_q @ q
+        size = self.abs_border_y @ np.maximum(np.abs(y), np.abs(largest)) + self.abs_border_q @ np.abs(q)
+        upper, lower, sizes = np.full(self.count, np.inf), np.full(self.count, np.inf), np.zeros(self.count)
+        of_stops = self.is_stop[self.owner]
+        for side, found in ((1, upper), (2, lower)):
+            some = of_stops & (self.beyond == side)
+            found[self.owner[some]] = depth[some]
+        np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
+        return upper, lower, sizes
 
     def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
         """Return the modes that rows show, with those that show regions."""

@@ -88,7 +88,10 @@ class System:
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
-        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap)
+        self.is_stop = np.array([row.kind == "stop" for row in book.rows], dtype=bool)
+        self.has_stops = bool(self.is_stop.any())
+        self.restitution = np.array([row.restitution for row in book.rows])
+        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
@@ -136,6 +139,7 @@ class System:
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
+        self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
         # places of the velocities whose integrals the positions are
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
@@ -155,6 +159,14 @@ class System:
         matrix = scipy.sparse.coo_array(entries, shape=shape).tocsr()
         matrix.eliminate_zeros()
         return matrix
+
+    def at_start(self) -> Array:
+        """Return the state that the scene gives."""
+        scene, y = self.scene, np.zeros(self.size)
+        y[: self.n] = [body.velocity for body in scene.bodies]
+        places: list[Any] = [*scene.bodies, *scene.drives]
+        y[self.n : self.first_bristle] = [places[i].position for i in self.placed]
+        return y
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces are cut off at 0."""

@@ -25,6 +25,7 @@ from stickslip.model.elements import (
     Planetary,
     Row,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.elements.base import listed
@@ -49,6 +50,7 @@ __all__ = [
     "Row",
     "Scene",
     "Spring",
+    "Stop",
     "Tie",
 ]
 
@@ -71,7 +73,8 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Spring, Damper or Force; they refer to bodies by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper or Force; they refer to bodies
+        by name.
     motion : "rotation" or "translation", optional
         How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
 
@@ -79,7 +82,7 @@ class Scene:
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, springs, dampers, forces : tuple
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers, forces : tuple
         Those of one kind, in the order given.
 
     Raises

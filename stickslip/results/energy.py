@@ -35,6 +35,8 @@ class EnergyLedger:
     contacts : dict of str to array (n,)
         Heat of each contact by name; with bristle laws it holds what the bristles store, too. Ties and one-way
         clutches make none.
+    impacts : dict of str to array (n,)
+        What impacts took at each stop and one-way clutch by name, and what jumps of drives took there.
     dampers : dict of str to array (n,)
         Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
     """
@@ -46,6 +48,7 @@ class EnergyLedger:
     drives: Array = field(repr=False)
     contacts: dict[str, Array] = field(repr=False)
     dampers: dict[str, Array] = field(repr=False)
+    impacts: dict[str, Array] = field(repr=False)
 
     @property
     def stored(self) -> Array:
@@ -54,8 +57,9 @@ class EnergyLedger:
 
     @property
     def heat(self) -> Array:
-        """Heat of all contacts and dampers together."""
-        return sum((*self.contacts.values(), *self.dampers.values()), np.zeros_like(self.t))
+        """Heat of all contacts, dampers and impacts together."""
+        parts = (*self.contacts.values(), *self.dampers.values(), *self.impacts.values())
+        return sum(parts, np.zeros_like(self.t))
 
     @property
     def work(self) -> Array:
@@ -83,6 +87,7 @@ class EnergyLedger:
         rows += [("work of loads", self.loads[-1]), ("work of drives", self.drives[-1])]
         rows += [(f"heat of contact {name!r}", heat[-1]) for name, heat in self.contacts.items()]
         rows += [(f"heat of {label}", heat[-1]) for label, heat in self.dampers.items()]
+        rows += [(f"impacts of {name!r}", heat[-1]) for name, heat in self.impacts.items()]
         rows.append(("balance error", self.error[-1]))
         wide = max(len(name) for name, _ in rows)
         lines = [f"energy in J at {self.t[-1]:g} s (at the start {self.stored[0]:.9g} stored)"]
@@ -119,7 +124,35 @@ def energy(result: Outcome) -> EnergyLedger:
     kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
     spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
     spring += 0.5 * links.gaps.stiffness @ links.gaps.depth(samples.y) ** 2
-    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1], heat, dampers)
+    given, taken = _jumps(samples)
+    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1] + given, heat, dampers, taken)
+
+
+def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
+    """Return what impulses of rows took from drives, and what got lost at stops and one-way clutches.
+
+    Over an impulse r the relative velocity goes from w- to w+: its work is ``r (w- + w+) / 2``.
+    """
+    trajectory, system = samples.trajectory, samples.system
+    rows = (system.is_stop | system.is_one_way).nonzero()[0]
+    given = np.zeros(len(trajectory.pieces))
+    taken = np.zeros((rows.size, given.size))
+    # impulses at the very start come before all that is counted
+    struck = [k for k, piece in enumerate(trajectory.pieces) if k and piece.impulses is not None]
+    if struck:
+        numbers = np.array(struck, dtype=np.intp)
+        ends = np.array([trajectory.pieces[k - 1].end for k in struck])
+        before = Samples.at_local(trajectory, numbers - 1, ends)
+        after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
+        impulses = np.array([trajectory.pieces[k].impulses for k in struck], dtype=float).T
+        middle = 0.5 * (before.relative_velocities + after.relative_velocities)
+        taken[:, numbers] = (impulses * middle)[rows]
+        if system.drives:
+            moved = 0.5 * (before.drive_velocities + after.drive_velocities)
+            given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
+    total = np.cumsum(taken, axis=1)[:, samples.piece_of]
+    lost = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
+    return np.cumsum(given)[samples.piece_of], lost
 
 
 class _Links:

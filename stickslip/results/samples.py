@@ -18,6 +18,7 @@ from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.laws.kernels import LINEAR
+from stickslip.model.modes import Mode
 from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
@@ -236,7 +237,7 @@ class Samples:
         forces = self._moving(inner, normals, upper, lower)
         pushed = self._piecewise(q)
         self._hold(q, forces, pushed)
-        shows = (system.piecewise.row >= 0).nonzero()[0]
+        shows = system.piecewise.is_force.nonzero()[0]
         forces[system.piecewise.row[shows]] = pushed[shows]
         inputs = q[system.first_force : system.first_acceleration].copy()
         return Tables(forces, upper, lower, normals, shown, inputs)
@@ -322,6 +323,10 @@ class Samples:
             lag = np.exp(-(self.t - since) / system.dwell[slow, None])
             risen = static - (static - least) * lag
             levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
+        if system.has_stops:
+            of, shown = system.is_stop, modes[system.is_stop]
+            levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
+            levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
         # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
         levels[:, system.is_tie | system.is_gap] = levels[0, system.is_one_way] = np.inf
         return levels[0], levels[1]

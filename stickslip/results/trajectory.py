@@ -52,6 +52,8 @@ class Piece:
         When each row last became held, in s.
     regions : array (p,) of int16
         The region of each piecewise-linear function.
+    impulses : array (m,) or None
+        Of the rows, with which the motion began; None for none.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """
@@ -63,6 +65,7 @@ class Piece:
     labels: Modes
     since: Array = field(repr=False)
     regions: Regions = field(repr=False)
+    impulses: Array | None = field(repr=False)
     path: Path | None = field(repr=False)
 
     @property
@@ -76,7 +79,9 @@ class Piece:
         at, t = np.array([k]), patchwork.starts[k : k + 1]
         inner, shown, since = patchwork.modes(at, t)
         y = patchwork.states(at, t)[:, 0]
-        return cls(float(t[0]), float(patchwork.stops[k]), y, inner[:, 0], shown[:, 0], since[:, 0], path)
+        none = np.empty(0, dtype=np.int16)
+        stop = float(patchwork.stops[k])
+        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since[:, 0], none, None, path)
 
 
 @dataclass(frozen=True)

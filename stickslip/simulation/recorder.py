@@ -100,7 +100,15 @@ class Recorder:
         motion = now.motion
         equations = motion.equations
         return Piece(
-            motion.t, stop, motion.y, equations.modes, now.labels, motion.since, equations.regions, path
+            motion.t,
+            stop,
+            motion.y,
+            equations.modes,
+            now.labels,
+            motion.since,
+            equations.regions,
+            now.impulses,
+            path,
         )
 
     def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:

@@ -11,6 +11,7 @@ from stickslip.model.elements.gear import Gear
 from stickslip.model.elements.one_way import OneWay
 from stickslip.model.elements.planetary import Planetary
 from stickslip.model.elements.spring import Spring
+from stickslip.model.elements.stop import Stop
 from stickslip.model.elements.tie import Tie
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "Planetary",
     "Row",
     "Spring",
+    "Stop",
     "Tie",
 ]
 
@@ -43,6 +45,7 @@ KINDS: dict[str, type[Element]] = {
     "planetaries": Planetary,
     "one_ways": OneWay,
     "gaps": Gap,
+    "stops": Stop,
     "springs": Spring,
     "dampers": Damper,
     "forces": Force,

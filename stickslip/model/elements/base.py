@@ -39,6 +39,7 @@ class Book(Protocol):
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        restitution: float = 0.0,
     ) -> None:
         """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
         ...
@@ -83,7 +84,7 @@ class Book(Protocol):
         acts : dict of str to float
             By name of the body: its force on body i is ``acts[i]`` times the value. It may be empty.
         row : str, optional
-            The row, of kind "gap", that shows the modes of the regions, and whose force r the value is.
+            The row that shows the modes of the regions. Where it is of kind "gap" the value is its force r.
         """
         ...
 
