@@ -279,13 +279,13 @@ MUTATIONS = (
     Mutation(
         "static-slip",
         "slipping friction at the static level",
-        "stickslip.model.laws.kernels:Coefficients.__init__",
+        "stickslip.model.laws.table:LawTable.__init__",
         _after(_static_while_slipping),
     ),
     Mutation(
         "curve-flat",
         "no Stribeck curve",
-        "stickslip.model.laws.kernels:_Kinetic.__call__",
+        "stickslip.model.laws.kinetic:Kinetic.__call__",
         _level,
     ),
     Mutation(

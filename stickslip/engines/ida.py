@@ -258,7 +258,8 @@ class _Residual:
         full = sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
-            sigma = system.coefficients.sigma[acting[motion.equations.law.bristles], 0]
+            w, normal, _, z = motion.acting_terms(y, motion.inputs(tau), tau)
+            sigma = motion.equations.law.by_bristle(w, normal, z)
             pushed = sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
             entries = sparse.csr_array((sigma, (np.arange(places.size), places)), shape=(places.size, size))
             forces = forces - pushed @ entries

@@ -15,7 +15,6 @@ from scipy.sparse.linalg import ArpackError, eigs, lsqr
 
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
-from stickslip.model.laws.kernels import SMOOTH
 
 __all__ = ["Stability", "Unstable"]
 
@@ -92,12 +91,12 @@ class Stability:
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
         """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""
-        equations, coefficients = motion.equations, motion.system.coefficients
-        smooth = equations.acting[coefficients.kind[equations.acting] == SMOOTH]
+        free, laws = motion.equations.free, motion.system.laws
+        smooth = free[np.isfinite(laws.resolution[free])]
         if not smooth.size:
             return []
         w = motion.system.relative_velocity(states.T, motion.inputs(taus))[smooth]
-        near = np.abs(w) <= _NEAR_REST * coefficients.velocity[smooth][:, None]
+        near = np.abs(w) <= _NEAR_REST * laws.resolution[smooth][:, None]
         near[:, 1:] |= w[:, 1:] * w[:, :-1] < 0
         n, size = motion.system.n, states.shape[1]
         rows = sparse.csr_array(motion.system.G)[smooth]

@@ -280,7 +280,6 @@ class Motion:
         w, normal, _, z = terms
         by_w, by_z = law.bristle_slopes(w, normal, z)
         acting = equations.acting[law.bristles]
-        sigma = system.coefficients.sigma[acting]
         size, count, n = system.size, places.size, system.n
         rows = sparse.csr_array((system.G @ equations.balance.T)[acting])
         rows = sparse.hstack([rows, sparse.csr_array((count, size - n))], format="csr")
@@ -289,7 +288,7 @@ class Motion:
         units[law.bristles, np.arange(count)] = 1.0
         pushed = sparse.csr_array(equations.push(units)[:size])
         extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        extra = extra + pushed @ sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
         return (
             matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
         )

@@ -123,7 +123,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     closed = _closed(system, stretch.rate(now.t), q)
     w, speed = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
-    limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
+    limit = np.maximum(ROUNDOFF * speed, system.laws.rests_below)
     resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
     # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
     resting |= system.is_one_way & (w > 0)
@@ -172,9 +172,8 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
-    velocity, threshold = system.coefficients.velocity, system.coefficients.threshold
     slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
-    limit = np.where(slipped, threshold, velocity)
+    limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
 __all__ = [
     "FIXED",
     "between",
-    "check_bristles",
-    "check_dead_bands",
+    "check_laws",
     "check_ties",
     "choice",
     "margin",
@@ -84,15 +82,12 @@ def step_length(method: str, step: float | None, formulation: str) -> float | No
     return between("step", step, 0.0, math.inf)
 
 
-def check_dead_bands(scene: Scene) -> None:
-    """Refuse Karnopp's law between two bodies that can both move."""
+def check_laws(scene: Scene, start: float, stop: float) -> None:
+    """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        if isinstance(contact.law, Karnopp) and contact.a in free and contact.b in free:
-            raise ValueError(
-                f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
-                f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
-            )
+        normal = as_signal(contact.normal, contact.label)
+        contact.law.check_use(contact.label, (contact.a, contact.b), free, normal, start, stop)
 
 
 def check_ties(system: System, loads: Loads, start: float) -> None:
@@ -144,21 +139,6 @@ def _check_drives(system: System) -> None:
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
-
-
-def check_bristles(scene: Scene, start: float, stop: float) -> None:
-    """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
-    for contact in scene.contacts:
-        if not isinstance(contact.law, (LuGre, Dahl)):
-            continue
-        normal = as_signal(contact.normal, contact.label).clipped(start, stop)
-        times = [start, *normal.breaks(start, stop)]
-        foot = next((t for t in times if normal(t) == 0 and normal.slope(t) > 0), None)
-        if foot is not None:
-            raise ValueError(
-                f"{contact.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
-                "let it start above 0, or use DryFriction"
-            )
 
 
 def outputs(

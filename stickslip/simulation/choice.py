@@ -6,7 +6,6 @@ import math
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
-from stickslip.model.laws.kernels import BRISTLE, LINEAR, SMOOTH
 from stickslip.simulation.arguments import FIXED
 
 __all__ = ["ENGINES", "choose", "why_no_series"]
@@ -75,15 +74,11 @@ def choose(
 
 def why_no_series(system: System, loads: Loads) -> str | None:
     """Return what in a scene has no Taylor series, None if all has one."""
-    kinds = system.coefficients.kind
-    named = {
-        "a pre-slip velocity": (kinds == LINEAR) | (kinds == SMOOTH),
-        "bristles": kinds == BRISTLE,
-        "a kinetic curve": system.coefficients.curved,
-    }
-    for what, rows in named.items():
-        names = [system.rows[j].name for j in (rows & system.alive).nonzero()[0].tolist()]
-        if names:
+    named: dict[str, list[str]] = {}
+    for j in system.alive.nonzero()[0].tolist():
+        named.setdefault(system.laws.characters[j].velocity_dependent, []).append(system.rows[j].name)
+    for what, names in named.items():
+        if what:
             listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
             return f"the force of {listed} depends on velocity ({what})"
     if loads.has_functions:

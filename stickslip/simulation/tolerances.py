@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.system import System
-from stickslip.model.laws.kernels import BRISTLE, HARD
 from stickslip.model.signal_makers import Signal
 
 __all__ = ["Tolerances", "tolerances"]
@@ -79,10 +78,10 @@ def tolerances(
     each = np.full(system.size, atol)
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
-    coefficients = system.coefficients
     for j, state in system.bristle_state.items():
-        deflection = coefficients.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
-        each[state] = min(atol, _BRISTLE * max(deflection, np.finfo(float).tiny) / coefficients.sigma[j, 0])
+        force = system.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
+        stiffness = system.laws.characters[j].stiffness or 1.0
+        each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
     return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
 
@@ -90,9 +89,7 @@ def tolerances(
 def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:
     if rtol >= _FINEST:
         return
-    names = [
-        row.name for row, v in zip(system.rows, system.coefficients.velocity, strict=True) if v == finest
-    ]
+    names = [row.name for row, v in zip(system.rows, system.laws.resolution, strict=True) if v == finest]
     raise ValueError(
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
         f"for double precision; make it at least {2 * _RESOLVED * _FINEST * speed:.1g}, or use DryFriction"
@@ -101,9 +98,7 @@ def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float)
 
 def _finest_velocity(system: System) -> float:
     """Return the smallest pre-slip velocity of the scene, infinite without one."""
-    c = system.coefficients
-    regular = (c.kind != HARD) & (c.kind != BRISTLE) & system.alive
-    return float(c.velocity[regular].min(initial=math.inf))
+    return float(system.laws.resolution[system.alive].min(initial=math.inf))
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.model.laws.regularized import PreSlip
+from stickslip.model.laws import PreSlip
 from stickslip.studies import work_precision as study
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
