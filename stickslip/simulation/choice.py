@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 from stickslip.simulation.arguments import FIXED
@@ -75,7 +77,9 @@ def choose(
 def why_no_series(system: System, loads: Loads) -> str | None:
     """Return what in a scene has no Taylor series, None if all has one."""
     named: dict[str, list[str]] = {}
-    for j in system.alive.nonzero()[0].tolist():
+    # laws that never stick before curves of those that do
+    rows = system.alive.nonzero()[0]
+    for j in rows[np.argsort(system.hard[rows], kind="stable")].tolist():
         named.setdefault(system.laws.characters[j].velocity_dependent, []).append(system.rows[j].name)
     for what, names in named.items():
         if what:
