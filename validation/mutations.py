@@ -303,7 +303,7 @@ MUTATIONS = (
     Mutation(
         "looks-off-steps",
         "no look between computed points",
-        "stickslip.engines.cvode:first_dip",
+        "stickslip.engines.follow:first_dip",
         _returning(None),
     ),
     Mutation(

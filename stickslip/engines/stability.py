@@ -5,6 +5,7 @@ A method turns ``y' = lambda y`` into ``y -> R(h lambda) y``; with ``Re lambda <
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -24,8 +25,6 @@ Complex = NDArray[np.complex128]
 _DENSE = 200
 _ROUNDOFF = 1e-9
 _NEAR_REST = 3.0
-_SERIES = {"RK4": (1 / 24, 1 / 6, 1 / 2, 1.0, 1.0), "Euler": (1.0, 1.0)}
-"""Coefficients of ``R(z)``, the highest power first."""
 
 
 class Unstable(Exception):
@@ -54,12 +53,12 @@ class Stability:
 
     Parameters
     ----------
-    method : str
-        "RK4" or "Euler".
+    growth : sequence of float
+        Coefficients of ``R(z)``, the highest power first.
     """
 
-    def __init__(self, method: str) -> None:
-        self._series = _SERIES[method]
+    def __init__(self, growth: Sequence[float]) -> None:
+        self._series = growth
         self._longest: WeakKeyDictionary[ModeEquations, float] = WeakKeyDictionary()
 
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:

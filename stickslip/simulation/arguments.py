@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
@@ -16,7 +17,6 @@ from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
 __all__ = [
-    "FIXED",
     "between",
     "check_laws",
     "check_ties",
@@ -26,9 +26,6 @@ __all__ = [
     "span",
     "step_length",
 ]
-
-FIXED = ("RK4", "Euler")
-"""Methods with fixed steps."""
 
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
@@ -67,18 +64,17 @@ def margin(velocity_margin: float | None) -> float | None:
     return velocity_margin
 
 
-def step_length(method: str, step: float | None, formulation: str) -> float | None:
+def step_length(method: str, step: float | None) -> float | None:
     """Return the step of a fixed-step method, None for the others."""
-    if method not in FIXED:
+    fixed = [name for name, known in METHODS.items() if known.takes_steps]
+    if method not in fixed:
         if step is not None:
             raise ValueError(
-                f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}"
+                f"simulate: step={step!r} belongs to the methods {' and '.join(fixed)}; leave it out for {method}"
             )
         return None
     if step is None:
         raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
-    if formulation != "contact-force":
-        raise ValueError(f"simulate: fixed steps solve the contact-force formulation, not {formulation!r}")
     return between("step", step, 0.0, math.inf)
 
 

@@ -15,9 +15,6 @@ __all__ = ["Tolerances", "tolerances"]
 
 Array = NDArray[np.float64]
 
-_RESOLVED = 1000.0
-"""A pre-slip velocity has to be this many times what the tolerances leave uncertain."""
-
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
@@ -53,13 +50,12 @@ def tolerances(
     rtol: float,
     atol: float,
     margin: float | None,
-    method: str,
+    resolution: float,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, and both so that a pre-slip velocity is a thousand times what they leave uncertain; ten thousand times for
-    Adams, which is not made for stiffness.
+    them, and both so that a pre-slip velocity is `resolution` times what they leave uncertain.
 
     Raises
     ------
@@ -70,11 +66,11 @@ def tolerances(
     finest = _finest_velocity(system)
     if speed > 0:
         atol = min(atol, rtol * speed)
-        resolved = _RESOLVED * (10 if method == "Adams" else 1)
-        if resolved * (rtol * speed + atol) > finest:
-            rtol = min(rtol, finest / (2 * resolved * speed))
-            atol = min(atol, finest / (2 * resolved))
-            _refuse_unresolved(system, rtol, finest, speed)
+        if resolution * (rtol * speed + atol) > finest:
+            rtol = min(rtol, finest / (2 * resolution * speed))
+            atol = min(atol, finest / (2 * resolution))
+            if rtol < _FINEST:
+                raise _unresolved(system, finest, speed, resolution)
     each = np.full(system.size, atol)
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
@@ -86,13 +82,11 @@ def tolerances(
     return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
 
 
-def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:
-    if rtol >= _FINEST:
-        return
+def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:
     names = [row.name for row, v in zip(system.rows, system.laws.resolution, strict=True) if v == finest]
-    raise ValueError(
+    return ValueError(
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
-        f"for double precision; make it at least {2 * _RESOLVED * _FINEST * speed:.1g}, or use DryFriction"
+        f"for double precision; make it at least {2 * resolution * _FINEST * speed:.1g}, or use DryFriction"
     )
 
 
