@@ -212,7 +212,7 @@ class _Rates:
             rate += equations.push(law.forces(w, normal, self._lag[stage], z))[:size]
             if places.size:
                 rate[places] = law.bristle_rates(w, normal, z)
-        return rate
+        return np.asarray(rate)
 
 
 def _euler(rate: _Rates, stage: int, y: Array, h: float) -> Array:

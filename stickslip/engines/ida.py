@@ -23,6 +23,7 @@ from stickslip.engines.steps import DEGREE, take_steps
 from stickslip.engines.sundials import IDA
 from stickslip.engines.work import Work, failure_of, sound
 from stickslip.equations.guards import Guards
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
@@ -145,7 +146,7 @@ class _Residual:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
         if self._motion.equations.balance.loop.max(initial=-1) < 0:
             return None
-        G, D = (x.toarray() if sparse.issparse(x) else x for x in (self._G, self._D))
+        G, D = dense(self._G), dense(self._D)
         scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
         unit = G / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, eigs, lsqr
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
 
@@ -135,8 +136,7 @@ def _eigenvalues(jacobian: Any) -> Complex:
     """Return the eigenvalues, of a large matrix those largest in magnitude."""
     size = jacobian.shape[0]
     if size <= _DENSE:
-        dense = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
-        return np.asarray(np.linalg.eigvals(dense), dtype=np.complex128)
+        return np.asarray(np.linalg.eigvals(dense(jacobian)), dtype=np.complex128)
     start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
     try:
         return np.asarray(eigs(sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False))

@@ -215,20 +215,9 @@ class Guards:
     @cached_property
     def _never(self) -> Mask:
         """Guards of rows that cannot move because held rows lock the same motion."""
-        equations, system = self.motion.equations, self.motion.system
-        never = np.zeros(self.size, dtype=bool)
-        if not equations.held.size:
-            return never
-        rows = (self.is_velocity & self.at_rest[self.row]).nonzero()[0]
-        for i in rows.tolist():
-            c = system.G[[int(self.row[i])]]
-            free = c @ equations.balance.T
-            off = free.toarray() if hasattr(free, "toarray") else free
-            never[i] = np.abs(off).max(initial=0.0) <= 1e-11 * abs(c).max()
-            if never[i] and system.drives:
-                led = c @ equations.balance.U + system.D[[int(self.row[i])]]
-                led = led.toarray() if hasattr(led, "toarray") else led
-                never[i] = np.abs(led).max(initial=0.0) <= 1e-11 * abs(c).max()
+        never = self.is_velocity & self.at_rest[self.row]
+        rows = never.nonzero()[0]
+        never[rows] = self.motion.equations.locked(self.row[rows])
         return never
 
     @cached_property
@@ -259,7 +248,7 @@ class Guards:
         q, z = self.motion.start.q[0], self.motion.start.z[0]
         assert q is not None
         size = self.levels(q) + np.abs(z[self._source])
-        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
+        return np.asarray(np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size))
 
     @cached_property
     def allowance(self) -> Array:
@@ -280,7 +269,7 @@ class Guards:
         rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
         modes = self.motion.equations.modes
         found = self.row[rows]
-        return found[np.abs(modes[found]) == 1]
+        return np.asarray(found[np.abs(modes[found]) == 1])
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 

@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.laws.table import ActingForces
 
 __all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
+
+_LOCKED = 1e-11
+"""Part of its coefficients that is left of a row where it cannot move."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -172,8 +176,7 @@ class ModeEquations:
         bounded least norm).
         """
         system = self.system
-        G = system.G.toarray() if system.sparse else system.G
-        D = system.D.toarray() if system.sparse else system.D
+        G, D = dense(system.G), dense(system.D)
         scale = np.maximum(np.abs(G).max(axis=1, initial=0.0), np.abs(D).max(axis=1, initial=0.0))
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
@@ -182,6 +185,15 @@ class ModeEquations:
         rows = G[self.at_level][:, bodies] / scale[self.at_level][:, None] ** 2
         found[:, bodies] = rows @ dual
         return found
+
+    def locked(self, rows: Any) -> NDArray[np.bool_]:
+        """Tell which of some rows cannot move because held rows lock the same motion."""
+        system, balance = self.system, self.balance
+        G, D = system.G[rows], system.D[rows]
+        if not self.held.size:
+            return np.zeros(G.shape[0], dtype=bool)
+        left = np.maximum(row_maxima(G @ balance.T), row_maxima(G @ balance.U + D))
+        return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
 
     # -- the maps --------------------------------------------------------------------------------------------
 
@@ -304,7 +316,9 @@ class ModeEquations:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         forces = (
-            system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (self._largest * q[:m])
+            system.abs_C @ y
+            + system.abs_Q @ q[: system.inputs]
+            + system.abs_GT @ (system.largest_coefficient * q[:m])
         )
         rate = np.zeros(size)
         rate[:n] = balance.acceleration_magnitudes(forces)
@@ -322,7 +336,3 @@ class ModeEquations:
         if self._shares is not None:
             z[m + self.held.size :] = np.abs(self._shares) @ forces
         return rate, z
-
-    @property
-    def _largest(self) -> Array:
-        return self.system.largest_coefficient

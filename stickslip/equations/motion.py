@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from stickslip.equations.loads import Stretch
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 
 __all__ = ["Expansion", "Motion"]
@@ -289,9 +290,7 @@ class Motion:
         pushed = sparse.csr_array(equations.push(units)[:size])
         extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
         extra = extra + pushed @ sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
-        return (
-            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
-        )
+        return matrix + dense(extra) if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
 
     # -- series ----------------------------------------------------------------------------------------------
 

@@ -167,7 +167,7 @@ class System:
     def relative_velocity(self, y: Array, q: Array) -> Array:
         """Return ``w`` of every row."""
         w = self.G @ y[: self.n]
-        return w + self.D @ self.drive_velocities(q) if self.drives else w
+        return np.asarray(w + self.D @ self.drive_velocities(q) if self.drives else w)
 
     def level(self, rows: Any, side: int, q: Array) -> Array:
         """Return the breakaway levels of some rows, forward (0) or backward (1), from inputs and dwells."""

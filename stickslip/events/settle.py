@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
@@ -183,7 +185,7 @@ def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
     presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
-    return (presses | ~system.is_friction) & system.alive
+    return np.asarray((presses | ~system.is_friction) & system.alive)
 
 
 def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
@@ -205,13 +207,9 @@ def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
     return system.relative_velocity(now.y, q), np.maximum(found, ROUNDOFF * largest)
 
 
-def _largest(coefficients: object, values: Array) -> Array:
+def _largest(coefficients: Any, values: Array) -> Array:
     """Return for each row the largest of its coefficients times the values."""
-    product = coefficients * values  # type: ignore[operator]
-    if isinstance(product, np.ndarray):
-        return product.max(axis=1, initial=0.0)
-    found: Array = product.max(axis=1).toarray().ravel()
-    return found
+    return row_maxima(coefficients * values)
 
 
 class _Search:
@@ -233,7 +231,7 @@ class _Search:
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
-        return self._candidates | (self._labels == 0) & (labels != 0)
+        return np.asarray(self._candidates | (self._labels == 0) & (labels != 0))
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion."""

@@ -190,7 +190,7 @@ class Samples:
         system = self.system
         if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
             return np.asarray(table(self.tables)[j])
-        parts = [np.array(table(block._computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
+        parts = [np.array(table(block.computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
         return np.concatenate(parts)
 
     def _blocks(self, count: int) -> list[Samples]:
@@ -200,9 +200,9 @@ class Samples:
     @cached_property
     def tables(self) -> Tables:
         """All rows' quantities."""
-        return self._computed()
+        return self.computed()
 
-    def _computed(self) -> Tables:
+    def computed(self) -> Tables:
         """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
         m, count = system.m, self.t.size

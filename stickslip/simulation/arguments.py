@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
+from stickslip.model.laws.base import Use
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
@@ -82,8 +84,8 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
     """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        normal = as_signal(contact.normal, contact.label)
-        contact.law.check_use(contact.label, (contact.a, contact.b), free, normal, start, stop)
+        ends, normal = (contact.a, contact.b), as_signal(contact.normal, contact.label)
+        contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 
 def check_ties(system: System, loads: Loads, start: float) -> None:
@@ -123,14 +125,14 @@ def _check_drives(system: System) -> None:
     ties = system.is_tie.nonzero()[0]
     if not system.drives or not ties.size:
         return
-    G, D = (m.toarray() if system.sparse else m for m in (system.G[ties], system.D[ties]))
-    scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1))[:, None]
+    G, D = dense(system.G[ties]), dense(system.D[ties])
+    scale = np.maximum(row_maxima(G), row_maxima(D))[:, None]
     # what is left of the rows once their bodies are eliminated binds the drives
     left, values, _ = np.linalg.svd(G / scale)
-    bound = np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN
+    bound = np.any(np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN, axis=0)
     if bound.any():
-        names = [drive.name for drive, has in zip(system.scene.drives, bound.any(axis=0), strict=True) if has]
-        tie = system.rows[int(ties[D.any(axis=1).nonzero()[0][0]])].name
+        names = [system.scene.drives[k].name for k in bound.nonzero()[0].tolist()]
+        tie = system.rows[int(ties[row_maxima(D).nonzero()[0][0]])].name
         raise ValueError(
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"

@@ -30,7 +30,7 @@ _BLUR = 1e-12
 """Part of the forces that is uncertain at least."""
 
 
-def simulate(
+def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     scene: Scene,
     t_span: Sequence[float],
     *,

@@ -10,7 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Character", "Kernel", "like"]
+from stickslip.model.signals import Signal
+
+__all__ = ["Character", "Kernel", "Use", "like"]
 
 Array = NDArray[np.float64]
 
@@ -46,6 +48,30 @@ class Character:
     resolution: float = math.inf
     stiffness: float | None = None
     velocity_dependent: str = ""
+
+
+@dataclass(frozen=True)
+class Use:
+    """A contact in which a law is used, from `start` to `stop` in s.
+
+    Attributes
+    ----------
+    label : str
+        How messages name the contact.
+    ends : (str, str)
+        What it joins.
+    both_move : bool
+        Whether both ends are bodies, not the ground or a drive.
+    normal : Signal
+        Normal force.
+    """
+
+    label: str
+    ends: tuple[str, str]
+    both_move: bool
+    normal: Signal
+    start: float
+    stop: float
 
 
 class Kernel:

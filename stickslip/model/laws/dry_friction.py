@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from stickslip.model.checks import check_entries, finite
-from stickslip.model.laws.base import Character, Kernel
+from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.kinetic import Kinetic
-from stickslip.model.signals import Signal
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
@@ -43,30 +42,8 @@ class Law:
         """Its forces where they depend on velocity and it does not slip in a known direction."""
         raise NotImplementedError
 
-    def check_use(
-        self,
-        label: str,
-        ends: tuple[str, str],
-        free: Container[str],
-        normal: Signal,
-        start: float,
-        stop: float,
-    ) -> None:
-        """Refuse a contact in which the law does not work.
-
-        Parameters
-        ----------
-        label : str
-            Begins the message.
-        ends : (str, str)
-            What the contact joins.
-        free : container of str
-            Names of the bodies that can move.
-        normal : Signal
-            Normal force.
-        start, stop : float
-            Time span in s.
-        """
+    def check_use(self, use: Use) -> None:
+        """Refuse a contact in which the law does not work."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as plain data."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass, replace
 
-from stickslip.model.laws.base import Character
+from stickslip.model.laws.base import Character, Use
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
-from stickslip.model.signals import Signal
 
 __all__ = ["Karnopp"]
 
@@ -46,18 +44,11 @@ class Karnopp(Law):
         """That of dry friction, but at rest within the band."""
         return replace(self.core.character, rests_below=self.velocity)
 
-    def check_use(
-        self,
-        label: str,
-        ends: tuple[str, str],
-        free: Container[str],
-        normal: Signal,
-        start: float,
-        stop: float,
-    ) -> None:
+    def check_use(self, use: Use) -> None:
         """Refuse a contact between two bodies that can both move."""
-        if all(end in free for end in ends):
+        if use.both_move:
+            a, b = use.ends
             raise ValueError(
-                f"{label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
-                f"{ends[0]!r} and {ends[1]!r} can move, and momentum would not be conserved; use DryFriction"
+                f"{use.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
+                f"{a!r} and {b!r} can move, and momentum would not be conserved; use DryFriction"
             )

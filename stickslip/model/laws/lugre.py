@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.laws.base import Character, Kernel, like
+from stickslip.model.laws.base import Character, Kernel, Use, like
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
-from stickslip.model.signals import Signal
 
 __all__ = ["BristleLaw", "LuGre"]
 
@@ -80,22 +79,14 @@ class BristleLaw(Law):
         """The forces at all velocities."""
         return _Bristles
 
-    def check_use(
-        self,
-        label: str,
-        ends: tuple[str, str],
-        free: Container[str],
-        normal: Signal,
-        start: float,
-        stop: float,
-    ) -> None:
+    def check_use(self, use: Use) -> None:
         """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
-        pressed = normal.clipped(start, stop)
-        times = [start, *pressed.breaks(start, stop)]
+        pressed = use.normal.clipped(use.start, use.stop)
+        times = [use.start, *pressed.breaks(use.start, use.stop)]
         foot = next((t for t in times if pressed(t) == 0 and pressed.slope(t) > 0), None)
         if foot is not None:
             raise ValueError(
-                f"{label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
+                f"{use.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
                 "let it start above 0, or use DryFriction"
             )
 

@@ -54,7 +54,7 @@ class Smooth(Kernel):
         """Return the derivatives with respect to `w`."""
         x = w / self._velocity
         rise = self.step_slope(x) / self._velocity
-        return normal * (self._mu(w) * rise + self._mu.slope(w) * np.abs(self.step(x)))
+        return np.asarray(normal * (self._mu(w) * rise + self._mu.slope(w) * np.abs(self.step(x))))
 
     def step(self, x: Array) -> Array:
         """Return a step from -1 to 1, odd in `x`."""
