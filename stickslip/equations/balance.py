@@ -174,9 +174,11 @@ class Balance:
         return self._respond(forces)
 
     def _respond(self, forces: Array) -> Array:
-        if not self._is_sparse:
-            return np.asarray(self._mobility @ forces)
-        return np.asarray(self.T @ (self._reduced @ (self._TT @ forces)))
+        is_sparse = self._is_sparse
+        found: Array = (
+            self.T @ (self._reduced @ (self._TT @ forces)) if is_sparse else self._mobility @ forces
+        )
+        return found
 
     def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:
         """Return the forces of the held rows; of least norm where they are not unique."""
@@ -201,9 +203,10 @@ class Balance:
 
     def acceleration_magnitudes(self, forces: Array) -> Array:
         """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
-        if not self._is_sparse:
-            return np.asarray(self._sizes[1] @ forces)
-        return np.asarray(self._sizes[1] @ (self._sizes[2] @ (self._sizes[3] @ forces)))
+        found: Array = forces
+        for factor in reversed(self._sizes[1:]):
+            found = factor @ found
+        return found
 
     @cached_property
     def _sizes(self) -> tuple[Any, ...]:
