@@ -22,6 +22,7 @@ from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision
@@ -45,6 +46,7 @@ __all__ = [
     "PreSlip",
     "Result",
     "Scene",
+    "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
@@ -54,6 +56,7 @@ __all__ = [
     "load",
     "output",
     "piecewise_linear",
+    "sensitivities",
     "signal",
     "simulate",
     "sine",
