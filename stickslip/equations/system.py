@@ -84,6 +84,7 @@ class System:
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved

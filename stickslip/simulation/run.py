@@ -115,12 +115,12 @@ class Run:
             return
         self.restarts += 1
         before = shown_at_end(motion, path, now.labels)
-        touching, fired = at_limit(motion, now.guards, path, ones)
+        touching, fired, let_go = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, y, before, since, touching, fired, path.largest)
+        situation = Situation(t, y, before, since, touching, fired, path.largest, let_go)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
