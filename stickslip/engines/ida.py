@@ -12,8 +12,8 @@ import warnings
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, follow, longest_step
@@ -203,42 +203,58 @@ class _Residual:
             self._constant = self._by_states(0.0, self._motion.y).toarray()
             return
         by_states = abs(self._by_states(0.0, self._motion.y))
-        self.pattern, self._places = sparsity_pattern(by_states + abs(self._rates) + sparse.eye_array(total))
+        self.pattern, self._places = sparsity_pattern(
+            by_states + abs(self._rates) + scipy.sparse.eye_array(total)
+        )
 
     def _by_rates(self) -> Any:
         system, count = self._system, self.start.size - self._size
-        others = sparse.eye_array(self._size - system.n)
-        top = sparse.block_diag([sparse.diags_array(system.inertia), others], format="csr")
+        others = scipy.sparse.eye_array(self._size - system.n)
+        top = scipy.sparse.block_diag([scipy.sparse.diags_array(system.inertia), others], format="csr")
         if not count:
-            return sparse.csr_array(top)
-        wide = sparse.hstack([sparse.csr_array(self._G), sparse.csr_array((count, self._size - system.n))])
-        return sparse.block_array([[top, sparse.csr_array((self._size, count))], [wide, None]], format="csr")
+            return scipy.sparse.csr_array(top)
+        wide = scipy.sparse.hstack(
+            [scipy.sparse.csr_array(self._G), scipy.sparse.csr_array((count, self._size - system.n))]
+        )
+        return scipy.sparse.block_array(
+            [[top, scipy.sparse.csr_array((self._size, count))], [wide, None]], format="csr"
+        )
 
     def _by_states(self, tau: float, y: Array) -> Any:
         motion, system = self._motion, self._system
         n, size, count = system.n, self._size, self.start.size - self._size
-        forces = sparse.csr_array(system.C)
+        forces = scipy.sparse.csr_array(system.C)
         acting = motion.equations.acting
         if acting.size:
-            rows = sparse.csr_array(system.G)[acting]
+            rows = scipy.sparse.csr_array(system.G)[acting]
             slopes = motion.law_slopes(tau, y)
-            pushed = sparse.csr_array(system.GT)[:, acting]
-            part = pushed @ sparse.diags_array(slopes) @ rows
-            forces = forces - sparse.hstack([part, sparse.csr_array((n, size - n))], format="csr")
-        full = sparse.csr_array(motion.jacobian(tau, y))
+            pushed = scipy.sparse.csr_array(system.GT)[:, acting]
+            part = pushed @ scipy.sparse.diags_array(slopes) @ rows
+            forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
+        full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
             w, normal, _, z = motion.acting_terms(y, motion.inputs(tau), tau)
             sigma = motion.equations.law.by_bristle(w, normal, z)
-            pushed = sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
-            entries = sparse.csr_array((sigma, (np.arange(places.size), places)), shape=(places.size, size))
+            pushed = scipy.sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
+            entries = scipy.sparse.csr_array(
+                (sigma, (np.arange(places.size), places)), shape=(places.size, size)
+            )
             forces = forces - pushed @ entries
-        top = sparse.vstack([-forces, -full[n:]], format="csr")
+        top = scipy.sparse.vstack([-forces, -full[n:]], format="csr")
         if not count:
             return top
-        null = sparse.csr_array((count, count)) if self._null is None else sparse.csr_array(-self._null)
-        pull = sparse.vstack([sparse.csr_array(self._G.T), sparse.csr_array((size - n, count))])
-        return sparse.block_array([[top, pull], [sparse.csr_array((count, size)), null]], format="csr")
+        null = (
+            scipy.sparse.csr_array((count, count))
+            if self._null is None
+            else scipy.sparse.csr_array(-self._null)
+        )
+        pull = scipy.sparse.vstack(
+            [scipy.sparse.csr_array(self._G.T), scipy.sparse.csr_array((size - n, count))]
+        )
+        return scipy.sparse.block_array(
+            [[top, pull], [scipy.sparse.csr_array((count, size)), null]], format="csr"
+        )
 
     def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
@@ -247,7 +263,7 @@ class _Residual:
             state = self._by_states(tau, y).toarray() if self._motion.has_law else self._constant
             out[:] = state + cj * self._rates
             return
-        coo = sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
+        coo = scipy.sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
         coo.sum_duplicates()
         out[:] = 0.0
         out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data

@@ -10,9 +10,8 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import ArpackError, eigs, lsqr
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
@@ -99,12 +98,15 @@ class Stability:
         near = np.abs(w) <= _NEAR_REST * laws.resolution[smooth][:, None]
         near[:, 1:] |= w[:, 1:] * w[:, :-1] < 0
         n, size = motion.system.n, states.shape[1]
-        rows = sparse.csr_array(motion.system.G)[smooth]
-        rows = sparse.hstack([rows, sparse.csr_array((smooth.size, size - n))], format="csr")
+        rows = scipy.sparse.csr_array(motion.system.G)[smooth]
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((smooth.size, size - n))], format="csr")
         found: dict[int, list[int]] = {}
         for j in np.flatnonzero(near.any(axis=1)).tolist():
             found.setdefault(int(np.where(near[j], np.abs(w[j]), np.inf).argmin()), []).append(j)
-        return [(k, states[k] - lsqr(rows[js], w[js, k], atol=1e-12)[0]) for k, js in found.items()]
+        return [
+            (k, states[k] - scipy.sparse.linalg.lsqr(rows[js], w[js, k], atol=1e-12)[0])
+            for k, js in found.items()
+        ]
 
     def _judge(self, jacobian: Any, h: float) -> None:
         """Raise `Unstable` if a step is too long for a Jacobian."""
@@ -139,6 +141,10 @@ def _eigenvalues(jacobian: Any) -> Complex:
         return np.asarray(np.linalg.eigvals(dense(jacobian)), dtype=np.complex128)
     start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
     try:
-        return np.asarray(eigs(sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False))
-    except ArpackError:
+        return np.asarray(
+            scipy.sparse.linalg.eigs(
+                scipy.sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False
+            )
+        )
+    except scipy.sparse.linalg.ArpackError:
         return np.empty(0, dtype=np.complex128)

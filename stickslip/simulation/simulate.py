@@ -10,6 +10,8 @@ from typing import Any
 from stickslip.engines import METHODS
 from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
+from stickslip.equations.forest import Forest
+from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Inconsistent
@@ -17,6 +19,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
 from stickslip.simulation.choice import choose
+from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
@@ -115,10 +118,25 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
     blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
-    run = Run(system, loads, chosen.make(task), recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    engine = chosen.make(task)
+    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
+        run.local = Local(
+            forest,
+            engine.work,
+            task.interruption,
+            recorder.keep_patchwork,
+            recorder.note,
+            run.watch,
+            not recorder.keeps_paths,
+        )
     return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
 
 
+_MANY = 16
+"""Bodies from which events are followed one by one where they are."""
+
+_FORESTS: weakref.WeakKeyDictionary[System, Forest] = weakref.WeakKeyDictionary()
 _COMPILED: dict[int, System] = {}
 
 
@@ -130,6 +148,15 @@ def compiled(scene: Scene) -> System:
         # the entry of a scene that nobody holds would keep it alive
         weakref.finalize(scene, _COMPILED.pop, id(scene), None)
     return known
+
+
+def _forest(system: System, loads: Loads) -> Forest | None:
+    """Return which bodies reach which where events can be followed one by one, built once for each system."""
+    if system.n < _MANY or Forest.why_not(system, loads) is not None:
+        return None
+    if system not in _FORESTS:
+        _FORESTS[system] = Forest(system)
+    return _FORESTS[system]
 
 
 class _Simulation:
