@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from stickslip.model.signal_makers import as_signal
 
 __all__ = [
     "FIXED",
+    "Formulation",
+    "Method",
+    "Times",
     "between",
     "check_bristles",
     "check_dead_bands",
@@ -29,6 +32,10 @@ __all__ = [
     "step_length",
 ]
 
+Method = Literal["auto", "series", "BDF", "Adams", "RK4", "Euler"]
+Formulation = Literal["contact-force", "merged", "multiplier"]
+Times = Sequence[float] | NDArray[Any]
+
 FIXED = ("RK4", "Euler")
 """Methods with fixed steps."""
 
@@ -36,7 +43,7 @@ _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
-def span(t_span: Sequence[float]) -> tuple[float, float]:
+def span(t_span: Times) -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
         start, stop = t_span

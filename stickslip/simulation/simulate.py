@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, get_args
 
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
 from stickslip.equations.loads import Loads
@@ -15,6 +15,7 @@ from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
+from stickslip.simulation.arguments import Formulation, Method, Times
 from stickslip.simulation.choice import ENGINES, choose
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
@@ -24,7 +25,7 @@ from stickslip.simulation.tolerances import Tolerances, tolerances
 __all__ = ["compiled", "simulate"]
 
 _METHODS = ("auto", "series", "BDF", "Adams", *arguments.FIXED)
-_FORMULATIONS = ("contact-force", "merged", "multiplier")
+_FORMULATIONS = get_args(Formulation)
 _OF_FORCES = 100.0
 """The multiplier formulation knows forces this many times less accurately than states."""
 
@@ -33,10 +34,10 @@ _BLUR = 1e-12
 
 def simulate(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     *,
-    formulation: str = "contact-force",
-    method: str = "auto",
+    formulation: Formulation = "contact-force",
+    method: Method = "auto",
     step: float | None = None,
     rtol: float = 1e-8,
     atol: float = 1e-10,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
 from stickslip.model.scene import GROUND, Scene
+from stickslip.simulation.arguments import Method, Times
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
@@ -149,10 +150,10 @@ class Sensitivities:
 
 def sensitivities(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     parameters: Iterable[str],
     *,
-    method: str = "auto",
+    method: Method = "auto",
     rtol: float = _RTOL,
     atol: float = _ATOL,
 ) -> Sensitivities:
