@@ -71,6 +71,6 @@ __all__ = [
     "triangle",
     "work_precision",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _let_scenes_show_themselves()

@@ -165,14 +165,14 @@ def _parser() -> argparse.ArgumentParser:
         "sweep",
         _sweep,
         "run a scene file over a grid of its numbers",
-        "--vary floor.normal=1,5,10 --vary springs.0.stiffness=1:100:9:log --plot map.png --value 'stuck floor'",
+        "--vary floor.normal=1,5,10 --vary springs[0].stiffness=1:100:9:log --plot map.png --value 'stuck floor'",
     )
     swept.add_argument(
         "--vary",
         action="append",
         required=True,
         metavar="FIELD=VALUES",
-        help="NAME.FIELD, or TABLE.NUMBER.FIELD where elements have no name; VALUES as 1,2,5 or START:STOP:COUNT "
+        help="NAME.FIELD, or TABLE[NUMBER].FIELD where elements have no name; VALUES as 1,2,5 or START:STOP:COUNT "
         "or START:STOP:COUNT:log",
     )
     _simulation(swept)
@@ -362,8 +362,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
     _check_folders({kind: getattr(chosen, kind) for kind in ("csv", "save", "plot")})
     data, given = _scene_file(chosen)
     options = _options(chosen, given)
-    _scene(chosen.scene, data)
-    runs = SceneRuns(data, options.pop("span"), options)
+    runs = SceneRuns(_scene(chosen.scene, data), options.pop("span"), options)
     grid: dict[str, list[float]] = {}
     for text in chosen.vary:
         path, equals, values = text.partition("=")
@@ -374,7 +373,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
         try:
             grid[path] = values_of(values)
             # a field that does not exist is told here, and not once for each point
-            runs.scene({path: grid[path][0]})
+            runs.at({path: grid[path][0]})
         except (ValueError, TypeError) as error:
             raise _BadInput(f"--vary {text}: {error}") from None
     varied = [path for path, values in grid.items() if len(values) > 1]
@@ -401,7 +400,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
 
 def _write_points(runs: SceneRuns, found: SweepResult, path: str) -> None:
     def head(name: str) -> str:
-        unit = runs.units(name)
+        unit = runs.unit(name)
         return f"{name} [{unit}]" if unit else name
 
     try:
@@ -418,7 +417,7 @@ def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: ar
     from stickslip import plots
 
     value = chosen.value or "events"
-    labels = {name: f"{name} [{unit}]" for name in (*varied, value) if (unit := runs.units(name))}
+    labels = {name: f"{name} [{unit}]" for name in (*varied, value) if (unit := runs.unit(name))}
     try:
         ax = plots.sweep_map(found, varied[0], varied[1], value, labels=labels)
     except (ValueError, TypeError) as error:

@@ -1,9 +1,14 @@
 """Advance a motion to its first event. The registry of methods: an engine's file and a line here each."""
 
+from typing import Literal
+
 from stickslip.engines import cvode, fixed_step, ida, series
 from stickslip.engines.base import Method
 
-__all__ = ["METHODS"]
+__all__ = ["METHODS", "MethodName"]
+
+MethodName = Literal["auto", "series", "BDF", "Adams", "RK4", "Euler"]
+"""What `simulate` takes, for editors and type checkers."""
 
 METHODS: dict[str, Method] = {
     "series": series.SERIES,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
 __all__ = [
+    "Formulation",
+    "Times",
     "between",
     "check_laws",
     "check_ties",
@@ -29,11 +31,14 @@ __all__ = [
     "step_length",
 ]
 
+Formulation = Literal["contact-force", "merged", "multiplier"]
+Times = Sequence[float] | NDArray[Any]
+
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
-def span(t_span: Sequence[float]) -> tuple[float, float]:
+def span(t_span: Times) -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
         start, stop = t_span

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from stickslip.engines import METHODS
 from stickslip.model.scene import Scene
 from stickslip.results.explanations import explain_result, explain_scene, span_of
+from stickslip.simulation.arguments import Times
 from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
@@ -14,7 +13,7 @@ from stickslip.simulation.simulate import compiled
 __all__ = ["explain"]
 
 
-def explain(subject: Scene | Result, t_span: Sequence[float] | None = None) -> str:
+def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
     """Return what is compiled and why; for a result also what was watched and why each event happened.
 
     Parameters

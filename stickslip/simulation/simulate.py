@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, get_args
 
-from stickslip.engines import METHODS
+from stickslip.engines import METHODS, MethodName
 from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
@@ -18,6 +18,7 @@ from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
+from stickslip.simulation.arguments import Formulation, Times
 from stickslip.simulation.choice import choose
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
@@ -28,17 +29,17 @@ from stickslip.simulation.tolerances import tolerances
 __all__ = ["compiled", "simulate"]
 
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
-_FORMULATIONS = ("contact-force", "merged", "multiplier")
+_FORMULATIONS = get_args(Formulation)
 _BLUR = 1e-12
 """Part of the forces that is uncertain at least."""
 
 
 def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     *,
-    formulation: str = "contact-force",
-    method: str = "auto",
+    formulation: Formulation = "contact-force",
+    method: MethodName = "auto",
     step: float | None = None,
     rtol: float = 1e-8,
     atol: float = 1e-10,

@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines import MethodName
 from stickslip.equations.motion import Motion
 from stickslip.model.scene import GROUND, Scene
+from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
@@ -149,10 +151,10 @@ class Sensitivities:
 
 def sensitivities(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     parameters: Iterable[str],
     *,
-    method: str = "auto",
+    method: MethodName = "auto",
     rtol: float = _RTOL,
     atol: float = _ATOL,
 ) -> Sensitivities:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from stickslip.model.scene import Scene
+from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -161,7 +162,7 @@ class Tradeoff:
 
 def tradeoff(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     *,
     error: str | Error = "velocity",
     budget: float = 60.0,
