@@ -15,8 +15,7 @@ from stickslip.model.elements import (
     Stop,
     Tie,
 )
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
@@ -76,6 +75,6 @@ __all__ = [
     "triangle",
     "work_precision",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _let_scenes_show_themselves()

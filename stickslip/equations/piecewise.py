@@ -118,7 +118,7 @@ class PiecewiseMatrices:
 
     def places(self, regions: Regions) -> Indices:
         """Return the places of one region of each function among all regions."""
-        return self.first + regions
+        return np.asarray(self.first + regions)
 
     def borders_of(self, regions: Regions) -> Indices:
         """Return the borders of one region of each function."""

@@ -196,7 +196,7 @@ class _Gaps:
         if not self.rows.size:
             return np.zeros((0, y.shape[1]))
         stretch = self._ends @ _positions(self._system, y)
-        return np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0)
+        return np.asarray(np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0))
 
 
 def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> Any:

@@ -339,7 +339,7 @@ class _Shot:
         Of `simulate`.
     """
 
-    def __init__(self, scene: Scene, period: float, forced: bool, options: dict) -> None:
+    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
         self.result = simulate(scene, (0.0, period), **options)
         trajectory = self.result.trajectory
@@ -582,7 +582,7 @@ def _said(event: Event) -> str:
     return f"{event.contact}: {before.name} -> {after.name}"
 
 
-def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
+def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
     """Return the scene as it starts after some periods of its loads.
 
     Raises
@@ -619,7 +619,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
 
 
 def _returning(
-    scene: Scene, guess: float | None, transient: float | None, options: dict
+    scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
 ) -> tuple[Scene, float]:
     """Return a start near a cycle, and about its period, from a transient."""
     system = compiled(scene)
