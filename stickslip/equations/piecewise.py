@@ -122,7 +122,7 @@ class PiecewiseMatrices:
 
     def borders_of(self, regions: Regions) -> Indices:
         """Return the borders of one region of each function."""
-        return (self.places(regions)[self.owner] == self.within).nonzero()[0]
+        return np.asarray((self.places(regions)[self.owner] == self.within).nonzero()[0])
 
     def at(self, y: Array, q: Array, regions: Regions | None) -> Regions:
         """Return the regions in which a state lies; those given are kept where it lies within or at their borders.
