@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.loads import Stretch
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 
 __all__ = ["Expansion", "Motion"]
@@ -34,14 +36,27 @@ class Expansion:
     q : list of array or None
         Inputs with dwells; None where a whole order is 0.
     z : array (order + 1, rows)
-    is_finite : bool
-        Whether the series of the states ends: the motion is a polynomial.
+    g : array (order + 1, guards) or None
+        The guards of the modes, but for constants, where they are told at once.
     """
 
-    __slots__ = ("is_finite", "q", "y", "z")
+    __slots__ = ("_q", "g", "y", "z")
 
-    def __init__(self, y: Array, q: list[Array | None], z: Array, is_finite: bool) -> None:
-        self.y, self.q, self.z, self.is_finite = y, q, z, is_finite
+    def __init__(
+        self,
+        y: Array,
+        q: list[Array | None] | Callable[[], list[Array | None]],
+        z: Array,
+        g: Array | None = None,
+    ) -> None:
+        self.y, self._q, self.z, self.g = y, q, z, g
+
+    @property
+    def q(self) -> list[Array | None]:
+        """The inputs with dwells."""
+        if not isinstance(self._q, list):
+            self._q = self._q()
+        return self._q
 
 
 class Motion:
@@ -68,8 +83,7 @@ class Motion:
         self.is_linear = not (self.has_law or stretch.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
-        # a row that carries its level pushes with it: where that rises, the motion follows
-        self.rises_push = bool(system.dwelling.size and system.rise[:, equations.at_level].any())
+        self.rises_push = equations.rises_push
         if self._dwelling.size:
             self._place_dwells()
         self.is_straight = stretch.is_straight
@@ -79,15 +93,17 @@ class Motion:
 
     def _place_dwells(self) -> None:
         """Rows whose static coefficient is still rising."""
-        system, rows = self.system, self._dwelling
-        age = (self.t - self.since[rows]) / system.dwell[rows]
-        modes = self.equations.modes[rows]
-        rests = (modes == 0) | (modes > 3)
-        self._rising = (rests & (age < _DWELL_OVER)).nonzero()[0]
-        self._rate = 1.0 / system.dwell[rows[self._rising]]
-        self._age = age[self._rising]
+        places = self._rising = self.equations.resting_dwells
+        if not places.size:
+            return
+        rows = self._dwelling[places]
+        self._rate = 1.0 / self.system.dwell[rows]
+        self._age = (self.t - self.since[rows]) * self._rate
+        young = self._age < _DWELL_OVER
+        if not young.all():
+            self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
         if self._rising.size:
-            self._over = float(np.max((_DWELL_OVER - self._age) / self._rate))
+            self._over = float(((_DWELL_OVER - self._age) / self._rate).max())
 
     @cached_property
     def waves_rest(self) -> bool:
@@ -125,7 +141,7 @@ class Motion:
     @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
-        return np.unique(1.0 / self._rate) if self._dwelling.size else np.empty(0)
+        return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
 
     def inputs(self, tau: float | Array) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array."""
@@ -170,10 +186,10 @@ class Motion:
                 wide = np.zeros(size + count)
                 wide[:size] = part
             full.append(wide)
-        age = self._age + self._rate * tau
-        live = (age < _DWELL_OVER).nonzero()[0] if self._rising.size else self._rising
-        if not live.size:
+        if not self._rising.size:
             return full
+        age = self._age + self._rate * tau
+        live = (age < _DWELL_OVER).nonzero()[0]
         rows, places = self._dwelling[self._rising[live]], size + self._rising[live]
         if frozen:
             factor = np.exp(-age[live])
@@ -280,18 +296,19 @@ class Motion:
         w, normal, _, z = terms
         by_w, by_z = law.bristle_slopes(w, normal, z)
         acting = equations.acting[law.bristles]
-        sigma = system.coefficients.sigma[acting]
         size, count, n = system.size, places.size, system.n
-        rows = sparse.csr_array((system.G @ equations.balance.T)[acting])
-        rows = sparse.hstack([rows, sparse.csr_array((count, size - n))], format="csr")
-        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        rows = scipy.sparse.csr_array((system.G @ equations.balance.T)[acting])
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
+        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
         units = np.zeros((equations.acting.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed = sparse.csr_array(equations.push(units)[:size])
-        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        pushed = scipy.sparse.csr_array(equations.push(units)[:size])
+        extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ scipy.sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
         return (
-            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+            matrix + dense(extra)
+            if isinstance(matrix, np.ndarray)
+            else scipy.sparse.csr_array(matrix + extra)
         )
 
     # -- series ----------------------------------------------------------------------------------------------
@@ -304,6 +321,11 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
+        if not self.stretch.has_waves or (frozen and self.waves_rest):
+            taylor = equations.taylor(order, frozen)
+            if taylor is not None and taylor.reaches(scale):
+                y, z, g = taylor(self._extended(tau, y), scale)
+                return Expansion(y, lambda: self._input_series(tau, order, scale, frozen), z, g)
         q = self._input_series(tau, order, scale, frozen)
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
@@ -327,7 +349,26 @@ class Motion:
                     led = led + equations.U_dependent @ system.drive_velocities(u)
                 following[equations.dependent] = led
             finite = not following.any()
-        return Expansion(ys, q, zs, finite)
+        return Expansion(ys, q, zs)
+
+    def _extended(self, tau: float, y: Array) -> Array:
+        """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
+        stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
+        count = self._dwelling.size
+        x = np.zeros(size + 2 * inputs + 2 * count)
+        x[:size] = y
+        q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
+        np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
+        q += stretch.value
+        slope[:] = stretch.slope
+        if count and tau < self._over:
+            rows = self._dwelling[self._rising]
+            age = self._age + self._rate * tau
+            factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
+            dwells = x[size + 2 * inputs :].reshape(2, count)
+            dwells[0, self._rising] = factor * q[rows]
+            dwells[1, self._rising] = factor * slope[rows]
+        return x
 
     def magnitudes(self, order: int) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
@@ -352,6 +393,11 @@ class Motion:
     # -- starts ----------------------------------------------------------------------------------------------
 
     @cached_property
+    def start_inputs(self) -> Array:
+        """Inputs and dwells at the start."""
+        return self.inputs(0.0)
+
+    @cached_property
     def start(self) -> Expansion:
         """Taylor coefficients at the start up to order 2: exact if linear, the second by a difference if not."""
         if self.is_linear:
@@ -368,7 +414,7 @@ class Motion:
         y = np.array([self.y, rate, 0.5 * second])
         q = [self.inputs(0.0), self._input_rate(0.0), np.zeros_like(self.inputs(0.0))]
         q[2] = 0.5 * (self._input_rate(d) - q[1]) / d
-        return Expansion(y, list(q), np.array([found[size:], z1, z2]), False)
+        return Expansion(y, list(q), np.array([found[size:], z1, z2]))
 
     @property
     def difference_step(self) -> float:

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
-from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 
-__all__ = ["label", "rests"]
+__all__ = ["label"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,8 +48,8 @@ def label(
     blur : float
         Part of the forces that is uncertain.
     """
-    modes = motion.equations.modes
-    if modes.max(initial=0) < OPEN:
+    equations, modes = motion.equations, motion.equations.modes
+    if not (equations.open.size or equations.free.size or equations.at_level.size):
         return modes
     is_open = modes == OPEN
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
@@ -57,7 +57,7 @@ def label(
     if np.any(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
         named = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
-    shown = np.where(is_open, named, np.where(modes >= AT_HIGH, 0, modes))
+    shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8)
 
 
@@ -78,30 +78,10 @@ def _to_come(
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come
-    kept = (to_come == 0) & (before != 0) & ~locked(motion)
+    kept = (to_come == 0) & (before != 0) & ~motion.equations.locked(slice(None))
     named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
-
-
-def rests(motion: Motion, quiet: float, blur: float) -> Mask:
-    """Tell which rows would stay at rest: nothing accelerates them, or held ones lock the same motion."""
-    to_come, _ = _first_terms(motion, 2, quiet, blur)
-    if motion.is_linear:
-        to_come, _ = _first_terms(motion, _HIGHEST, quiet, blur)
-    return np.asarray((to_come == 0) | locked(motion))
-
-
-def locked(motion: Motion) -> Mask:
-    """Tell which rows cannot move because held ones lock the same motion."""
-    system, equations = motion.system, motion.equations
-    if not equations.held.size:
-        return np.zeros(system.m, dtype=bool)
-    free = abs(system.G @ equations.balance.T).max(axis=1)
-    if system.drives:
-        free = free + abs(system.G @ equations.balance.U + system.D).max(axis=1)
-    dense = free.toarray().ravel() if hasattr(free, "toarray") else free
-    return np.asarray(dense <= 1e-11)
 
 
 def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:

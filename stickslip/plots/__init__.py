@@ -20,11 +20,13 @@ from stickslip.plots.contact import (
 )
 from stickslip.plots.motion import MANY, modes, velocities
 from stickslip.plots.points import FINE
+from stickslip.plots.schematic import schematic
 from stickslip.plots.studies import sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = [
+    "Figure",
     "characteristic",
     "contact_forces",
     "energy",
@@ -33,6 +35,7 @@ __all__ = [
     "normal_forces",
     "overview",
     "phase_portrait",
+    "schematic",
     "sweep_map",
     "velocities",
     "work_precision",
@@ -91,7 +94,8 @@ def overview(
         if t_span is not None:
             ax.set_xlim(t_span)
     axes[-1].set_xlabel(TIME)
-    return axes[0].get_figure()
+    drawn: Figure = axes[0].get_figure()
+    return drawn
 
 
 def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:

@@ -9,18 +9,15 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Contact
 from stickslip.model.signal_makers import Constant
 from stickslip.plots.motion import MANY
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
-    DISPLACEMENT,
-    FORCE,
     NORMAL,
     TIME,
-    VELOCITY,
     WITH_DOTS,
     beside,
     color_bar,
@@ -29,8 +26,10 @@ from stickslip.plots.style import (
     look,
     own_axes,
     raster,
+    value_raster,
 )
 from stickslip.results.outcome import Drawable
+from stickslip.results.units import units
 
 __all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
 
@@ -72,7 +71,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
-    ax.set(xlabel=TIME, ylabel=FORCE)
+    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, _element(result, contact)).force}]")
     ax.margins(x=0.01)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
@@ -135,7 +134,7 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     if len(names) > MANY:
         coarse = even_points(result)
         rows = np.array([coarse.normal(name) for name in names])
-        color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), NORMAL)
+        value_raster(ax, coarse.t, rows, names, NORMAL)
         ax.set(xlabel=TIME, ylabel="contact")
         return ax
     fine = result.fit_for_plot(FINE)
@@ -182,7 +181,8 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         )
     ax.plot(x[:1], w[:1], "o", color="black", markerfacecolor="white", zorder=3, label="start")
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
-    ax.set(xlabel=DISPLACEMENT, ylabel=f"relative {VELOCITY}")
+    unit = units(result.scene, element)
+    ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
 
@@ -211,15 +211,16 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     divided = contact in varying(result)
-    normal = 1.0 if divided else float(fine.normal(contact)[:1].sum())
+    normal = float(fine.normal(contact).mean()) if fine.t.size else 0.0
+    whole = normal if divided and normal > 0 else 1.0
     reach = float(np.abs(fine.relative_velocity(contact)).max(initial=0.0)) or 1.0
     w = np.linspace(-1.1 * reach, 1.1 * reach, 801)
     law = {"color": "0.65", "linewidth": 4, "zorder": 0, "solid_capstyle": "butt"}
     for side in (w[w < 0], w[w > 0]):
-        ax.plot(side, normal * _law_curve(element.law, side), **law)
-    core = _core(element.law)
-    if isinstance(element.law, DryFriction):
-        ax.plot([0, 0], [-normal * core.mu_s(-1), normal * core.mu_s(1)], **law)
+        ax.plot(side, steady_forces(element.law, side, normal) / whole, **law)
+    core = element.law.core
+    if element.law.character.sticks:
+        ax.plot([0, 0], [-normal / whole * core.mu_s(-1), normal / whole * core.mu_s(1)], **law)
     ax.plot([], [], color="0.65", linewidth=4, label=type(element.law).__name__)
     line: dict[str, Any] = {"color": "black", "linewidth": 1.2, "label": "trajectory"}
     size = 5 if computed.t.size <= WITH_DOTS else 2.5
@@ -230,35 +231,19 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         "label": "times fit for a plot",
     }
     for at, style in ((fine, line), (computed, points)):
-        force = at.force(contact)
+        carried = at.force(contact)
         ax.plot(
-            at.relative_velocity(contact), _ratio(force, at.normal(contact)) if divided else force, **style
+            at.relative_velocity(contact),
+            _ratio(carried, at.normal(contact)) if divided else carried,
+            **style,
         )
-    unit = "force / normal force [1 | m]" if divided else FORCE
-    ax.set(xlabel=f"relative {VELOCITY}", ylabel=unit)
+    unit = units(result.scene, element)
+    # a force in N m has the lever arm in its coefficient of friction
+    arm = {"N": "[1]", "N m": "[m]"}.get(unit.force, "[1 | m]")
+    force = f"force / normal force {arm}" if divided else f"force [{unit.force}]"
+    ax.set(xlabel=f"relative velocity [{unit.velocity}]", ylabel=force)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
-
-
-def _core(law: Law) -> DryFriction:
-    core = getattr(law, "law", law)
-    assert isinstance(core, DryFriction)
-    return core
-
-
-def _law_curve(law: Law, w: Array) -> Array:
-    """Return the force per normal force at relative velocities of one sign, dwell times aside."""
-    core, direction = _core(law), int(np.sign(w[0]))
-    kinetic = direction * np.array([core.mu_k(abs(speed), direction) for speed in w.tolist()])
-    if type(law).__name__ != "PreSlip":
-        return kinetic
-    ratio = np.abs(w) / law.velocity  # type: ignore[attr-defined]
-    match law.shape:  # type: ignore[attr-defined]
-        case "tanh":
-            return kinetic * np.tanh(ratio)
-        case "arctan":
-            return kinetic * (2 / np.pi) * np.arctan(0.5 * np.pi * ratio)
-    return np.where(ratio < 1, direction * core.mu_s(direction) * ratio, kinetic)
 
 
 def _element(result: Drawable, contact: str) -> Any:

@@ -15,17 +15,19 @@ from stickslip.model.modes import Mode
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
     TIME,
-    VELOCITY,
     WITH_DOTS,
     beside,
     color_bar,
     contact_names,
     dots,
+    keep_names_inside,
     look,
     own_axes,
     raster,
+    value_raster,
 )
 from stickslip.results.outcome import Drawable
+from stickslip.results.units import units
 
 __all__ = ["modes", "velocities"]
 
@@ -38,6 +40,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
     Mode.STUCK: {"facecolor": "0.35"},
     Mode.BACKWARD: {"facecolor": "0.85", "hatch": "...."},
+    Mode.OPEN: {"facecolor": "white"},
 }
 
 
@@ -81,7 +84,7 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
         ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(VELOCITY)
+    ax.set_ylabel(f"velocity [{units(result.scene).velocity}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -135,7 +138,7 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
-    color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), VELOCITY)
+    value_raster(ax, coarse.t, rows, names, f"velocity [{units(result.scene).velocity}]")
     ax.set_ylabel("body")
 
 
@@ -181,6 +184,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)
     ax.tick_params(axis="y", length=0)
+    keep_names_inside(ax)
     entries = [
         Patch(edgecolor="black", linewidth=0.5, label=Mode(mode).name, **bar)
         for mode, bar in _STRIPS.items()
@@ -214,7 +218,9 @@ def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
 def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
-    shades = ListedColormap(["#b5a642", "0.25", "0.93"])
-    mesh = raster(ax, coarse.t, rows, names, cmap=shades, norm=BoundaryNorm([-1.5, -0.5, 0.5, 1.5], 3))
-    bar = color_bar(ax, mesh, "", ticks=[-1, 0, 1])
-    bar.ax.set_yticklabels([Mode(mode).name for mode in (-1, 0, 1)])
+    shown = list(range(-1, 3 if (rows == Mode.OPEN).any() else 2))
+    shades = ListedColormap(["#b5a642", "0.25", "0.93", "white"][: len(shown)])
+    norm = BoundaryNorm([-1.5, *(mode + 0.5 for mode in shown)], len(shown))
+    mesh = raster(ax, coarse.t, rows, names, cmap=shades, norm=norm)
+    bar = color_bar(ax, mesh, "", ticks=shown)
+    bar.ax.set_yticklabels([Mode(mode).name for mode in shown])

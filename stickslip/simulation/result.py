@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
-from stickslip.results import energy, files
+from stickslip.results import energy, files, shares
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
@@ -218,6 +219,16 @@ class Result:
         """
         return self.samples.relative_velocity(contact)
 
+    def stretch(self, contact: str) -> Array:
+        """Return the stretch ``radius_a x_a - radius_b x_b`` of a row at the times `t`, in m or rad.
+
+        Raises
+        ------
+        ValueError
+            If there is no such row.
+        """
+        return self.samples.stretch(contact)
+
     def power(self, contact: str) -> Array:
         """Return the power ``r w`` that a contact dissipates at the times `t`, in W.
 
@@ -238,9 +249,22 @@ class Result:
         """
         return self.samples.normal(contact)
 
+    def share(self, contact: str) -> dict[Mode, float]:
+        """Return the part of the simulated time that a contact spends in each mode; together they are 1.
+
+        Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
+        each step.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact, or the motion between the outputs was not kept.
+        """
+        return shares.share(self, contact)
+
     # -- between and beyond -------------------------------------------------------------------------------
 
-    def __call__(self, t: float | Array) -> Array:
+    def __call__(self, t: float | Sequence[float] | Array) -> Array:
         """Return the states at any times of the simulated span, right limits at events.
 
         Parameters
@@ -279,7 +303,7 @@ class Result:
                 raise ValueError(f"sample: give at least 2 times, got {times}")
             if not self.trajectory.pieces:
                 raise ValueError("sample: nothing was computed")
-            times = np.linspace(self.trajectory.pieces[0].t, self.trajectory.pieces[-1].stop, int(times))
+            times = np.linspace(self.trajectory.starts[0], self.trajectory.stops[-1], int(times))
         try:
             wanted = np.array(times, dtype=float)
         except (TypeError, ValueError):
@@ -315,18 +339,24 @@ class Result:
         """Return in words what was assembled, which guards were watched, and why each event happened."""
         return explain_result(self)
 
-    def to_csv(self, path: Target) -> None:
-        """Write time, velocities, positions, forces and modes as a table.
+    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
+        """Write motion, forces, modes, powers and energies as a table, a line per time.
+
+        Parameters
+        ----------
+        path : path
+        units : bool, optional
+            Whether the heads of the columns say the units; by default where the scene says whether it rotates.
 
         Raises
         ------
         OSError
             If the file cannot be written.
         """
-        files.to_csv(self, path)
+        files.to_csv(self, path, units=units)
 
     def to_frame(self) -> Any:
-        """Return the same as a pandas data frame (extra `stickslip[frames]`).
+        """Return the same as a pandas data frame, units in ``frame.attrs["units"]`` (extra `stickslip[frames]`).
 
         Raises
         ------
@@ -350,6 +380,33 @@ class Result:
         from stickslip import plots
 
         return plots.overview(self, **options)
+
+    def report(self, path: Target, *, title: str = "A simulation with dry friction") -> None:
+        """Write a report of the run: one HTML file that needs no other file and no network.
+
+        It shows the scene as a schematic, motion, modes and forces, the events with their causes, the part of the time
+        in each mode, the energy ledger, and what is known of the accuracy. It can be read on a phone.
+
+        Parameters
+        ----------
+        path : path
+        title : str
+            Heading of the page.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from stickslip.plots.report import report
+
+        Path(path).write_text(report(self, title), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Return figure, events and last velocities, as notebooks show them."""
+        from stickslip.plots.notebook import result_html
+
+        return result_html(self)
 
     def __str__(self) -> str:
         lines = [self.message, *map(str, self.events)]

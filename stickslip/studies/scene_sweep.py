@@ -1,0 +1,97 @@
+"""A sweep over the numbers of a scene: which of them vary, and what is read of each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Scene
+from stickslip.results.units import units
+from stickslip.simulation.arguments import Times
+from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import simulate
+from stickslip.studies.parameters import named_parameters
+
+__all__ = ["SceneRuns", "values_of"]
+
+
+@dataclass(frozen=True)
+class SceneRuns:
+    """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point.
+
+    Parameters
+    ----------
+    scene : Scene
+    t_span : (float, float)
+        Start and end in s.
+    options : mapping
+        Arguments of `simulate`.
+    """
+
+    scene: Scene
+    t_span: Times
+    options: Mapping[str, Any]
+
+    def at(self, point: Mapping[str, float]) -> Scene:
+        """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the scene has no such number, or refuses the value.
+        """
+        scene = self.scene
+        for parameter in named_parameters(scene, list(point), "sweep"):
+            scene = parameter.set(scene, point[parameter.name])
+        return scene
+
+    def __call__(self, **point: float) -> dict[str, float]:
+        """Simulate one point; return events, last velocities, and of each contact its stuck part and its heat."""
+        return _read(simulate(self.at(point), self.t_span, **self.options))
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a value or a parameter, or an empty text where it has none or is not known."""
+        kind, _, rest = name.partition(" ")
+        if rest and kind in ("velocity", "heat"):
+            return units(self.scene).velocity if kind == "velocity" else "J"
+        field, unit = name.rpartition(".")[2], units(self.scene)
+        if field in ("inertia", "velocity", "position", "stiffness", "damping"):
+            return str(getattr(unit, field))
+        return {"normal": "N", "dwell": "s", "rested": "s"}.get(field, "")
+
+
+def values_of(text: str) -> list[float]:
+    """Return the values that a text lists: ``1,2,5``, or ``START:STOP:COUNT`` evenly, or with ``:log`` in ratios.
+
+    Raises
+    ------
+    ValueError
+        If it lists no numbers.
+    """
+    try:
+        if ":" not in text:
+            return [float(part) for part in text.split(",")]
+        start, stop, count, *rest = text.split(":")
+        if rest not in ([], ["log"]) or int(count) < 1:
+            raise ValueError
+        ends = float(start), float(stop)
+        spaced = np.geomspace(*ends, int(count)) if rest else np.linspace(*ends, int(count))
+    except ValueError:
+        raise ValueError(
+            f"{text!r} lists no values; write 0.1,0.2,0.5 or START:STOP:COUNT such as 0:1:11, or 0.01:1:9:log"
+        ) from None
+    if not all(map(math.isfinite, spaced)):
+        raise ValueError(f"{text!r} lists values that are not finite; with :log both ends must be positive")
+    return [float(value) for value in spaced]
+
+
+def _read(result: Result) -> dict[str, float]:
+    found: dict[str, float] = {"events": float(len(result.events))}
+    found |= {f"velocity {body.name}": result.velocity(body.name)[-1] for body in result.scene.bodies}
+    found |= {f"stuck {row.name}": result.share(row.name)[Mode.STUCK] for row in result.scene.contacts}
+    return found | {f"heat {name}": heat[-1] for name, heat in result.energy().contacts.items()}
