@@ -152,11 +152,8 @@ def settle(
     limit = np.maximum(rough, system.laws.rests_below)
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
-    if now.labels is not None and not all_closed:
-        # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
-        moves = ~closed & (now.labels != 0) & ~now.touching
-        resting &= ~moves
-        named = np.where(moves, now.labels, named)
+    if now.labels is not None and (uncertain or not all_closed):
+        named, resting = _directions(now, w, closed, resting, uncertain)
     candidates = closed & resting
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
@@ -204,6 +201,20 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
     if not system.all_hard:
         resting &= system.hard
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
+
+
+def _directions(
+    now: Situation, w: Array, closed: Mask, resting: Mask, uncertain: float
+) -> tuple[Array, Mask]:
+    """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
+    assert now.labels is not None
+    # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
+    kept = ~closed & (now.labels != 0) & ~now.touching
+    resting = resting & ~kept
+    if uncertain:
+        # a velocity that is beyond 0 by no more than a solver's errors has not passed it
+        kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= uncertain)
+    return np.where(kept, now.labels, np.sign(w)), resting
 
 
 def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, simulate, sine
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear, simulate, sine
 
 ENGINES: list[dict[str, Any]] = [
     {"method": "BDF"},
@@ -47,6 +47,22 @@ def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any
     )
     result = simulate(scene, (0.0, 7.5), rtol=rtol, atol=1e-2 * rtol, **options)
     assert result.events == []
+
+
+@pytest.mark.parametrize("rtol", TOLERANCES)
+@pytest.mark.parametrize("options", ENGINES)
+def test_nor_does_it_turn_where_a_load_breaks_just_then(options: dict[str, Any], rtol: float) -> None:
+    """The contact begins to close at 1 s, when v = 0.3/pi (1 - cos(2 pi t)) touches 0; friction then is 0.02 t' N."""
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=piecewise_linear([1.0, 2.0], [0.0, 0.1])),
+        Force("b", sine(1.2, 1.0)),
+    )
+    result = simulate(scene, (0.0, 1.5), rtol=rtol, atol=1e-2 * rtol, **options)
+    assert result.events == []
+    # the momentum that friction has taken by 1.5 s: 0.02 N/s (0.5 s)^2/2
+    exact = 0.3 / math.pi * 2 - 0.02 * 0.125 / 2.0
+    assert result.velocity("b")[-1] == pytest.approx(exact, abs=1e-12 + 30 * rtol)
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)
