@@ -102,7 +102,7 @@ def simulate(
     arguments.choice("method", method, _METHODS)
     rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
     atol = arguments.between("atol", atol, 0.0, math.inf)
-    max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
+    max_step = arguments.longest_step(max_step)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step, formulation)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any, Protocol
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import NamedArguments, finite
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.signal_makers import as_signal
 from stickslip.model.signals import Signal
@@ -52,7 +52,7 @@ class Book(Protocol):
         ...
 
 
-class Element:
+class Element(metaclass=NamedArguments):
     """A part of a scene."""
 
     @classmethod

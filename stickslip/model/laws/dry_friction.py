@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from stickslip.model.checks import check_entries, finite
+from stickslip.model.checks import NamedArguments, check_entries, finite
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
 _MAKERS: dict[str, type[Law]] = {}
 
 
-class Law:
+class Law(metaclass=NamedArguments):
     """A friction law of a contact."""
 
     @property
