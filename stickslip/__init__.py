@@ -24,6 +24,7 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -33,6 +34,8 @@ __all__ = [
     "GROUND",
     "Body",
     "Contact",
+    "Cycle",
+    "CycleError",
     "Dahl",
     "Damper",
     "Drive",
@@ -55,6 +58,7 @@ __all__ = [
     "Spring",
     "Tie",
     "explain",
+    "limit_cycle",
     "load",
     "output",
     "piecewise_linear",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,6 +17,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, settle
+from stickslip.simulation.local import Local
 
 __all__ = ["Engine", "Run"]
 
@@ -86,6 +88,8 @@ class Run:
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
+        self.local: Local | None = None
+        self._is_whole = False
 
     def begin(self) -> None:
         """Settle the modes at the start."""
@@ -110,6 +114,10 @@ class Run:
         assert now is not None
         motion = now.motion
         self.most_guards = max(self.most_guards, now.guards.armed)
+        if self.local is not None and not self._is_whole and self.local.takes(now):
+            self._follow(now, self.local)
+            return
+        self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
@@ -120,8 +128,34 @@ class Run:
         self.keeper.keep(now, path, t)
         self._go_on(now, path, t, ones)
 
+    def _follow(self, now: Settled, local: Local) -> None:
+        """Follow a motion and all events that can be settled where they are, up to one that cannot."""
+        motion = now.motion
+        ending = local.follow(now)
+        self.most_guards = max(self.most_guards, local.most_guards)
+        t, hit = ending.t, bool(ending.fired.any())
+        self.now = replace(now, labels=ending.labels)
+        self._watch_progress(t, hit)
+        if t >= self._stop or local.is_interrupted:
+            return
+        self.restarts += 1
+        self._is_whole = ending.is_whole
+        path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
+        parted, y = jumped(motion, self.loads, path, t)
+        touching = ending.touching | ((ending.labels == 0) & ~parted)
+        before = ending.labels
+        self._settle(
+            Situation(t, y, before, ending.since, touching, ending.fired, ending.largest), before, []
+        )
+
+    def watch(self, t: float, j: int) -> None:
+        """Go on to an event of a row."""
+        self._recent = [*self._recent[-19:], j]
+        self._watch_progress(t, True)
+        self.restarts += 1
+
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
-        motion, system = now.motion, self.system
+        motion = now.motion
         self._watch_progress(t, path.hit)
         if t >= self._stop:
             return
@@ -132,8 +166,12 @@ class Run:
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, y, before, since, touching, fired, path.largest, let_go)
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self._settle(Situation(t, y, before, since, touching, fired, path.largest, let_go), before, ones)
+
+    def _settle(self, situation: Situation, before: Modes, ones: list[int]) -> None:
+        """Settle the whole scene, and note what has changed."""
+        t, fired = situation.t, situation.fired
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones)

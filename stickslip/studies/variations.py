@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from stickslip.equations.guards import NEVER, Guards
 from stickslip.equations.loads import Loads, Stretch
@@ -430,7 +430,7 @@ class Variation:
         while tau < end:
             h = min(guess, end - tau)
             y = motion.exact(tau, path.at(np.array([tau]))[0])
-            c = self._homogeneous(motion, S, h)
+            c = self._homogeneous(motion, tau, y, S, h)
             for k in range(self.count):
                 for weight, other in near[k]:
                     c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
@@ -447,12 +447,17 @@ class Variation:
             found.append(c)
         return np.array(ends), np.array(found)
 
-    def _homogeneous(self, motion: Motion, S: Array, h: float) -> Array:
-        equations, system = motion.equations, self.system
-        c = np.empty((_ORDER + 1, system.size, self.count))
-        c[0] = equations.consistent(S.copy(), np.zeros((system.drives, self.count)))
-        for j in range(_ORDER):
-            c[j + 1] = equations.apply(c[j])[: system.size] * (h / (j + 1))
+    def _homogeneous(self, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
+        """Return the coefficients of the motions that S alone causes: differences of motions linear in their start."""
+        none = np.zeros((self.system.drives, self.count))
+        S = motion.equations.consistent(S.copy(), none)
+        c = np.zeros((_ORDER + 1, self.system.size, self.count))
+        for k in range(self.count):
+            if not S[:, k].any():
+                continue
+            part = 1.0 / float((np.abs(S[:, k]) / self._size).max())
+            ahead = motion.expand(tau, y + part * S[:, k], _ORDER, h).y
+            c[:, :, k] = (ahead - motion.expand(tau, y - part * S[:, k], _ORDER, h).y) / (2 * part)
         return c
 
     @staticmethod
@@ -651,7 +656,9 @@ class Variation:
                 return float(guards.values(tau, motion.watched(tau, y))[i])
 
             bounds = (taus[at], taus[at + 2])
-            found = minimize_scalar(value, bounds=bounds, method="bounded", options={"xatol": 1e-12})
+            found = scipy.optimize.minimize_scalar(
+                value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
+            )
             if found.fun <= _TOUCH * size[i, 0]:
                 self._touched(number, motion, guards, int(i), float(found.x))
 
