@@ -1,9 +1,11 @@
-"""Run the snippets of the pages that draw, in the folder of their figures: ``python docs/draw.py [PAGE ...]``."""
+"""Run the snippets of the pages that draw, and keep their figures: ``python docs/draw.py [PAGE ...]``."""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 DOCS = Path(__file__).parent
@@ -17,8 +19,12 @@ def draw(page: Path) -> None:
         names = re.findall(r'savefig\("([\w.]+)"', code)
         if names:
             print(page.name, *names)
-            environment = os.environ | {"MPLBACKEND": "Agg"}
-            subprocess.run([sys.executable, "-c", code], cwd=DOCS / "figures", env=environment, check=True)
+            environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(DOCS.parent)}
+            with tempfile.TemporaryDirectory() as folder:
+                # what else they write is not for the pages
+                subprocess.run([sys.executable, "-c", code], cwd=folder, env=environment, check=True)
+                for figure in names:
+                    shutil.move(Path(folder) / figure, DOCS / "figures" / figure)
 
 
 if __name__ == "__main__":
