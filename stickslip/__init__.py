@@ -7,14 +7,15 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
@@ -42,6 +43,7 @@ __all__ = [
     "DryFriction",
     "Event",
     "Force",
+    "Gap",
     "Gear",
     "Karnopp",
     "LuGre",
@@ -56,6 +58,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "Stop",
     "Tie",
     "explain",
     "limit_cycle",

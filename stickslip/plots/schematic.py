@@ -20,10 +20,12 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -87,7 +89,7 @@ class _Drawing:
         self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
         self._place()
 
-    def _span(self, link: _Link) -> tuple[int, int]:
+    def span(self, link: _Link) -> tuple[int, int]:
         """Return the first and the last gap that a link takes; gap k lies below body k."""
         rows = [self.rows[end] for end in link.ends if end in self.rows]
         return min(rows), max(min(rows), max(rows) - (GROUND not in link.ends))
@@ -96,7 +98,7 @@ class _Drawing:
         """Give every link a column, the leftmost that is free along its gaps; short links come first."""
         taken: list[set[int]] = []
         self.column: dict[int, int] = {}
-        spans = [self._span(link) for link in self.links]
+        spans = [self.span(link) for link in self.links]
         for k in sorted(range(len(spans)), key=lambda k: (spans[k][1] - spans[k][0], spans[k][0])):
             gaps = set(range(spans[k][0], spans[k][1] + 1))
             column = next((c for c, used in enumerate(taken) if not used & gaps), len(taken))
@@ -145,7 +147,7 @@ class _Drawing:
     def on(self, ax: Any) -> Any:
         """Draw on axes, or on those of a new figure."""
         lowest = self._top(len(self.rows) - 1) - _BOX
-        if any(self._span(link)[1] == len(self.rows) - 1 for link in self.links):
+        if any(self.span(link)[1] == len(self.rows) - 1 for link in self.links):
             lowest -= _GAP
         right = max(self.lefts[-1], *(self._sides(name)[1] for name in self.nodes))
         left = -0.1
@@ -211,7 +213,11 @@ class _Drawing:
         x, rows = self._x(k), sorted(self.rows[end] for end in link.ends if end in self.rows)
         high = self._top(rows[0]) - _BOX
         low = high - _GAP if len(rows) > 1 else high - _GAP + 0.16
-        link.symbol(ax, x, low, high)
+        symbol = link.symbol
+        if symbol is symbols.one_way and self.rows.get(next(iter(link.ends)), len(self.rows)) > rows[0]:
+            # its first end, which drives, is the lower one
+            symbol = symbols.one_way_up
+        symbol(ax, x, low, high)
         if len(rows) > 1:
             end = self._top(rows[-1])
             ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
@@ -295,6 +301,9 @@ def _link(element: Any, scene: Scene) -> _Link | None:
         case Planetary():
             parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
             return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+        case Gap() | Stop():
+            symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
+            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
         case Tie():
             return _Link(
                 {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from stickslip.engines import METHODS
 from stickslip.model.scene import Scene
 from stickslip.results.explanations import explain_result, explain_scene, span_of
 from stickslip.simulation.arguments import Times, span
-from stickslip.simulation.choice import ENGINES, choose
+from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
 
@@ -38,4 +39,4 @@ def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
     system = compiled(subject)
     loads = system.loads(start, stop)
     name, reason = choose(system, loads, "contact-force", "auto", stop - start)
-    return explain_scene(system, loads, ENGINES[name], reason)
+    return explain_scene(system, loads, METHODS[name].title, reason)

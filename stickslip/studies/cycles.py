@@ -135,6 +135,12 @@ class Cycle:
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
         return np.array([self._shot.along(one)[1] for one in named])
 
+    def _repr_html_(self) -> str:
+        """Return one period as a figure, and the multipliers, as notebooks show them."""
+        from stickslip.plots.notebook import cycle_html
+
+        return cycle_html(self)
+
     def __str__(self) -> str:
         """Return what there is to say of the cycle."""
         kind = "stable" if self.stable else "neutral" if self.neutral else "unstable"
@@ -195,6 +201,11 @@ def limit_cycle(
         raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
     options = {"method": method, "rtol": rtol, "atol": atol}
     system = compiled(scene)
+    if system.piecewise.count:
+        raise ValueError(
+            f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
+            "leave it out, or simulate until the motion repeats"
+        )
     if system.first_bristle < system.size:
         raise ValueError(
             "limit_cycle: laws with bristles have a state of their own, from which no scene starts"
@@ -334,7 +345,7 @@ class _Shot:
         Of `simulate`.
     """
 
-    def __init__(self, scene: Scene, period: float, forced: bool, options: dict) -> None:
+    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
         self.result = simulate(scene, (0.0, period), **options)
         trajectory = self.result.trajectory
@@ -577,7 +588,7 @@ def _said(event: Event) -> str:
     return f"{event.contact}: {before.name} -> {after.name}"
 
 
-def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
+def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
     """Return the scene as it starts after some periods of its loads.
 
     Raises
@@ -614,7 +625,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
 
 
 def _returning(
-    scene: Scene, guess: float | None, transient: float | None, options: dict
+    scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
 ) -> tuple[Scene, float]:
     """Return a start near a cycle, and about its period, from a transient."""
     system = compiled(scene)

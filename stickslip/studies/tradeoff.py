@@ -210,7 +210,7 @@ def tradeoff(
     span = (start, stop)
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
-    tight, loose, reference, limit, scale = _reference(scene, span, measure)
+    tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     setups = [
         Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
         for call in calls(scene, span, scale)
@@ -262,7 +262,7 @@ class _Quiet:
             return self.call.run(self.scene, self.span)
 
 
-def _reference(
+def reference_of(
     scene: Scene, span: tuple[float, float], measure: Error
 ) -> tuple[Call, Call, Result, float, float]:
     """Return two tight calls, the result of the tighter, by how much they differ, and the velocity scale."""

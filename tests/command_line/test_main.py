@@ -64,6 +64,12 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert max(map(abs, errors)) < 1e-12
     assert "times faster than real time" in text
     assert "states 2" in text
+    # what each engine promises at the default tolerances: roundoff, or 1e-8 of velocities
+    rows = re.findall(r"^(.+?) +the same +(\S+) s +(\S+) rad/s +(\S+) ms +(\S+) ms$", text, re.MULTILINE)
+    assert [row[0] for row in rows] == ["Taylor series", "CVODE BDF", "CVODE Adams", "IDA BDF"]
+    for name, late, off, *_ in rows:
+        assert float(late) < (1e-14 if name == "Taylor series" else 1e-8)
+        assert float(off) < (1e-14 if name == "Taylor series" else 1e-8)
     assert (here / "stickslip-benchmark.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -20,6 +20,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
     Karnopp,
     LuGre,
@@ -28,6 +29,7 @@ from stickslip import (
     PreSlip,
     Scene,
     Spring,
+    Stop,
     Tie,
     explain,
     piecewise_linear,
@@ -69,6 +71,27 @@ GOOD: dict[Callable[..., Any], dict[str, Any]] = {
     Tie: {"name": "t", "coefficients": {"a": 1.0, "b": -1.0}},
     Gear: {"name": "g", "a": "a", "b": "b", "ratio": 2.0},
     Planetary: {"name": "p", "sun": "s", "carrier": "c", "ring": "r", "ratio": 2.0},
+    Gap: {
+        "name": "g",
+        "a": "a",
+        "b": "b",
+        "lower": -1.0,
+        "upper": 1.0,
+        "stiffness": 1.0,
+        "damping": 0.0,
+        "radius_a": 1.0,
+        "radius_b": 1.0,
+    },
+    Stop: {
+        "name": "s",
+        "a": "a",
+        "b": "b",
+        "lower": -1.0,
+        "upper": 1.0,
+        "restitution": 0.5,
+        "radius_a": 1.0,
+        "radius_b": 1.0,
+    },
     OneWay: {"name": "o", "a": "a", "b": "b", "radius_a": 1.0, "radius_b": 1.0},
     DryFriction: {
         "mu_static": 0.2,
@@ -207,5 +230,5 @@ def test_all_constructors_are_looked_at() -> None:
         if isinstance(thing := getattr(stickslip, name), type) and not issubclass(thing, (BaseException, int))
     }
     # what users do not make, or make from other arguments
-    made = classes - {"Event", "Result", "Scene", "Sensitivities", "Signal"}
+    made = classes - {"Cycle", "Event", "Result", "Scene", "Sensitivities", "Signal"}
     assert made <= {maker.__name__ for maker in GOOD}, made - {maker.__name__ for maker in GOOD}

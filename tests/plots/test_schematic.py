@@ -14,12 +14,14 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     PreSlip,
     Scene,
     Spring,
+    Stop,
     Tie,
     plots,
     sine,
@@ -48,6 +50,9 @@ MACHINE = Scene(
     Force("motor", sine(1.0, 1.0)),
     Force("motor", 2.0),
     Tie("lever", {"hub": 1.0, "motor": -2.0, "ring": 0.5}),
+    Gap("teeth", "sun", "carrier", lower=-0.01, upper=0.01, stiffness=1e4),
+    Stop("bumper", "car", GROUND, upper=3.0),
+    OneWay("sprag", "ground", "hub"),
 )
 STAR = Scene(
     Body("hub", inertia=1.0),
@@ -106,6 +111,9 @@ def test_names_and_values_stand_beside_what_they_belong_to():
         "band brake\nN(t)",
         "freewheel\ncarrier drives",
         "tyre\nN = 3000 N\nPreSlip",
+        "teeth\n-0.01 to 0.01",
+        "bumper\n-inf to 3",
+        "sprag\nground drives",
         "r = 0.3",
         "k = 1e+04\nc = 3",
         "c = 10",
@@ -132,14 +140,14 @@ def test_neighbours_stand_beside_each_other():
     shuffled = Scene(*(chain.bodies[k] for k in (4, 0, 7, 2, 8, 5, 1, 3, 6)), *chain.contacts)
     drawing = _Drawing(shuffled)
     for link in drawing.links:
-        first, last = drawing._span(link)
+        first, last = drawing.span(link)
         assert first == last
 
 
 def test_links_in_the_same_gap_have_columns_of_their_own():
     for scene in SCENES.values():
         drawing = _Drawing(scene)
-        spans = [set(range(a, b + 1)) for a, b in map(drawing._span, drawing.links)]
+        spans = [set(range(a, b + 1)) for a, b in map(drawing.span, drawing.links)]
         for k, one in enumerate(spans):
             for j in range(k):
                 assert drawing.column[k] != drawing.column[j] or not one & spans[j]
