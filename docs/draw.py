@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-DOCS = Path(__file__).parent
+DOCS = Path(__file__).resolve().parent
 PAGES = ("how_do_i.md", "paper.md")
 
 
