@@ -29,6 +29,10 @@ class Row:
         In N.
     rested : float
         How long in s it has been held at the start.
+    deflection : float
+        Of its bristles at the start, in m or rad.
+    slipping : bool
+        Whether it starts as one that has slipped.
     """
 
     name: str
@@ -37,6 +41,8 @@ class Row:
     kind: str
     normal: Signal
     rested: float
+    deflection: float
+    slipping: bool
 
 
 @dataclass(frozen=True)
@@ -83,9 +89,12 @@ class Book:
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        deflection: float = 0.0,
+        slipping: bool = False,
     ) -> None:
         """Enter a row."""
-        self.rows.append(Row(name, self._by_index(coefficients), law, kind, _signal(normal), rested))
+        own = self._by_index(coefficients)
+        self.rows.append(Row(name, own, law, kind, _signal(normal), rested, deflection, slipping))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float

@@ -94,6 +94,7 @@ class System:
         bristles = np.flatnonzero(c.kind == BRISTLE)
         self.size = self.first_bristle + bristles.size
         self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
+        self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - np.maximum(self.mu_c, self.mu_0), 0.0)
         self.rise = np.where(self.dwell > 0, rise, 0.0)

@@ -173,7 +173,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
     velocity, threshold = system.coefficients.velocity, system.coefficients.threshold
-    slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
+    slipped = system.starts_slipping if now.labels is None else np.abs(now.labels) == 1
     limit = np.where(slipped, threshold, velocity)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import energy, files
+from stickslip.results.continuation import final_scene
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
@@ -300,6 +301,19 @@ class Result:
             return self
         at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)
         return replace(self, _at=at)
+
+    def final_scene(self) -> Scene:
+        """Return the scene at the end of the motion, from which `simulate` goes on.
+
+        Velocities, positions, times at rest, bristles and slip states are those of the end. Loads stay as they are:
+        simulate over a time span that starts where this one ends.
+
+        Raises
+        ------
+        ValueError
+            If nothing was computed, or only the requested outputs were kept.
+        """
+        return final_scene(self.trajectory)
 
     def energy(self) -> energy.EnergyLedger:
         """Return where the energy went, and by how much the balance is off: a free check of accuracy.

@@ -94,6 +94,8 @@ class Run:
         y[: system.n] = [body.velocity for body in scene.bodies]
         places: list[Any] = [*scene.bodies, *scene.drives]
         y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+        for j, state in system.bristle_state.items():
+            y[state] = system.rows[j].deflection
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
         situation = Situation(self.t, y, None, since, nothing, nothing)

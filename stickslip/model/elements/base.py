@@ -37,6 +37,8 @@ class Book(Protocol):
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        deflection: float = 0.0,
+        slipping: bool = False,
     ) -> None:
         """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
         ...

@@ -1,0 +1,61 @@
+"""Going on where a run has ended: its last state as a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.model.scene import Body, Contact, Drive, Element, Scene
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
+
+__all__ = ["final_scene"]
+
+
+def final_scene(trajectory: Trajectory) -> Scene:
+    """Return the scene at the end of a motion: simulated from that time on, it goes on as the motion would have.
+
+    Velocities, positions, times at rest, bristles and slip states are those of the end. Loads stay as they are: they
+    are functions of the same time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+
+    Raises
+    ------
+    ValueError
+        If nothing was computed, or only the requested outputs were kept.
+    """
+    if not trajectory.pieces:
+        raise ValueError("final_scene: nothing was computed, so there is no end to go on from")
+    if not trajectory.is_dense:
+        raise ValueError(
+            "final_scene: the points between the outputs were not kept; simulate with dense_output=True"
+        )
+    system, last = trajectory.system, trajectory.pieces[-1]
+    at = Samples.at_local(trajectory, np.array([len(trajectory.pieces) - 1]), np.array([last.end]))
+    elements: list[Element] = []
+    for element in system.scene.elements:
+        match element:
+            case Body(name=name):
+                moved = {"velocity": float(at.velocity(name)[0]), "position": float(at.position(name)[0])}
+                elements.append(replace(element, **moved))
+            case Drive(name=name):
+                elements.append(replace(element, position=float(at.position(name)[0])))
+            case Contact(name=name):
+                j = at.row(name)
+                elements.append(
+                    replace(
+                        element,
+                        rested=last.stop - float(last.since[j]) if last.labels[j] == 0 else 0.0,
+                        deflection=float(at.y[system.bristle_state[j], 0])
+                        if j in system.bristle_state
+                        else 0.0,
+                        slipping=bool(abs(last.modes[j]) == 1 and not system.hard[j]),
+                    )
+                )
+            case _:
+                elements.append(element)
+    return Scene(*elements)
