@@ -40,8 +40,8 @@ def final_scene(trajectory: Trajectory) -> Scene:
     for element in system.scene.elements:
         match element:
             case Body(name=name):
-                moved = {"velocity": float(at.velocity(name)[0]), "position": float(at.position(name)[0])}
-                elements.append(replace(element, **moved))
+                velocity, position = float(at.velocity(name)[0]), float(at.position(name)[0])
+                elements.append(replace(element, velocity=velocity, position=position))
             case Drive(name=name):
                 elements.append(replace(element, position=float(at.position(name)[0])))
             case Contact(name=name):
