@@ -16,9 +16,22 @@ from stickslip.model.elements import (
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import (
+    TIME,
+    Quantity,
+    feedback,
+    normal,
+    position,
+    power,
+    relative_velocity,
+    saturate,
+    stretch,
+    table,
+    velocity,
+)
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.results import files as output
+from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
@@ -29,6 +42,7 @@ from stickslip.studies.work_precision import work_precision
 
 __all__ = [
     "GROUND",
+    "TIME",
     "Body",
     "Contact",
     "Dahl",
@@ -44,6 +58,7 @@ __all__ = [
     "OneWay",
     "Planetary",
     "PreSlip",
+    "Quantity",
     "Result",
     "Scene",
     "Signal",
@@ -52,16 +67,25 @@ __all__ = [
     "Spring",
     "Tie",
     "explain",
+    "feedback",
     "load",
+    "normal",
     "output",
     "piecewise_linear",
+    "position",
+    "power",
+    "relative_velocity",
+    "saturate",
     "signal",
     "simulate",
     "sine",
     "step",
+    "stretch",
     "sweep",
+    "table",
     "tradeoff",
     "triangle",
+    "velocity",
     "work_precision",
 ]
 __version__ = "0.1.0"

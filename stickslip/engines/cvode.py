@@ -39,6 +39,9 @@ STEPS_PER_PERIOD = 8
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
+_SHORT = (0.9, 0.5, 0.25, 0.1)
+"""How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
+
 _ROOTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
 
@@ -253,10 +256,12 @@ def protected(
         # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
         size = motion.y.size
         path = Path(np.zeros(1), np.empty((0, 1, size)), motion.y, False, True)
-        short = 0.9 * last()
-        if short > 0:
-            with contextlib.suppress(Exception):
-                path = solve(short)
+        reached = last()
+        for part in _SHORT:
+            if part * reached > 0:
+                with contextlib.suppress(Exception):
+                    path = solve(part * reached)
+                    break
         raise SolverFailure(str(fault), LOOK_AT_SCENE, path) from fault
     if interruption.pressed:
         raise Interrupted(path)

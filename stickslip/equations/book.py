@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.scene import GROUND, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.signal_makers import Constant, Load, Signal
 
 __all__ = ["Book", "Coupling", "Row"]
 
@@ -64,7 +64,7 @@ class Book:
         self.drives: list[Drive] = []
         self.rows: list[Row] = []
         self.couplings: list[Coupling] = []
-        self.forces: list[tuple[int, Signal]] = []
+        self.forces: list[tuple[int, Load, str]] = []
         self.index: dict[str, int] = {}
         for element in scene.elements:
             element.place(self)
@@ -102,9 +102,14 @@ class Book:
         """Enter a spring and damper."""
         self.couplings.append(Coupling(label, self._by_index(coefficients), stiffness, damping, rest))
 
-    def push(self, body: str, force: Signal | float) -> None:
+    def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
-        self.forces.append((self.index[body], _signal(force)))
+        load = force if isinstance(force, Load) else Constant(float(force))
+        self.forces.append((self.index[body], load, f"force on {body!r}"))
+
+    def loads(self) -> list[Load]:
+        """Return all loads that may depend on the state."""
+        return [load for _, load, _ in self.forces]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}

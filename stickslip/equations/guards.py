@@ -91,6 +91,7 @@ class Guards:
         self.row = self._row
         self._has_levels = bool(self._mu.any())
         self._has_constant = bool(self._constant.any())
+        self._has_forces = not self.is_velocity.all()
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
@@ -268,7 +269,7 @@ class Guards:
         found = np.zeros(self.size)
         amplitudes = motion.stretch.amplitudes
         for i in amplitudes.nonzero()[0].tolist():
-            q = np.zeros(motion.inputs(0.0).size)
+            q = np.zeros(system.inputs + system.dwelling.size)
             q[i] = amplitudes[i]
             z = motion.equations.respond(q)[system.size :]
             found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
@@ -308,9 +309,12 @@ class Guards:
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
-    def values(self, tau: float | Array, z: Array) -> Array:
-        """Return the guards at local time `tau` from what is watched, zeros at the start divided out."""
-        g = self.raw(z, self.motion.inputs(tau))
+    def values(self, tau: float | Array, y: Array) -> Array:
+        """Return the guards at local time `tau` from the state, zeros at the start divided out."""
+        motion = self.motion
+        # functions of the state act on forces only
+        q = motion.inputs(tau, y, functions=self._has_forces)
+        g = self.raw(motion.watched(tau, y, q), q)
         if self.is_plain:
             return g
 
@@ -334,4 +338,4 @@ class Guards:
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state."""
-        return float(self.values(tau, self.motion.watched(tau, y)).min(initial=math.inf))
+        return float(self.values(tau, y).min(initial=math.inf))

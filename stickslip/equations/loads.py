@@ -16,6 +16,7 @@ from stickslip.model.signal_makers import (
     Clipped,
     Constant,
     Function,
+    Line,
     PiecewiseLinear,
     Signal,
     Sine,
@@ -119,7 +120,7 @@ class Loads:
                         waves.append(
                             (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
                         )
-                elif isinstance(term, (Constant, PiecewiseLinear)):
+                elif isinstance(term, (Constant, Line, PiecewiseLinear)):
                     value[i] += term(t)
                     slope[i] += term.slope(t)
                     if rate is not None:
@@ -280,7 +281,7 @@ def _has_function(signal: Signal) -> bool:
         return any(_has_function(term) for term in signal.terms)
     if isinstance(signal, Clipped):
         return _has_function(signal.base)
-    return isinstance(signal, Function) or not isinstance(signal, (Constant, PiecewiseLinear, Sine))
+    return isinstance(signal, Function) or not isinstance(signal, (Constant, Line, PiecewiseLinear, Sine))
 
 
 def _sample(function: Callable[[float], float], times: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,7 @@ class ModeEquations:
         curved = c.curved & (np.abs(modes) == 1)
         self.acting = (curved | (modes == FREE) | ((modes == 0) & kind_linear)).nonzero()[0]
         self.law = ActingForces(c, self.acting, modes)
+        self._alone: dict[int, ActingForces] = {}
         self.bristle_places = np.array(
             [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
         )
@@ -250,6 +252,21 @@ class ModeEquations:
             led = self.T_dependent @ y[: self.system.n]
             y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
         return y
+
+    def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
+        """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
+        system, mode = self.system, int(self.modes[row])
+        if row not in self.acting:
+            side = int(mode < 0)
+            return mode * float(system.mu_c[side, row]) * normal if abs(mode) == 1 else 0.0
+        law = self._alone.get(row)
+        if law is None:
+            law = self._alone[row] = ActingForces(system.coefficients, np.array([row]), self.modes)
+        dwell = float(system.dwell[row])
+        lag = math.exp(-rested / dwell) if dwell > 0 else 0.0
+        z = y[[system.bristle_state[row]]] if law.bristles.size else np.empty(0)
+        one = np.array
+        return float(law.forces(one([w]), one([normal]), one([lag]), z)[0])
 
     def law_jacobian(self, slopes: Array) -> Any:
         """Return what the acting rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""

@@ -1,8 +1,9 @@
 """A scene as constants: its states, its inputs, its rows, and the matrices between them.
 
 Everything is linear in the state ``y = (velocities, positions, bristles)``, in the inputs
-``q = (normal forces, forces, drive velocities, drive accelerations, 1)`` and in the friction forces of rows whose law
-depends on velocity. Only bodies that a spring touches have a position.
+``q = (normal forces, forces, loads and functions that quantities are made of, drive velocities, drive accelerations,
+1)`` and in the friction forces of rows whose law depends on velocity. Only bodies have a position that a spring touches
+or whose position is read.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ from scipy import sparse
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
+from stickslip.equations.dependence import Dependence, Key, Reader
 from stickslip.equations.loads import Loads
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.model.quantities import Expression, Position, Quantity, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
+from stickslip.model.signal_makers import Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -49,6 +52,10 @@ class System:
         Coefficients of the rows on bodies and drives.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
+    push_C, push_Q : array or sparse (n, size), (n, inputs)
+        The part of them that loads are.
+    dependence : Dependence or None
+        The inputs that depend on the state, if there are any.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -62,11 +69,8 @@ class System:
         self.sparse = n + m > _DENSE_LIMIT
         self.inertia = np.array([body.inertia for body in book.bodies])
         self.normals = [row.normal for row in book.rows]
-        self.others = [signal for _, signal in book.forces] + [_signal(d.velocity) for d in book.drives]
-        self.first_force, self.first_drive = m, m + len(book.forces)
-        self.first_acceleration = self.first_drive + drives
-        self.inputs = self.first_acceleration + drives + 1
         self._place_states(book)
+        self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
@@ -75,9 +79,48 @@ class System:
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
+        stretched |= _read_positions(book)
         self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
+
+    def _place_inputs(self, book: Book) -> None:
+        """Resolve what forces depend on, and give every input its place."""
+        m, drives = self.m, self.drives
+        reader = Reader(book, self.position_state)
+        parts = [_parts(load) for _, load, _ in book.forces]
+        self.pushes = [
+            (i, reader.form(linear, label))
+            for (i, _, label), (_, linear) in zip(book.forces, parts, strict=True)
+            if linear is not None
+        ]
+        first_signal = m + len(book.forces)
+        first_node = first_signal + len(reader.signals)
+        widths = [node.width for node in reader.nodes]
+        self.others = [
+            *(own for own, _ in parts),
+            *reader.signals,
+            *(Constant(0.0) for _ in range(sum(widths))),
+            *(_signal(d.velocity) for d in book.drives),
+        ]
+        self.force_count = len(book.forces)
+        self.first_force, self.first_drive = m, first_node + sum(widths)
+        self.first_acceleration = self.first_drive + drives
+        self.inputs = self.first_acceleration + drives + 1
+        starts = first_node + np.cumsum([0, *widths])
+        firsts = {
+            "normal": 0,
+            "signal": first_signal,
+            "drive": self.first_drive,
+            "one": self.inputs - 1,
+        }
+
+        def place(key: Key) -> int:
+            kind, k = key
+            return int(starts[k]) if kind == "node" else firsts[kind] + k
+
+        self._place = place
+        self.dependence = Dependence(reader.nodes, first_node, {}, place) if reader.nodes else None
 
     def _place_laws(self, book: Book) -> None:
         c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
@@ -124,10 +167,19 @@ class System:
                     else:
                         inputs.add(i, self.first_drive + k - n, -c * e * link.damping)
                 inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
-        for k, (i, _) in enumerate(book.forces):
-            inputs.add(i, self.first_force + k, 1.0)
-        self.C, self.Q = self._matrix(state, (n, self.size)), self._matrix(inputs, (n, self.inputs))
-        self.has_couplings = bool(state.values)
+        push_state, push_inputs = _Triplets(), _Triplets()
+        for k, (i, _, _) in enumerate(book.forces):
+            push_inputs.add(i, self.first_force + k, 1.0)
+        for i, form in self.pushes:
+            for column, c in form.states.items():
+                push_state.add(i, column, c)
+            for key, c in form.inputs.items():
+                push_inputs.add(i, self._place(key), c)
+        self.push_C = self._matrix(push_state, (n, self.size))
+        self.push_Q = self._matrix(push_inputs, (n, self.inputs))
+        self.C = self._matrix(state, (n, self.size)) + self.push_C
+        self.Q = self._matrix(inputs, (n, self.inputs)) + self.push_Q
+        self.has_couplings = bool(state.values or push_state.values)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -156,6 +208,12 @@ class System:
         return Loads(
             [*clipped, *self.others], range(self.first_drive, self.first_acceleration), start, stop, stepped
         )
+
+    def filled(self, q: Array, y: Array, t: float) -> Array:
+        """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""
+        if self.dependence is not None:
+            self.dependence.fill(q, y, t, 0.0, None)
+        return q
 
     def drive_velocities(self, q: Array) -> Array:
         """Return the velocities of the drives from the inputs."""
@@ -209,6 +267,27 @@ class _Triplets:
             self.rows.append(row)
             self.columns.append(column)
             self.values.append(value)
+
+
+def _read_positions(book: Book) -> set[int]:
+    """Return the bodies and drives whose positions quantities read."""
+    coefficients = {row.name: row.coefficients for row in book.rows}
+    moving, found = len(book.bodies) + len(book.drives), set[int]()
+    for load in book.loads():
+        for quantity in load.walk() if isinstance(load, Quantity) else ():
+            if isinstance(quantity, Position):
+                found.add(book.index[quantity.body])
+            elif isinstance(quantity, Stretch):
+                found.update(coefficients[quantity.row])
+    return {i for i in found if i < moving}
+
+
+def _parts(load: Load) -> tuple[Signal, Expression | None]:
+    """Return a load as a signal and what depends on the state."""
+    if isinstance(load, Signal):
+        return load, None
+    own = as_expression(load)
+    return own.signal, Expression(own.terms) if own.terms else None
 
 
 def _signal(value: Signal | float) -> Signal:

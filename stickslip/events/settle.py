@@ -119,7 +119,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         If no set of modes is consistent.
     """
     stretch = loads.after(now.t)
-    q = stretch.at(now.t)
+    q = system.filled(stretch.at(now.t), now.y, now.t)
     closed = _closed(system, stretch.rate(now.t), q)
     w, speed = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest

@@ -29,7 +29,7 @@ from stickslip.model.elements import (
 from stickslip.model.elements.base import listed
 from stickslip.model.laws.dry_friction import Law, law_from_dict
 from stickslip.model.laws.regularized import PreSlip, Shape
-from stickslip.model.signal_makers import signal_from_dict
+from stickslip.model.quantities import Normal, OfRow, Position, Power, Quantity, Velocity, load_from_dict
 
 __all__ = [
     "GROUND",
@@ -102,6 +102,7 @@ class Scene:
         object.__setattr__(self, "elements", tuple(e for of_kind in sorted_.values() for e in of_kind))
         self._check_names()
         self._check_references()
+        self._check_quantities()
         self._check_weightless()
 
     @property
@@ -125,6 +126,34 @@ class Scene:
         known = free | {drive.name for drive in self.drives} | {GROUND}
         for element in self.elements:
             element.check_ends(free, known)
+
+    def _check_quantities(self) -> None:
+        for element in self.elements:
+            for load in element.quantities():
+                self.check_quantities(load, element.label)
+
+    def check_quantities(self, load: Quantity, label: str) -> None:
+        """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body or contact.
+        """
+        moving = {GROUND, *(body.name for body in (*self.bodies, *self.drives))}
+        rows = {row.name: row for row in self.rows}
+        for quantity in load.walk():
+            if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
+                raise ValueError(f"{label}: no body is called {quantity.body!r}; known are {listed(moving)}")
+            if not isinstance(quantity, OfRow):
+                continue
+            if quantity.row not in rows:
+                raise ValueError(
+                    f"{label}: no contact is called {quantity.row!r}; known are {listed(rows) or 'none'}"
+                )
+            if isinstance(quantity, (Normal, Power)) and not isinstance(rows[quantity.row], Contact):
+                what = "normal force" if isinstance(quantity, Normal) else "power"
+                raise ValueError(f"{label}: {rows[quantity.row].label} has no {what} to read; name a contact")
 
     def _check_weightless(self) -> None:
         """Refuse bodies without inertia whose motion ties alone do not decide: they could move without energy."""
@@ -253,7 +282,7 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
             raise ValueError(f"{where}: field {name!r} is missing; a {maker.__name__} needs it")
     for name in ("velocity", "normal", "signal"):
         if isinstance(values.get(name), Mapping):
-            values[name] = signal_from_dict(values[name], f"{where}.{name}")
+            values[name] = load_from_dict(values[name], f"{where}.{name}")
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:

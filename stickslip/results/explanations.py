@@ -16,6 +16,7 @@ from stickslip.model.elements import KINDS
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
@@ -61,7 +62,7 @@ def explain_result(result: Outcome) -> str:
 def span_of(scene: Scene) -> tuple[float, float]:
     """Return a time span in s from 0 to past the last break of a load."""
     signals = [as_signal(c.normal, c.label) for c in scene.contacts]
-    signals += [as_signal(f.signal, f.label) for f in scene.forces]
+    signals += [as_expression(f.signal).signal for f in scene.forces]
     signals += [as_signal(d.velocity, d.label) for d in scene.drives]
     last = max((t for s in signals for t in s.breaks(0.0, math.inf)), default=0.0)
     return 0.0, last * 1.01 if last > 0 else 1.0

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import Quantity
+from stickslip.model.quantities import output as output_of
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory
 
-__all__ = ["Kept", "columns", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
+__all__ = ["Kept", "columns", "output", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
 
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
@@ -133,6 +135,68 @@ def to_frame(result: Outcome) -> Any:
     except ImportError as missing:
         raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
     return pandas.DataFrame(columns(result))
+
+
+# -- one name for two things --------------------------------------------------------------------------------
+
+
+class _Output:
+    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""
+
+    def __call__(self, block: str, index: int = 0) -> Quantity:
+        """Return an output of a block as a quantity.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+        index : int
+            Which output, from 0 on.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the name is no name, or the number no number from 0 on.
+        """
+        return output_of(block, index)
+
+    @property
+    def columns(self) -> Any:
+        """`stickslip.results.files.columns`."""
+        return columns
+
+    @property
+    def summary(self) -> Any:
+        """`stickslip.results.files.summary`."""
+        return summary
+
+    @property
+    def to_csv(self) -> Any:
+        """`stickslip.results.files.to_csv`."""
+        return to_csv
+
+    @property
+    def to_json(self) -> Any:
+        """`stickslip.results.files.to_json`."""
+        return to_json
+
+    @property
+    def to_frame(self) -> Any:
+        """`stickslip.results.files.to_frame`."""
+        return to_frame
+
+    @property
+    def save(self) -> Any:
+        """`stickslip.results.files.save`."""
+        return save
+
+    @property
+    def read(self) -> Any:
+        """`stickslip.results.files.read`."""
+        return read
+
+
+output = _Output()
 
 
 # -- without loss -----------------------------------------------------------------------------------------

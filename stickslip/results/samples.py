@@ -48,8 +48,8 @@ class Tables:
     normals : array (m, k)
         In N.
     modes : array (m, k) of int8
-    inputs : array
-        Forces on the bodies, then velocities of the drives.
+    inputs : array (inputs, k)
+        All inputs of the system.
     """
 
     forces: Array
@@ -207,7 +207,7 @@ class Samples:
         """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
         m, count = system.m, self.t.size
-        q = trajectory.inputs(self.piece_of, self.taus)
+        q = trajectory.inputs(self.piece_of, self.taus, self.y)
         normals = np.maximum(q[:m], 0.0)
         inner, shown = np.empty((2, m, count), dtype=np.int8)
         slow = (system.dwell > 0).nonzero()[0]
@@ -223,7 +223,7 @@ class Samples:
         upper, lower = self._levels(normals, shown, slow, since)
         forces = self._moving(inner, normals, upper, lower)
         self._hold(q, forces)
-        inputs = q[system.first_force : system.first_acceleration].copy()
+        inputs = q[: system.inputs].copy()
         return Tables(forces, upper, lower, normals, shown, inputs)
 
     def _moving(self, modes: Modes, normals: Array, upper: Array, lower: Array) -> Array:
@@ -281,16 +281,17 @@ class Samples:
 
     @cached_property
     def inputs(self) -> Array:
-        """Forces on the bodies in N or N m, then velocities of the drives in m/s or rad/s, a line each."""
+        """All inputs of the system, a line each."""
         if "tables" in self.__dict__:
             return self.tables.inputs
-        some = slice(self.system.first_force, self.system.first_acceleration)
-        return self.trajectory.inputs(self.piece_of, self.taus)[some].copy()
+        return self.trajectory.inputs(self.piece_of, self.taus, self.y)
 
     @property
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
-        return self.inputs[self.system.first_drive - self.system.first_force :]
+        if "inputs" in self.__dict__ or "tables" in self.__dict__:
+            return self.system.drive_velocities(self.inputs)
+        return self.system.drive_velocities(self.trajectory.loads_at(self.piece_of, self.taus))
 
     @property
     def relative_velocities(self) -> Array:

@@ -113,6 +113,8 @@ def simulate(
     arguments.check_ties(system, loads, start)
     name, _ = choose(system, loads, formulation, method, stop - start)
     wanted = tolerances(system, start, stop, rtol, atol, margin, name)
+    if system.dependence is not None:
+        system.dependence.forget()
     interruption = Interruption()
     engine = _engine(name, system, loads, wanted, step, max_step, formulation == "merged", interruption)
     blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
@@ -180,6 +182,7 @@ class _Simulation:
         self._engine: Any = run.engine
         self._start, self._stop = span
         self._name, self._merged = name, merged
+        self._calls = self._function_calls
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -215,6 +218,11 @@ class _Simulation:
                 bar.close()
         return self._result("the end of the time span was reached", 0)
 
+    @property
+    def _function_calls(self) -> int:
+        dependence = self._run.system.dependence
+        return 0 if dependence is None else dependence.calls
+
     def _keep(self, path: Path | None) -> float:
         """Keep the path of a motion that has come to no end; return the time of its last point."""
         run = self._run
@@ -246,6 +254,7 @@ class _Simulation:
             "rate_calls": work.rate_calls,
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
+            "function_calls": self._function_calls - self._calls,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,

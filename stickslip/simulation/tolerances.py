@@ -123,13 +123,14 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
-    forces = len(scene.forces)
-    speeds += [_largest(signal, start, stop) for signal in system.others[forces:]]
+    speeds += [
+        _largest(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
+    ]
     speeds.append(frequency * stretched)
     speed = max(speeds)
     if speed == 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
-        for force, signal in zip(scene.forces, system.others[:forces], strict=True):
+        for force, signal in zip(scene.forces, system.others[: system.force_count], strict=True):
             inertia = system.inertia[system.index[force.body]]
             if inertia > 0:
                 speed = max(speed, _largest(signal, start, stop) * time / inertia)

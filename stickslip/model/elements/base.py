@@ -8,8 +8,9 @@ from typing import Any, Protocol
 
 from stickslip.model.checks import finite
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signal_makers import as_signal
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Load, Signal
 
 __all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
 
@@ -49,7 +50,7 @@ class Book(Protocol):
         """Enter a spring and damper along ``stretch = sum c_i x_i``."""
         ...
 
-    def push(self, body: str, force: Signal | float) -> None:
+    def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
         ...
 
@@ -73,12 +74,17 @@ class Element:
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if value != field.default:
-                data[field.name] = value.to_dict() if isinstance(value, (Signal, Law)) else value
+                data[field.name] = value.to_dict() if isinstance(value, (Load, Law)) else value
         return data
 
     def place(self, book: Book) -> None:
         """Enter the element in a book."""
         raise NotImplementedError
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Return the quantities of the motion that the element depends on."""
+        values = [getattr(self, field.name) for field in fields(self)]  # type: ignore[arg-type]
+        return tuple(value for value in values if isinstance(value, Quantity))
 
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
         """Refuse names of bodies that the scene does not know, and what nothing can move.
@@ -105,6 +111,9 @@ class Element:
 
     def _signal(self, name: str) -> None:
         object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
+
+    def _load(self, name: str) -> None:
+        object.__setattr__(self, name, as_load(getattr(self, name), f"{self.label}: {name}"))
 
     def _identifier(self, name: str) -> None:
         value = getattr(self, name)
