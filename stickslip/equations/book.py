@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.scene import GROUND, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Load, Signal
+from stickslip.model.signal_makers import Constant, Load
 
 __all__ = ["Book", "Coupling", "Row"]
 
@@ -25,7 +25,7 @@ class Row:
         The friction law; None for a row of another kind.
     kind : str
         "friction", "tie" (always held) or "one-way" (held while its force is positive).
-    normal : Signal
+    normal : Signal or Quantity
         In N.
     rested : float
         How long in s it has been held at the start.
@@ -39,7 +39,7 @@ class Row:
     coefficients: Mapping[int, float]
     law: Law | None
     kind: str
-    normal: Signal
+    normal: Load
     rested: float
     deflection: float
     slipping: bool
@@ -87,14 +87,14 @@ class Book:
         *,
         law: Law | None = None,
         kind: str = "friction",
-        normal: Signal | float = 0.0,
+        normal: Load | float = 0.0,
         rested: float = 0.0,
         deflection: float = 0.0,
         slipping: bool = False,
     ) -> None:
         """Enter a row."""
         own = self._by_index(coefficients)
-        self.rows.append(Row(name, own, law, kind, _signal(normal), rested, deflection, slipping))
+        self.rows.append(Row(name, own, law, kind, _load(normal), rested, deflection, slipping))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
@@ -104,16 +104,15 @@ class Book:
 
     def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
-        load = force if isinstance(force, Load) else Constant(float(force))
-        self.forces.append((self.index[body], load, f"force on {body!r}"))
+        self.forces.append((self.index[body], _load(force), f"force on {body!r}"))
 
     def loads(self) -> list[Load]:
         """Return all loads that may depend on the state."""
-        return [load for _, load, _ in self.forces]
+        return [*(load for _, load, _ in self.forces), *(row.normal for row in self.rows)]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}
 
 
-def _signal(value: Signal | float) -> Signal:
-    return value if isinstance(value, Signal) else Constant(float(value))
+def _load(value: Load | float) -> Load:
+    return value if isinstance(value, Load) else Constant(float(value))

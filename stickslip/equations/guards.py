@@ -1,6 +1,7 @@
 """Guards: what has to stay positive while the modes hold, and what is violated at the start.
 
-``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one. A guard that is 0 at the start has its
+``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one, N of a closed contact whose normal force
+depends on the state, and ``-N`` of an open one. A guard that is 0 at the start has its
 zero divided out: what is left is positive there and has all the later roots.
 """
 
@@ -61,7 +62,9 @@ class Guards:
     row : array of int
         The row of each guard.
     violated : array of bool
-        Guards that are negative at the start or just after it.
+        Guards that are negative at the start or just after it, but for those of normal forces.
+    misjudged : array of int
+        Rows that are closed though their normal force is negative, or open though it is positive.
     order : array of int
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
     """
@@ -88,15 +91,32 @@ class Guards:
                 np.append(x, none) for x in (self._mu, self._constant, self.direction)
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
+        self.is_normal = np.zeros(self._row.size, dtype=bool)
+        if (pressed := equations.pressed).size:
+            none = np.zeros(pressed.size)
+            self._row = np.append(self._row, pressed)
+            self._source = np.append(self._source, none.astype(np.intp))
+            self._turn, self._constant, self.direction = (
+                np.append(x, none) for x in (self._turn, self._constant, self.direction)
+            )
+            self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
+            self.is_velocity, self.is_normal = (
+                np.append(self.is_velocity, none > 0),
+                np.append(self.is_normal, none == 0),
+            )
         self.row = self._row
         self._has_levels = bool(self._mu.any())
         self._has_constant = bool(self._constant.any())
-        self._has_forces = not self.is_velocity.all()
+        self._has_forces = not (self.is_velocity | self.is_normal).all() or (
+            pressed.size > 0 and motion.pressed_by_functions
+        )
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
         if self.size:
             self._classify(fired)
+        self.misjudged = self.row[self.violated & self.is_normal]
+        self.violated &= ~self.is_normal
         self.is_plain = not self.order.any()
         self.armed = self.size - loose.size - np.count_nonzero(self.order == NEVER)
 
@@ -154,7 +174,7 @@ class Guards:
         assert q is not None
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         held = ~self.is_velocity
-        level = self.levels(q) + np.abs(self.motion.start.z[0][self._source])
+        level = self.levels(q) + np.abs(self._turn * self.motion.start.z[0][self._source])
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         near = np.where(
             held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
@@ -245,7 +265,7 @@ class Guards:
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
         for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
-            found[k] = z[self._source] + np.abs(self._mu) * q[self._row]
+            found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
             if self._rising.size:
                 found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
         # the roundoff of the time is one of all that changes
@@ -259,8 +279,9 @@ class Guards:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
         q, z = self.motion.start.q[0], self.motion.start.z[0]
         assert q is not None
-        size = self.levels(q) + np.abs(z[self._source])
-        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), size)
+        size = self.levels(q) + np.abs(self._turn * z[self._source])
+        by_parts = self.is_velocity | self.is_normal
+        return np.where(by_parts, self.majorant[0] + np.abs(self._constant), size)
 
     @cached_property
     def allowance(self) -> Array:

@@ -57,6 +57,7 @@ class ModeEquations:
         self.slip = (np.abs(modes) == 1).nonzero()[0]
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
         self.at_level = (modes >= AT_HIGH).nonzero()[0]
+        self.pressed = (system.pressed & system.alive).nonzero()[0]
         curved = c.curved & (np.abs(modes) == 1)
         self.acting = (curved | (modes == FREE) | ((modes == 0) & kind_linear)).nonzero()[0]
         self.law = ActingForces(c, self.acting, modes)

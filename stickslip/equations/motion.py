@@ -51,12 +51,12 @@ class _Linked:
         self._motion, self._scale = motion, scale
         self.q: list[Array | None] = []
         self._known: list[Array] = []
-        self._loads = motion.stretch.taylor(motion.t + tau, order, scale)
+        self.loads = motion.stretch.taylor(motion.t + tau, order, scale)
         self._decay = motion.decay(tau, order, scale, frozen)
 
     def part(self, k: int, y: Array) -> Array:
         """Return order `k` of the inputs and dwells from order `k` of the states."""
-        motion, loads = self._motion, self._loads[k]
+        motion, loads = self._motion, self.loads[k]
         inputs = motion.system.inputs
         full = np.zeros(inputs + motion.system.dwelling.size)
         if loads is not None:
@@ -164,6 +164,11 @@ class Motion:
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size else np.empty(0)
+
+    @property
+    def pressed_by_functions(self) -> bool:
+        """Whether a normal force is a function of the state."""
+        return self.dependence is not None and self.dependence.normals_need_functions
 
     def loads(self, tau: float | Array) -> Array:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
@@ -458,7 +463,7 @@ class Motion:
             following = ys[k + 1]
             np.multiply(found[:size], scale / (k + 1), out=following)
             if equations.dependent.size:
-                u = q[k + 1]
+                u = q[k + 1] if linked is None else linked.loads[k + 1]
                 led = equations.T_dependent @ following[:n]
                 if equations.is_driven and u is not None:
                     led = led + equations.U_dependent @ system.drive_velocities(u)

@@ -56,6 +56,8 @@ class System:
         The part of them that loads are.
     dependence : Dependence or None
         The inputs that depend on the state, if there are any.
+    pressed : array (m,) of bool
+        Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -68,7 +70,6 @@ class System:
         self.n, self.drives, self.m = n, drives, m
         self.sparse = n + m > _DENSE_LIMIT
         self.inertia = np.array([body.inertia for body in book.bodies])
-        self.normals = [row.normal for row in book.rows]
         self._place_states(book)
         self._place_inputs(book)
         self._place_laws(book)
@@ -94,6 +95,14 @@ class System:
             for (i, _, label), (_, linear) in zip(book.forces, parts, strict=True)
             if linear is not None
         ]
+        pressed = [_parts(row.normal) for row in book.rows]
+        self.normals = [own for own, _ in pressed]
+        self.pressed = np.array([linear is not None for _, linear in pressed], dtype=bool)
+        normals = {
+            j: reader.form(linear, f"the normal force of contact {book.rows[j].name!r}")
+            for j, (_, linear) in enumerate(pressed)
+            if linear is not None
+        }
         first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
@@ -120,7 +129,8 @@ class System:
             return int(starts[k]) if kind == "node" else firsts[kind] + k
 
         self._place = place
-        self.dependence = Dependence(reader.nodes, first_node, {}, place) if reader.nodes else None
+        depends = reader.nodes or normals
+        self.dependence = Dependence(reader.nodes, first_node, normals, place) if depends else None
 
     def _place_laws(self, book: Book) -> None:
         c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
@@ -128,7 +138,7 @@ class System:
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_friction = ~(self.is_tie | self.is_one_way)
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
-        self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
+        self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
         self.hard = c.kind == HARD
@@ -203,8 +213,11 @@ class System:
         return matrix
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
-        """Return the inputs over a time span; normal forces are cut off at 0."""
-        clipped = [s.clipped(start, stop) for s in self.normals]
+        """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
+        clipped = [
+            s if pressed else s.clipped(start, stop)
+            for s, pressed in zip(self.normals, self.pressed.tolist(), strict=True)
+        ]
         return Loads(
             [*clipped, *self.others], range(self.first_drive, self.first_acceleration), start, stop, stepped
         )

@@ -121,6 +121,24 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
     closed = _closed(system, stretch.rate(now.t), q)
+    tried = set[bytes]()
+    while True:
+        found = _settled(system, stretch, now, quiet, blur, q, closed)
+        wrong = found.guards.misjudged
+        if not wrong.size:
+            return found
+        # the motion tells which normal forces that depend on it become positive or negative
+        tried.add(closed.tobytes())
+        closed = closed.copy()
+        closed[wrong] ^= True
+        if closed.tobytes() in tried:
+            raise Inconsistent(wrong)
+
+
+def _settled(
+    system: System, stretch: Stretch, now: Situation, quiet: float, blur: float, q: Array, closed: Mask
+) -> Settled:
+    """Return consistent modes where it is known which rows can carry a force."""
     w, speed = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
@@ -183,7 +201,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
+    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
     return (presses | ~system.is_friction) & system.alive
 
 

@@ -16,7 +16,7 @@ from stickslip.model.elements import KINDS
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.laws.regularized import Karnopp, PreSlip
 from stickslip.model.modes import Mode
-from stickslip.model.quantities import as_expression
+from stickslip.model.quantities import Quantity, as_expression
 from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
@@ -61,7 +61,7 @@ def explain_result(result: Outcome) -> str:
 
 def span_of(scene: Scene) -> tuple[float, float]:
     """Return a time span in s from 0 to past the last break of a load."""
-    signals = [as_signal(c.normal, c.label) for c in scene.contacts]
+    signals = [as_expression(c.normal).signal for c in scene.contacts]
     signals += [as_expression(f.signal).signal for f in scene.forces]
     signals += [as_signal(d.velocity, d.label) for d in scene.drives]
     last = max((t for s in signals for t in s.breaks(0.0, math.inf)), default=0.0)
@@ -173,7 +173,9 @@ def _guards(system: System, j: int) -> str:
 
 
 def _normal(contact: Contact) -> str:
-    signal = as_signal(contact.normal, contact.label)
+    if isinstance(contact.normal, Quantity):
+        return "normal force that depends on the state; a guard tells where it comes to 0"
+    signal = as_expression(contact.normal).signal
     if isinstance(signal, Constant):
         return f"normal force {signal.value:g} N"
     if signal.period is None:

@@ -13,6 +13,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
 from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
+from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
@@ -150,6 +151,8 @@ def check_bristles(scene: Scene, start: float, stop: float) -> None:
     """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
     for contact in scene.contacts:
         if not isinstance(contact.law, (LuGre, Dahl)):
+            continue
+        if isinstance(contact.normal, Quantity):
             continue
         normal = as_signal(contact.normal, contact.label).clipped(start, stop)
         times = [start, *normal.breaks(start, stop)]

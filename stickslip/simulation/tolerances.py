@@ -81,6 +81,8 @@ def tolerances(
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
     coefficients = system.coefficients
     for j, state in system.bristle_state.items():
+        if system.pressed[j]:
+            continue
         deflection = coefficients.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
         each[state] = min(atol, _BRISTLE * max(deflection, np.finfo(float).tiny) / coefficients.sigma[j, 0])
     quiet = rtol * speed + atol

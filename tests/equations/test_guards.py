@@ -243,7 +243,7 @@ def test_a_velocity_that_is_not_at_rest_has_nothing_divided_out() -> None:
 
 
 def test_many_times_at_once() -> None:
-    motion, guards = started(block(rising(4.0, 1.0, 1)), [1])
+    _, guards = started(block(rising(4.0, 1.0, 1)), [1])
     taus = np.array([0.0, 1e-4, 0.1, 1.0])
     states = np.array([[0.5 * tau**2 for tau in taus]])
     many = guards.values(taus, states)

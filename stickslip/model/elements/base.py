@@ -10,7 +10,7 @@ from stickslip.model.checks import finite
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signal_makers import as_signal
-from stickslip.model.signals import Load, Signal
+from stickslip.model.signals import Load
 
 __all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
 
@@ -36,7 +36,7 @@ class Book(Protocol):
         *,
         law: Law | None = None,
         kind: str = "friction",
-        normal: Signal | float = 0.0,
+        normal: Load | float = 0.0,
         rested: float = 0.0,
         deflection: float = 0.0,
         slipping: bool = False,

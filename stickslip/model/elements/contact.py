@@ -8,7 +8,7 @@ import numpy as np
 
 from stickslip.model.elements.base import Book, Radii, Row
 from stickslip.model.laws.dry_friction import DryFriction, Law
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Load
 
 __all__ = ["Contact"]
 
@@ -28,7 +28,7 @@ class Contact(Row, Radii):
         Names of bodies or drives, or GROUND.
     law : Law
         The friction law.
-    normal : float or Signal
+    normal : float, Signal or Quantity
         Normal force in N; where it is negative the contact is open and the force is 0.
     rested : float
         How long in s a contact that is stuck at the start has been stuck already.
@@ -52,7 +52,7 @@ class Contact(Row, Radii):
     b: str
     law: Law
     _: KW_ONLY
-    normal: Signal | float
+    normal: Load | float
     rested: float = 0.0
     deflection: float = 0.0
     slipping: bool = False
@@ -67,7 +67,7 @@ class Contact(Row, Radii):
             raise TypeError(
                 f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
             )
-        self._signal("normal")
+        self._load("normal")
         self._not_negative("rested")
         self._number("deflection")
         if not isinstance(self.slipping, (bool, np.bool_)):
