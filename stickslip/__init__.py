@@ -2,6 +2,7 @@
 
 from stickslip.model.elements import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -10,7 +11,9 @@ from stickslip.model.elements import (
     Gear,
     OneWay,
     Planetary,
+    Sampled,
     Spring,
+    StateSpace,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -43,6 +46,7 @@ from stickslip.studies.work_precision import work_precision
 __all__ = [
     "GROUND",
     "TIME",
+    "Block",
     "Body",
     "Contact",
     "Dahl",
@@ -60,11 +64,13 @@ __all__ = [
     "PreSlip",
     "Quantity",
     "Result",
+    "Sampled",
     "Scene",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "StateSpace",
     "Tie",
     "explain",
     "feedback",

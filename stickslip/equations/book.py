@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.scene import GROUND, Body, Drive, Scene
+from stickslip.model.scene import GROUND, AnyBlock, Body, Drive, Scene
 from stickslip.model.signal_makers import Constant, Load
 
 __all__ = ["Book", "Coupling", "Row"]
@@ -65,6 +65,7 @@ class Book:
         self.rows: list[Row] = []
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Load, str]] = []
+        self.blocks: list[AnyBlock] = []
         self.index: dict[str, int] = {}
         for element in scene.elements:
             element.place(self)
@@ -102,13 +103,19 @@ class Book:
         """Enter a spring and damper."""
         self.couplings.append(Coupling(label, self._by_index(coefficients), stiffness, damping, rest))
 
+    def block(self, block: AnyBlock) -> None:
+        """Enter a block."""
+        self.blocks.append(block)
+
     def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
         self.forces.append((self.index[body], _load(force), f"force on {body!r}"))
 
     def loads(self) -> list[Load]:
         """Return all loads that may depend on the state."""
-        return [*(load for _, load, _ in self.forces), *(row.normal for row in self.rows)]
+        forces = [load for _, load, _ in self.forces]
+        normals = [row.normal for row in self.rows]
+        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs)]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}

@@ -6,24 +6,28 @@ entry of `q` of its own. Linear forces need no entry: they are part of the matri
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.book import Book
 from stickslip.model import quantities as of
+from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
-__all__ = ["Dependence", "Form", "Friction", "Node", "Reader"]
+__all__ = ["BlockPlace", "Dependence", "Form", "Friction", "Node", "Part", "Reader"]
 
+_Found = TypeVar("_Found")
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Key = tuple[str, int]
+Key = tuple[str, int, int]
+"""Kind of an input, its number, and for functions which of their values."""
 
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
@@ -52,6 +56,22 @@ class Form:
             self.inputs[key] = self.inputs.get(key, 0.0) + factor * c
 
 
+@dataclass(frozen=True)
+class BlockPlace:
+    """Where a block stands in the state: `states` of them from `first` on, `outputs` held ones from `first_held` on."""
+
+    block: AnyBlock
+    first: int
+    states: int
+    first_held: int
+    outputs: int
+
+    @property
+    def end(self) -> int:
+        """The place after the last one."""
+        return self.first_held + (self.outputs if isinstance(self.block, Sampled) else 0)
+
+
 @dataclass
 class Node:
     """A function among the inputs.
@@ -68,6 +88,9 @@ class Node:
     row : int
         The row whose heat it is, -1 for a function.
     width : int
+        How many values it has.
+    timed : bool
+        Whether it depends on time beside its arguments.
     calls : int
         How often the function has been called.
     """
@@ -78,12 +101,13 @@ class Node:
     given: Callable[[float, Array], Array] | None = None
     row: int = -1
     width: int = 1
+    timed: bool = False
     calls: int = 0
     known: dict[tuple[float, ...], Array] = field(default_factory=dict)
 
     def at(self, t: float, arguments: Array) -> Array:
         """Return the values; a ValueError names element, time and arguments where they are no finite numbers."""
-        key = (t, *arguments.tolist())
+        key = (t if self.timed else 0.0, *arguments.tolist())
         found = self.known.get(key)
         if found is not None:
             return found
@@ -113,6 +137,8 @@ class Reader:
     book : Book
     position_state : dict of int to int
         Where the positions of bodies and drives stand in the state.
+    places : dict of str to BlockPlace
+        Where the states of blocks stand.
 
     Attributes
     ----------
@@ -122,8 +148,9 @@ class Reader:
         Functions, each after those that it depends on.
     """
 
-    def __init__(self, book: Book, position_state: dict[int, int]) -> None:
-        self._book, self._position_state = book, position_state
+    def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:
+        self._book, self._position_state, self._places = book, position_state, places
+        self._functions: dict[str, int] = {}
         self._row_of = {row.name: j for j, row in enumerate(book.rows)}
         self._resolving: list[tuple[Quantity, str]] = []
         self._known: dict[Quantity, Form] = {}
@@ -160,6 +187,8 @@ class Reader:
                 return self._normal(atom, row)
             case of.Power(row=row):
                 return self._power(atom, row)
+            case of.Output(block=block, index=index):
+                return self._output(atom, block, index)
             case of.Feedback():
                 arguments = [self.form(argument, label) for argument in atom.arguments]
                 return self._node(
@@ -171,10 +200,10 @@ class Reader:
                     )
                 )
             case of.Table():
-                return self._table(atom, label)
+                return self._lookup(self.form(atom.quantity, label), atom, label)
         raise TypeError(f"{label}: unknown quantity {atom!r}")
 
-    def _table(self, atom: of.Table, label: str) -> Form:
+    def _lookup(self, form: Form, atom: of.Table, label: str) -> Form:
         lines = np.array(atom.lines)
 
         def line(x: Array) -> Array:
@@ -187,14 +216,84 @@ class Reader:
         def slopes(t: float, x: Array) -> Array:
             return np.array([[line(x)[1]]])
 
-        return self._node(Node(label, [self.form(atom.quantity, label)], values, slopes))
+        return self._node(Node(label, [form], values, slopes))
+
+    def _output(self, atom: Quantity, name: str, index: int) -> Form:
+        place = self._places[name]
+        block = place.block
+        match block:
+            case Sampled():
+                return Form({place.first_held + index: 1.0})
+            case StateSpace():
+                label = f"output {index} of {block.label}"
+                found = self._inside(atom, label, lambda: self.linear_output(block, index, label))
+                return self._limited(found, block, index, label)
+            case Block(output=None):
+                return Form({place.first + index: 1.0})
+        assert isinstance(block, Block)
+        if name not in self._functions:
+            label = f"the output of {block.label}"
+            reads = block.feeds_through
+            arguments = self._inside(atom, label, lambda: self.of_block(block, label, reads))
+            states, width = len(block.states), place.outputs
+            unread = np.full(len(block.inputs), np.nan)
+
+            def values(t: float, x: Array) -> Array:
+                u = x[states:] if reads else unread
+                return block.call("output", t, x[:states], u, width, exactly=False)
+
+            node = Node(f"{block.label}:", arguments, values, width=width, timed=True)
+            ((_, self._functions[name], _),) = self._node(node).inputs
+        return Form(inputs={("node", self._functions[name], index): 1.0})
+
+    def of_block(self, block: AnyBlock, label: str, inputs: bool = True) -> list[Form]:
+        """Return the states of a block, and its inputs where these are wanted."""
+        place = self._places[block.name]
+        states = [Form({place.first + k: 1.0}) for k in range(place.states)]
+        return states + [self.form(u, label) for u in block.inputs if inputs]
+
+    def linear_output(self, block: StateSpace, index: int, label: str) -> Form:
+        """Return ``C x + D u`` of one output of a linear block, before it is limited."""
+        first = self._places[block.name].first
+        found = Form({first + k: c for k, c in enumerate(block.C[index]) if c})
+        for u, c in zip(block.inputs, block.D[index], strict=True):
+            if c:
+                found.add(self.form(u, label), c)
+        return found
+
+    def _limited(self, form: Form, block: StateSpace, index: int, label: str) -> Form:
+        low, high = block.limits[index] if block.limits is not None else (-math.inf, math.inf)
+        limits = of.saturate(of.TIME, low, high)
+        return self._lookup(form, limits, label) if isinstance(limits, of.Table) else form
+
+    def rates(self, block: AnyBlock) -> list[Form]:
+        """Return how fast the states of a block change."""
+        place, label = self._places[block.name], f"{block.label}: an input"
+        if isinstance(block, StateSpace):
+            inputs = [self.form(u, label) for u in block.inputs]
+            found = [Form({place.first + k: c for k, c in enumerate(row) if c}) for row in block.A]
+            for form, row in zip(found, block.B, strict=True):
+                for u, c in zip(inputs, row, strict=True):
+                    form.add(u, c)
+            return found
+        if isinstance(block, Sampled) or not place.states:
+            return [Form() for _ in range(place.states)]
+        assert isinstance(block, Block)
+        count = place.states
+
+        def values(t: float, x: Array) -> Array:
+            return block.call("derivative", t, x[:count], x[count:], count, exactly=True)
+
+        node = Node(f"{block.label}:", self.of_block(block, label), values, width=count, timed=True)
+        ((_, number, _),) = self._node(node).inputs
+        return [Form(inputs={("node", number, k): 1.0}) for k in range(count)]
 
     def _velocity(self, i: int) -> Form:
         book = self._book
         n, drives = len(book.bodies), len(book.drives)
         if i < n:
             return Form({i: 1.0})
-        return Form(inputs={("drive", i - n): 1.0}) if i < n + drives else Form()
+        return Form(inputs={("drive", i - n, 0): 1.0}) if i < n + drives else Form()
 
     def _position(self, i: int) -> Form:
         state = self._position_state.get(i)
@@ -208,16 +307,16 @@ class Reader:
 
     def _of_signal(self, signal: Signal) -> Form:
         if isinstance(signal, Constant):
-            return Form(inputs={("one", 0): signal.value}) if signal.value else Form()
+            return Form(inputs={("one", 0, 0): signal.value}) if signal.value else Form()
         if signal not in self.signals:
             self.signals.append(signal)
-        return Form(inputs={("signal", self.signals.index(signal)): 1.0})
+        return Form(inputs={("signal", self.signals.index(signal), 0): 1.0})
 
     def _normal(self, atom: Quantity, row: str) -> Form:
         j = self._row_of[row]
         load = self._book.rows[j].normal
         if isinstance(load, Signal):
-            return Form(inputs={("normal", j): 1.0})
+            return Form(inputs={("normal", j, 0): 1.0})
         label = f"the normal force of contact {row!r}"
         own = self._inside(atom, label, lambda: self.form(load, label))
         return self._node(
@@ -239,7 +338,7 @@ class Reader:
 
         return self._node(Node(label, [w, normal], never, row=self._row_of[row]))
 
-    def _inside(self, atom: Quantity, label: str, resolve: Callable[[], Form]) -> Form:
+    def _inside(self, atom: Quantity, label: str, resolve: Callable[[], _Found]) -> _Found:
         """Resolve what a quantity depends on; where that is the quantity itself, refuse."""
         open_ones = [known for known, _ in self._resolving]
         if atom in open_ones:
@@ -256,11 +355,11 @@ class Reader:
 
     def _node(self, node: Node) -> Form:
         self.nodes.append(node)
-        return Form(inputs={("node", len(self.nodes) - 1): 1.0})
+        return Form(inputs={("node", len(self.nodes) - 1, 0): 1.0})
 
 
 @dataclass
-class _Part:
+class Part:
     """Linear forms as small arrays: ``S y[columns] + P q[places]``."""
 
     columns: Indices
@@ -269,7 +368,8 @@ class _Part:
     P: Array
 
     @classmethod
-    def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> _Part:
+    def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Part:
+        """Return forms as arrays; `place` tells where an input stands."""
         columns = sorted({i for form in forms for i in form.states})
         places = sorted({place(key) for form in forms for key in form.inputs})
         S, P = np.zeros((len(forms), len(columns))), np.zeros((len(forms), len(places)))
@@ -317,11 +417,11 @@ class Dependence:
         place: Callable[[Key], int],
     ) -> None:
         self.nodes = list(nodes)
-        self._parts = [_Part.of(node.arguments, place) for node in nodes]
+        self._parts = [Part.of(node.arguments, place) for node in nodes]
         starts = first + np.cumsum([0, *(node.width for node in nodes)])
         self._ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
         self.rows = np.array(sorted(normals), dtype=np.intp)
-        self._normals = _Part.of([normals[j] for j in sorted(normals)], place)
+        self._normals = Part.of([normals[j] for j in sorted(normals)], place)
         parts = [*self._parts, self._normals]
         self.columns = np.unique(np.concatenate([part.columns for part in parts]))
         self.is_linear = not nodes

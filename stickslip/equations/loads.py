@@ -42,7 +42,9 @@ class Loads:
     start, stop : float
         The time span in s.
     stepped : bool
-        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks.
+        Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
+    samples : sequence of float
+        Further times in s that break.
 
     Attributes
     ----------
@@ -63,6 +65,7 @@ class Loads:
         start: float,
         stop: float,
         stepped: bool = False,
+        samples: Sequence[float] = (),
     ) -> None:
         self._signals = [signal.within(start, stop) for signal in signals]
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
@@ -72,7 +75,7 @@ class Loads:
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
         breaks = () if stepped else (b for s in self._signals for b in s.breaks(start, stop))
-        self.breaks = sorted(set(breaks))
+        self.breaks = sorted({*breaks, *(t for t in samples if start < t < stop)})
         self.has_functions = stepped or any(_has_function(s) for s in self._signals)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0

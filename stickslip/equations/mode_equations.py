@@ -188,7 +188,7 @@ class ModeEquations:
         self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
         self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
         self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
-        self.feeds_back = bool(self.A[: system.n].any())
+        self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
@@ -211,7 +211,7 @@ class ModeEquations:
         n = system.n
         moved = np.array(y)
         moved[:n] = balance.T @ y[:n]
-        return self._out(system.C @ moved, moved[:n], None, None)
+        return self._out(system.C @ moved, moved[:n], None, None, system.block_C @ moved)
 
     def _of_inputs(self, q: Array) -> Array:
         system, balance = self.system, self.balance
@@ -220,19 +220,25 @@ class ModeEquations:
         led = balance.U @ u
         moved = np.zeros((system.size, *q.shape[1:]))
         moved[:n] = led
-        forces = system.C @ moved + system.Q @ q[: system.inputs] - system.GT @ (self.friction @ q)
-        return self._out(forces, led, u, system.drive_accelerations(q))
+        given = q[: system.inputs]
+        forces = system.C @ moved + system.Q @ given - system.GT @ (self.friction @ q)
+        blocks = system.block_C @ moved + system.block_Q @ given
+        return self._out(forces, led, u, system.drive_accelerations(q), blocks)
 
     def _of_friction(self, r: Array) -> Array:
         system = self.system
-        return self._out(-(system.GT @ r), None, None, None)
+        return self._out(-(system.GT @ r), None, None, None, None)
 
-    def _out(self, forces: Array, v: Array | None, u: Array | None, rate: Array | None) -> Array:
-        """Return rates and watched quantities from forces on the bodies and velocities."""
+    def _out(
+        self, forces: Array, v: Array | None, u: Array | None, rate: Array | None, blocks: Array | None
+    ) -> Array:
+        """Return rates and watched quantities from forces on the bodies, velocities, and the rates of blocks."""
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         out = np.zeros((size + self.rows, *forces.shape[1:]))
         acceleration = out[:n] = balance.accelerations(forces, rate)
+        if blocks is not None:
+            out[system.first_block : size] = blocks
         if v is not None:
             out[system.moved_state] = v[system.moved]
             out[size : size + m] = system.G @ v
@@ -289,7 +295,11 @@ class ModeEquations:
             return self.A
         system, balance, n = self.system, self.balance, self.system.n
         fold = sparse.block_diag([balance.T, sparse.eye_array(system.size - n)], format="csr")
-        return self._spread((system.C @ fold).tocsr(), balance.T)
+        found = self._spread((system.C @ fold).tocsr(), balance.T)
+        if system.size > system.first_block:
+            lines = sparse.csr_array(system.block_C @ fold)
+            found = sparse.vstack([found[: system.first_block], lines], format="csr")
+        return found
 
     def _spread(self, forces: Any, v: Any) -> Any:
         """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
@@ -324,6 +334,9 @@ class ModeEquations:
             rate[self.dependent] += abs(self.U_dependent) @ drives
         rate[system.moved_state] = y[system.moved]
         rate[system.carried_state] = system.drive_velocities(q)[system.carried]
+        if size > system.first_block:
+            blocks = abs(system.block_C) @ y + abs(system.block_Q) @ q[: system.inputs]
+            rate[system.first_block :] = blocks
         z = np.zeros(self.rows)
         z[:m] = system.abs_G @ y[:n]
         if system.drives:

@@ -1,6 +1,6 @@
 """A scene as constants: its states, its inputs, its rows, and the matrices between them.
 
-Everything is linear in the state ``y = (velocities, positions, bristles)``, in the inputs
+Everything is linear in the state ``y = (velocities, positions, bristles, blocks)``, in the inputs
 ``q = (normal forces, forces, loads and functions that quantities are made of, drive velocities, drive accelerations,
 1)`` and in the friction forces of rows whose law depends on velocity. Only bodies have a position that a spring touches
 or whose position is read.
@@ -18,11 +18,12 @@ from scipy import sparse
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
-from stickslip.equations.dependence import Dependence, Key, Reader
+from stickslip.equations.dependence import BlockPlace, Dependence, Key, Part, Reader
 from stickslip.equations.loads import Loads
+from stickslip.model.elements import Sampled
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
-from stickslip.model.quantities import Expression, Position, Quantity, Stretch, as_expression
+from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Constant, Load, PiecewiseLinear, Signal
 
@@ -83,12 +84,23 @@ class System:
         stretched |= _read_positions(book)
         self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
+        c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
+        bristles = np.flatnonzero(c.kind == BRISTLE)
+        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
+        self.size = self.first_block = self.first_bristle + bristles.size
+        self.blocks: dict[str, BlockPlace] = {}
+        read = _read_outputs(book)
+        for block in book.blocks:
+            states = len(block.states or ())
+            outputs = block.output_count or read.get(block.name, 1)
+            place = BlockPlace(block, self.size, states, self.size + states, outputs)
+            self.blocks[block.name], self.size = place, place.end
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_inputs(self, book: Book) -> None:
         """Resolve what forces depend on, and give every input its place."""
         m, drives = self.m, self.drives
-        reader = Reader(book, self.position_state)
+        reader = Reader(book, self.position_state, self.blocks)
         parts = [_parts(load) for _, load, _ in book.forces]
         self.pushes = [
             (i, reader.form(linear, label))
@@ -103,6 +115,16 @@ class System:
             for j, (_, linear) in enumerate(pressed)
             if linear is not None
         }
+        rates = {
+            place.first + k: form
+            for place in self.blocks.values()
+            for k, form in enumerate(reader.rates(place.block))
+        }
+        sampled = [
+            (place, place.block, [reader.form(u, place.block.label) for u in place.block.inputs])
+            for place in self.blocks.values()
+            if isinstance(place.block, Sampled)
+        ]
         first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
@@ -125,15 +147,19 @@ class System:
         }
 
         def place(key: Key) -> int:
-            kind, k = key
-            return int(starts[k]) if kind == "node" else firsts[kind] + k
+            kind, k, which = key
+            return int(starts[k]) + which if kind == "node" else firsts[kind] + k
 
         self._place = place
+        self._rates = rates
+        self.sampled = [(own, block, Part.of(forms, place)) for own, block, forms in sampled]
+        self.reader = reader
+        self.samples = 0
         depends = reader.nodes or normals
         self.dependence = Dependence(reader.nodes, first_node, normals, place) if depends else None
 
     def _place_laws(self, book: Book) -> None:
-        c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
+        c = self.coefficients
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_friction = ~(self.is_tie | self.is_one_way)
@@ -144,9 +170,6 @@ class System:
         self.hard = c.kind == HARD
         self.all_hard = bool(self.hard.all())
         self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
-        bristles = np.flatnonzero(c.kind == BRISTLE)
-        self.size = self.first_bristle + bristles.size
-        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
         self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - np.maximum(self.mu_c, self.mu_0), 0.0)
@@ -189,7 +212,16 @@ class System:
         self.push_Q = self._matrix(push_inputs, (n, self.inputs))
         self.C = self._matrix(state, (n, self.size)) + self.push_C
         self.Q = self._matrix(inputs, (n, self.inputs)) + self.push_Q
-        self.has_couplings = bool(state.values or push_state.values)
+        block_state, block_inputs = _Triplets(), _Triplets()
+        for k, form in self._rates.items():
+            for column, c in form.states.items():
+                block_state.add(k - self.first_block, column, c)
+            for key, c in form.inputs.items():
+                block_inputs.add(k - self.first_block, self._place(key), c)
+        blocks = self.size - self.first_block
+        self.block_C = self._matrix(block_state, (blocks, self.size))
+        self.block_Q = self._matrix(block_inputs, (blocks, self.inputs))
+        self.has_couplings = bool(state.values or push_state.values or block_state.values)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -218,9 +250,44 @@ class System:
             s if pressed else s.clipped(start, stop)
             for s, pressed in zip(self.normals, self.pressed.tolist(), strict=True)
         ]
-        return Loads(
-            [*clipped, *self.others], range(self.first_drive, self.first_acceleration), start, stop, stepped
-        )
+        samples = [t for _, block, _ in self.sampled for t in block.instants(start, stop)]
+        drives = range(self.first_drive, self.first_acceleration)
+        return Loads([*clipped, *self.others], drives, start, stop, stepped, samples)
+
+    def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
+        """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
+
+        Parameters
+        ----------
+        t, start : float
+            Time, and that of the start, in s.
+        q : array (inputs,)
+        y : array (size,)
+
+        Raises
+        ------
+        ValueError
+            If a block returns what are no finite numbers; the message names block, time and arguments.
+        """
+        after = y
+        for place, block, part in self.sampled:
+            if not block.is_due(t, start):
+                continue
+            if after is y:
+                after = y.copy()
+            x, u = y[place.first : place.first_held], part.at(y, q)
+            self.samples += 1
+            try:
+                held = block.call("output", t, x, u, place.outputs, exactly=False)
+                after[place.first_held : place.end] = held
+                if block.update is not None:
+                    after[place.first : place.first_held] = block.call("update", t, x, u, place.states, True)
+            except ValueError as error:
+                given = ", ".join(f"{value:.9g}" for value in u.tolist())
+                raise ValueError(
+                    f"{block.label}: {error} at t = {t:.9g} s with the inputs ({given})"
+                ) from error
+        return after
 
     def filled(self, q: Array, y: Array, t: float) -> Array:
         """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""
@@ -293,6 +360,16 @@ def _read_positions(book: Book) -> set[int]:
             elif isinstance(quantity, Stretch):
                 found.update(coefficients[quantity.row])
     return {i for i in found if i < moving}
+
+
+def _read_outputs(book: Book) -> dict[str, int]:
+    """Return how many outputs of each block quantities read."""
+    found: dict[str, int] = {}
+    for load in book.loads():
+        for quantity in load.walk() if isinstance(load, Quantity) else ():
+            if isinstance(quantity, Output):
+                found[quantity.block] = max(found.get(quantity.block, 1), quantity.index + 1)
+    return found
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

@@ -12,6 +12,8 @@ import numpy as np
 from stickslip.model.elements import (
     GROUND,
     KINDS,
+    AnyBlock,
+    Block,
     Body,
     Contact,
     Damper,
@@ -23,16 +25,30 @@ from stickslip.model.elements import (
     OneWay,
     Planetary,
     Row,
+    Sampled,
     Spring,
+    StateSpace,
     Tie,
 )
 from stickslip.model.elements.base import listed
+from stickslip.model.elements.block import as_limits
 from stickslip.model.laws.dry_friction import Law, law_from_dict
 from stickslip.model.laws.regularized import PreSlip, Shape
-from stickslip.model.quantities import Normal, OfRow, Position, Power, Quantity, Velocity, load_from_dict
+from stickslip.model.quantities import (
+    Normal,
+    OfRow,
+    Output,
+    Position,
+    Power,
+    Quantity,
+    Velocity,
+    load_from_dict,
+)
 
 __all__ = [
     "GROUND",
+    "AnyBlock",
+    "Block",
     "Body",
     "Contact",
     "Damper",
@@ -43,8 +59,10 @@ __all__ = [
     "OneWay",
     "Planetary",
     "Row",
+    "Sampled",
     "Scene",
     "Spring",
+    "StateSpace",
     "Tie",
 ]
 
@@ -64,14 +82,15 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper or Force; bodies are referred to by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper, Block, StateSpace, Sampled or Force; bodies
+        are referred to by name.
 
     Attributes
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers, forces : tuple
-        Those of one kind, in the order given.
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers : tuple
+        Those of one kind, in the order given; and so `blocks`, `state_spaces`, `sampled` and `forces`.
 
     Raises
     ------
@@ -110,10 +129,19 @@ class Scene:
         """All elements with a named relative velocity and force: contacts, ties and clutches."""
         return tuple(element for element in self.elements if isinstance(element, Row))
 
+    @property
+    def all_blocks(self) -> tuple[AnyBlock, ...]:
+        """All elements with states of their own: blocks, state spaces, sampled blocks."""
+        return (*self.blocks, *self.state_spaces, *self.sampled)
+
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.rows)
+        groups: tuple[tuple[Named, ...], ...] = (
+            (*self.bodies, *self.drives),
+            self.rows,
+            self.all_blocks,
+        )
         for named in groups:
             seen: set[str] = set()
             for one in named:
@@ -142,9 +170,21 @@ class Scene:
         """
         moving = {GROUND, *(body.name for body in (*self.bodies, *self.drives))}
         rows = {row.name: row for row in self.rows}
+        blocks = {block.name: block for block in self.all_blocks}
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
                 raise ValueError(f"{label}: no body is called {quantity.body!r}; known are {listed(moving)}")
+            if isinstance(quantity, Output):
+                if quantity.block not in blocks:
+                    raise ValueError(
+                        f"{label}: no block is called {quantity.block!r}; known are {listed(blocks) or 'none'}"
+                    )
+                count = blocks[quantity.block].output_count
+                if count is not None and quantity.index >= count:
+                    raise ValueError(
+                        f"{label}: block {quantity.block!r} has {count} outputs, so none has the index "
+                        f"{quantity.index}; they count from 0"
+                    )
             if not isinstance(quantity, OfRow):
                 continue
             if quantity.row not in rows:
@@ -283,6 +323,10 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
     for name in ("velocity", "normal", "signal"):
         if isinstance(values.get(name), Mapping):
             values[name] = load_from_dict(values[name], f"{where}.{name}")
+    if isinstance(inputs := values.get("inputs"), (list, tuple)):
+        values["inputs"] = [load_from_dict(one, f"{where}.inputs[{k}]") for k, one in enumerate(inputs)]
+    if maker is StateSpace and values.get("limits") is not None:
+        values["limits"] = as_limits(values["limits"])
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:

@@ -16,6 +16,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, settle
+from stickslip.model.elements import Sampled
 
 __all__ = ["Engine", "Run"]
 
@@ -96,6 +97,13 @@ class Run:
         y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
         for j, state in system.bristle_state.items():
             y[state] = system.rows[j].deflection
+        for place in system.blocks.values():
+            y[place.first : place.first_held] = place.block.states or ()
+            if isinstance(place.block, Sampled) and place.block.held:
+                y[place.first_held : place.end] = place.block.held
+        if system.sampled:
+            q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
+            y = system.sample(self.t, self._start, q, y)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
         situation = Situation(self.t, y, None, since, nothing, nothing)
@@ -133,6 +141,10 @@ class Run:
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
+        if system.sampled and t == motion.stretch.stop:
+            q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
+            held = system.sample(t, self._start, q, path.last)[system.first_block :]
+            y = np.concatenate([y[: system.first_block], held])
         since = np.where(before == 0, motion.since, t)
         situation = Situation(t, y, before, since, touching, fired, path.largest)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)

@@ -182,7 +182,7 @@ class _Simulation:
         self._engine: Any = run.engine
         self._start, self._stop = span
         self._name, self._merged = name, merged
-        self._calls = self._function_calls
+        self._calls, self._samples = self._function_calls, run.system.samples
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -255,6 +255,7 @@ class _Simulation:
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
             "function_calls": self._function_calls - self._calls,
+            "samples": self._run.system.samples - self._samples,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,

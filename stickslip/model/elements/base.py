@@ -19,7 +19,7 @@ GROUND = "ground"
 
 
 class Book(Protocol):
-    """Where elements enter what they are made of: bodies, drives, rows, couplings, forces."""
+    """Where elements enter what they are made of: bodies, drives, rows, couplings, blocks, forces."""
 
     def body(self, body: Any) -> None:
         """Enter a free body."""
@@ -48,6 +48,10 @@ class Book(Protocol):
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
     ) -> None:
         """Enter a spring and damper along ``stretch = sum c_i x_i``."""
+        ...
+
+    def block(self, block: Any) -> None:
+        """Enter a block."""
         ...
 
     def push(self, body: str, force: Load | float) -> None:
