@@ -140,7 +140,10 @@ class Series:
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             root = self._first(g, self._floor(motion, guards, y)[watched])
-        return _Step(expansion.y * stretched, h, root)
+        c = expansion.y * stretched
+        # a motion that ends is kept as what it is
+        used = np.flatnonzero(c.any(axis=1))
+        return _Step(c[: int(used.max(initial=0)) + 1], h, root)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -161,7 +164,7 @@ class Series:
             groups.append(moving)
         if held.any():
             size = np.abs(g[:, held])
-            scale = guards.scale[held]
+            scale = guards.force_scale[held]
             scale = np.where(scale > 0, scale, np.maximum(size.max(axis=0), _TINY))
             groups.append((size / scale).max(axis=1))
         sizes = np.array(groups)
@@ -181,7 +184,9 @@ class Series:
         n = motion.system.n
         speed = np.abs(y[:n])
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
-        return np.where(guards.is_velocity, (motion.system.abs_G @ self._speed)[guards.row], guards.scale)
+        return np.where(
+            guards.is_velocity, (motion.system.abs_G @ self._speed)[guards.row], guards.force_scale
+        )
 
     def _first(self, g: Array, floor: Array) -> float | None:
         """Return the first root in (0, 1] of any column of power coefficients."""

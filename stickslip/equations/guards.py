@@ -275,13 +275,17 @@ class Guards:
         return found[:-1]
 
     @cached_property
-    def scale(self) -> Array:
-        """For each guard the size of what it compares at the start: level and force, or velocities."""
+    def force_scale(self) -> Array:
+        """For each guard of a force the size of what it compares at the start: level and force."""
         q, z = self.motion.start.q[0], self.motion.start.z[0]
         assert q is not None
         size = self.levels(q) + np.abs(self._turn * z[self._source])
-        by_parts = self.is_velocity | self.is_normal
-        return np.where(by_parts, self.majorant[0] + np.abs(self._constant), size)
+        return np.where(self.is_normal, self.majorant[0], size) if self.is_normal.any() else size
+
+    @cached_property
+    def scale(self) -> Array:
+        """For each guard the size of what it compares at the start: level and force, or velocities."""
+        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), self.force_scale)
 
     @cached_property
     def allowance(self) -> Array:

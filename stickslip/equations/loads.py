@@ -74,8 +74,9 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = () if stepped else (b for s in self._signals for b in s.breaks(start, stop))
-        self.breaks = sorted({*breaks, *(t for t in samples if start < t < stop)})
+        breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
+        self._samples = {t for t in samples if start < t < stop} - breaks
+        self.breaks = sorted(breaks | self._samples)
         self.has_functions = stepped or any(_has_function(s) for s in self._signals)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0
@@ -83,6 +84,10 @@ class Loads:
             if isinstance(s, Constant):
                 self._constant[i] = s.value
         self._last: tuple[int, Stretch] | None = None
+
+    def goes_on(self, t: float) -> bool:
+        """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
+        return t in self._samples
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""

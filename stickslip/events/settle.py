@@ -17,7 +17,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.labels import label, rests
 
-__all__ = ["Inconsistent", "Settled", "Situation", "settle"]
+__all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -94,6 +94,31 @@ class Situation:
     def at_level(self) -> Mask:
         """Rows whose force has been found at its limit."""
         return self.fired if self.labels is None else self.fired & (self.labels == 0)
+
+
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on, which have not jumped.
+    t : float
+        Time in s.
+    y : array (size,)
+        State there.
+    """
+    motion = now.motion
+    if motion.equations.modes.max(initial=0) >= OPEN:
+        return None
+    following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    none = np.zeros(now.labels.size, dtype=bool)
+    guards = Guards(following, now.labels, none, none)
+    if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
+        return None
+    return Settled(now.labels, following, guards)
 
 
 def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:

@@ -15,7 +15,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
-from stickslip.events.settle import Settled, Situation, settle
+from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.elements import Sampled
 
 __all__ = ["Engine", "Run"]
@@ -136,14 +136,19 @@ class Run:
         if t >= self._stop:
             return
         self.restarts += 1
+        held = self._sampled(motion, path, t)
+        if not (path.hit or ones) and self.loads.goes_on(t):
+            y = np.concatenate([path.last[: system.first_block], held])
+            following = carried_on(now, self.loads.after(t), t, y)
+            if following is not None:
+                self.now = following
+                return
         before = shown_at_end(motion, path, now.labels)
         touching, fired = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
-        if system.sampled and t == motion.stretch.stop:
-            q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
-            held = system.sample(t, self._start, q, path.last)[system.first_block :]
+        if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
         since = np.where(before == 0, motion.since, t)
         situation = Situation(t, y, before, since, touching, fired, path.largest)
@@ -151,6 +156,14 @@ class Run:
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones)
+
+    def _sampled(self, motion: Motion, path: Path, t: float) -> Array:
+        """Return the states of blocks after the samples taken at the end of a path."""
+        system = self.system
+        if not system.sampled or t != motion.stretch.stop:
+            return path.last[system.first_block :]
+        q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
+        return system.sample(t, self._start, q, path.last)[system.first_block :]
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool) -> None:
         assert self.now is not None
