@@ -36,6 +36,7 @@ from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision
@@ -61,6 +62,7 @@ __all__ = [
     "Quantity",
     "Result",
     "Scene",
+    "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
@@ -76,6 +78,7 @@ __all__ = [
     "power",
     "relative_velocity",
     "saturate",
+    "sensitivities",
     "signal",
     "simulate",
     "sine",
