@@ -39,6 +39,7 @@ from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision
@@ -66,6 +67,7 @@ __all__ = [
     "Result",
     "Sampled",
     "Scene",
+    "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
@@ -82,6 +84,7 @@ __all__ = [
     "power",
     "relative_velocity",
     "saturate",
+    "sensitivities",
     "signal",
     "simulate",
     "sine",

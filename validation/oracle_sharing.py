@@ -77,8 +77,10 @@ def shared(system: System, balance: Balance, time: float, since: dict[int, float
     # forces that move nothing: what they add to the least norm must stay within the limits
     idle = null_space(system.incidence[list(stuck)].T * (system.mobility > 0)[:, None])
     scale = max(float(np.abs(least).max()), 1e-300)
-    rows = np.vstack([idle, -idle])
-    needed = np.concatenate([low - least, least - high]) / scale
+    # forces outside the loops are what they are: roundoff beyond a limit of theirs asks nothing of the others
+    some = np.abs(idle).max(axis=1, initial=0.0) > 1e-9
+    rows = np.vstack([idle[some], -idle[some]])
+    needed = np.concatenate([(low - least)[some], (least - high)[some]]) / scale
     wide = np.vstack([rows.T, needed])
     target = np.zeros(wide.shape[0])
     target[-1] = 1.0

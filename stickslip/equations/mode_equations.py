@@ -67,8 +67,8 @@ class ModeEquations:
         )
         self.balance = system.balance(self.is_held.tobytes())
         self.dependent = self.balance.dependent
-        self.T_dependent = self.balance.T[self.dependent]
-        self.U_dependent = self.balance.U[self.dependent]
+        self.T_dependent = self.balance.led_by_bodies
+        self.U_dependent = self.balance.led_by_drives
         self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
         self._place_friction()
         self._place_guards()

@@ -16,6 +16,7 @@ from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equa
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.labels import label, rests
+from stickslip.events.sharing import share
 
 __all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
 
@@ -282,10 +283,12 @@ class _Search:
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion."""
         while True:
-            key = trial.tobytes()
-            if key in self._tried or len(self._tried) > _MOST_TRIALS:
-                return self._enumerate()
-            self._tried[key] = None
+            if self._was_tried(trial):
+                # one by one ran in a circle: look at all that is shared together
+                trial = self._shared()
+                if self._was_tried(trial):
+                    return self._enumerate()
+            self._tried[trial.tobytes()] = None
             motion, guards = self._build(trial)
             following = self._improved(trial, motion, guards)
             if following is None:
@@ -320,7 +323,7 @@ class _Search:
         ratio = self._ratios(motion, guards, over)
         first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
         rows, side = guards.row[first], guards.direction[first]
-        spared = self._spared(motion, rows)
+        spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
             # others can carry what is beyond their level
             following[rows[spared]] = np.where(side[spared] > 0, AT_HIGH, AT_LOW)
@@ -354,20 +357,33 @@ class _Search:
         following[rows] = np.sign(side)
         return following
 
-    def _spared(self, motion: Motion, rows: NDArray[np.intp]) -> Mask:
-        """Tell which of some held rows others can spare: in each loop, rows that tie all together or none."""
+    def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
+        """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
+
+        Where it does not, those go first whose guards fall fastest.
+        """
         held, balance = motion.equations.held, motion.equations.balance
         spared = np.zeros(rows.size, dtype=bool)
         if balance.loop.max(initial=-1) < 0:
             return spared
         loop = balance.loop[np.searchsorted(held, rows)]
         for number in np.unique(loop[loop >= 0]).tolist():
-            rest = motion.equations.is_held.copy()
-            rest[rows[loop == number]] = False
-            others = self._system.balance(rest.tobytes())
-            if others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows):
-                spared[loop == number] = True
+            ties = (loop == number).nonzero()[0]
+            if self._can_spare(motion, rows[ties]):
+                spared[ties] = True
+                continue
+            for place in ties[np.argsort(slopes[ties], kind="stable")].tolist():
+                spared[place] = True
+                spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
         return spared
+
+    def _can_spare(self, motion: Motion, rows: NDArray[np.intp]) -> bool:
+        """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
+        balance = motion.equations.balance
+        rest = motion.equations.is_held.copy()
+        rest[rows] = False
+        others = self._system.balance(rest.tobytes())
+        return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
     def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
         """Tell whether drives that move apart part the ends of some rows when only others hold."""
@@ -399,6 +415,18 @@ class _Search:
                     break
             found[place] = min(ratio, np.finfo(float).max)
         return found
+
+    def _was_tried(self, trial: Modes) -> bool:
+        return trial.tobytes() in self._tried or len(self._tried) > _MOST_TRIALS
+
+    def _shared(self) -> Modes:
+        """Return the modes in which the rows that were tried held at first share what they hold, or let go together."""
+        trial = np.frombuffer(next(iter(self._tried)), dtype=np.int8).copy()
+        found = share(*self._build(trial))
+        if found is not None:
+            limit = np.where(found.side > 0, AT_HIGH, AT_LOW)
+            trial[found.rows] = limit if found.holds else np.sign(found.side)
+        return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can."""

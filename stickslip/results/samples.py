@@ -18,6 +18,7 @@ from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
 from stickslip.equations.system import System
 from stickslip.model.laws.kernels import LINEAR
 from stickslip.model.scene import GROUND, Body, Drive, Scene
+from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
 
 __all__ = ["Samples", "integrated"]
@@ -153,7 +154,12 @@ class Samples:
         if state is not None:
             found: Array = self.y[state]
             return found
-        return np.zeros_like(self.t) if body == GROUND else np.asarray(self._positions[i])
+        if body == GROUND:
+            return np.zeros_like(self.t)
+        elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
+        n = self.system.n
+        way: Array = self._ways[i] if i < n else self._driven_ways[i - n]
+        return elements[i].position + way
 
     def force(self, row: str) -> Array:
         """Return the force r of a row, in N or N m (``-c_i r`` acts on a body with the coefficient ``c_i``)."""
@@ -255,15 +261,20 @@ class Samples:
 
     def _hold(self, q: Array, forces: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
-        system = self.system
-        for held, chosen in self.trajectory.by_held(self.piece_of):
+        system, sets = self.system, list(self.trajectory.by_held(self.piece_of))
+        if not sets:
+            return
+        pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
+        drives = system.drive_accelerations(q) if system.drives else None
+        for held, chosen in sets:
             rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-            own = q[:, chosen]
-            pushes = system.C @ self.y[:, chosen] + system.Q @ own - system.GT @ forces[:, chosen]
             balance = self.trajectory.balance(held)
-            drives = system.drive_accelerations(own)
-            rest = balance.held_forces(pushes, balance.accelerations(pushes, drives), drives)
-            forces[np.ix_(rows, np.arange(self.t.size)[chosen])] = rest
+            own, led = pushes[:, chosen], None if drives is None else drives[:, chosen]
+            rest = balance.held_forces(own, balance.accelerations(own, led), led)
+            if isinstance(chosen, slice):
+                forces[rows, chosen] = rest
+            else:
+                forces[rows[:, None], chosen] = rest
 
     def _levels(self, normals: Array, modes: Modes, slow: Indices, since: Array) -> tuple[Array, Array]:
         """Return the breakaway levels: static coefficients less what their dwell has not yet raised."""
@@ -301,11 +312,12 @@ class Samples:
         return w + system.D @ self.drive_velocities if system.drives else w
 
     @cached_property
-    def _positions(self) -> Array:
-        """Positions of all bodies and drives, integrated from their velocities."""
-        elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
-        start = np.array([element.position for element in elements])
-        return start[:, None] + integrated(self, len(elements), Samples.velocities)
+    def _ways(self) -> Array:
+        return positions.of_bodies(self.trajectory, self.piece_of, self.taus)
+
+    @cached_property
+    def _driven_ways(self) -> Array:
+        return positions.of_drives(self.trajectory, self.t)
 
     def velocities(self) -> Array:
         """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""

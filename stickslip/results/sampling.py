@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,14 +96,15 @@ def _parts(n: int, paths: list[Path]) -> Indices:
     for block in _blocks(paths):
         steps = np.concatenate([np.arange(first[k], first[k + 1]) for k in block])
         c = np.concatenate([paths[k].coefficients for k in block])
-        h = np.concatenate([np.diff(paths[k].taus) for k in block])[:, None]
-        terms, is_chebyshev = kind_of(paths[block[0]])
-        bends[steps, :size] = np.einsum("j,kjs->ks", _second(terms, is_chebyshev), np.abs(c))
-        bends[steps, size:] = np.einsum("j,kjs->ks", _first(terms, is_chebyshev), np.abs(c[:, :, :n])) * h
-        moved[steps] = np.einsum("j,kjs->ks", _whole(terms, is_chebyshev), c[:, :, :n]) * h
-        values = np.einsum("pj,kjs->pks", _values(terms, is_chebyshev), c).reshape(-1, size)
-        lows.append(values.min(axis=0))
-        highs.append(values.max(axis=0))
+        h = np.concatenate([paths[k].taus[1:] - paths[k].taus[:-1] for k in block])[:, None]
+        values_and_integral, derivatives = _weights(*kind_of(paths[block[0]]))
+        values = values_and_integral @ c
+        moved[steps] = values[:, -1, :n] * h
+        lows.append(values[:, :-1].min(axis=(0, 1)))
+        highs.append(values[:, :-1].max(axis=(0, 1)))
+        sizes = derivatives @ np.abs(c, out=c)
+        bends[steps, :size] = sizes[:, 0]
+        bends[steps, size:] = sizes[:, 1, :n] * h
     if not lows:
         return np.empty(0, dtype=np.intp)
     travel = np.cumsum(moved, axis=0)
@@ -133,30 +135,18 @@ def _blocks(paths: list[Path]) -> Iterator[list[int]]:
     yield from blocks.values()
 
 
-# -- of the polynomials p_j(s), s from 0 to 1: s^j or T_j(2 s - 1) ---------------------------------------------
+@lru_cache(maxsize=64)
+def _weights(count: int, is_chebyshev: bool) -> tuple[Array, Array]:
+    """Return maps from coefficients of polynomials ``p_j(s)``, s from 0 to 1: ``s^j`` or ``T_j(2 s - 1)``.
 
-
-def _second(count: int, is_chebyshev: bool) -> Array:
-    """Return ``max |p_j''|``."""
+    The first gives the values at a few places and the integral; the second, of the sizes of the coefficients,
+    gives bounds of the second and of the first derivative.
+    """
     j = np.arange(count, dtype=float)
-    return 4 * j**2 * (j**2 - 1) / 3 if is_chebyshev else j * (j - 1)
-
-
-def _first(count: int, is_chebyshev: bool) -> Array:
-    """Return ``max |p_j'|``."""
-    j = np.arange(count, dtype=float)
-    return 2 * j**2 if is_chebyshev else j
-
-
-def _whole(count: int, is_chebyshev: bool) -> Array:
-    """Return the integral of ``p_j``."""
-    j = np.arange(count, dtype=float)
-    return np.where(j % 2 == 0, 1 / (1 - np.where(j == 1, 0, j) ** 2), 0.0) if is_chebyshev else 1 / (j + 1)
-
-
-def _values(count: int, is_chebyshev: bool) -> Array:
-    """Return the values of ``p_j`` at a few places, a line per place."""
     places = np.linspace(0.0, 1.0, 5)
     if is_chebyshev:
-        return np.asarray(np.polynomial.chebyshev.chebvander(2 * places - 1, count - 1))
-    return np.asarray(np.polynomial.polynomial.polyvander(places, count - 1))
+        values = np.polynomial.chebyshev.chebvander(2 * places - 1, count - 1)
+        whole = np.where(j % 2 == 0, 1 / (1 - np.where(j == 1, 0, j) ** 2), 0.0)
+        return np.vstack([values, whole]), np.vstack([4 * j**2 * (j**2 - 1) / 3, 2 * j**2])
+    values = np.polynomial.polynomial.polyvander(places, count - 1)
+    return np.vstack([values, 1 / (j + 1)]), np.vstack([j * (j - 1), j])

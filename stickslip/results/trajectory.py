@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
@@ -132,7 +132,7 @@ class Trajectory:
 
     def local(self, piece_of: Indices, times: Array) -> Array:
         """Return times in s since the starts of their pieces, none before and none past the end."""
-        return np.clip(times - self.starts[piece_of], 0.0, self._ends[piece_of])
+        return np.clip(times - self.starts[piece_of], 0.0, self.ends[piece_of])
 
     def order(self, number: int) -> int:
         """Return the degree of the polynomials of a piece."""
@@ -140,7 +140,8 @@ class Trajectory:
         return 0 if path is None or not path.taus[1:].size else path.coefficients.shape[1] - 1
 
     @cached_property
-    def _ends(self) -> Array:
+    def ends(self) -> Array:
+        """Local time in s of the end of each piece."""
         return np.array([piece.end for piece in self.pieces])
 
     def states(self, piece_of: Indices, taus: Array) -> Array:
@@ -155,12 +156,33 @@ class Trajectory:
         taus : array (k,)
             Times in s since its start.
         """
-        found = np.empty((self.system.size, taus.size))
+        found = self.evaluated(piece_of, taus)
+        self._tie(piece_of, taus, found)
+        return found
+
+    def evaluated(
+        self, piece_of: Indices, taus: Array, change: Callable[[Path, int], Path] | None = None
+    ) -> Array:
+        """Return the polynomials of the steps at local times of pieces, one column each.
+
+        Parameters
+        ----------
+        piece_of : array (k,) of int
+            The piece of each time.
+        taus : array (k,)
+            Times in s since its start.
+        change : callable, optional
+            What to make of a path first, and of the number of velocities.
+        """
+        n = self.system.n
+        found = np.empty((self.system.size if change is None else n, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
         entries: dict[tuple[int, bool], int] = {}
         for number, chosen in by_piece(piece_of):
             path = self.pieces[number].path
             assert path is not None
+            if change is not None:
+                path = change(path, n)
             kind = kind_of(path)
             blocks.setdefault(kind, []).append((path, chosen))
             entries[kind] = entries.get(kind, 0) + path.coefficients.size
@@ -169,22 +191,44 @@ class Trajectory:
                 entries[kind] = 0
         for block in blocks.values():
             _evaluate(block, taus, found)
-        self._tie(piece_of, taus, found)
         return found
 
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
         """Write the velocities that depend on others through them, in place."""
+        held = list(self.by_held(piece_of))
+        if not held:
+            return
         system = self.system
-        for held, chosen in self.by_held(piece_of):
-            balance = self.balance(held)
+        drives = None
+        if system.drives:
+            drives = system.drive_velocities(self.loads_at(piece_of, taus))
+        self.write_led(held, y[: system.n], drives)
+
+    def write_led(
+        self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
+    ) -> None:
+        """Write what depends on others through the rows that hold it, in place.
+
+        Parameters
+        ----------
+        held : iterable of (bytes, array of int or slice)
+            Sets of held rows, and the columns in which each holds.
+        v : array (n, k)
+            Velocities of the bodies, or what follows the same ties.
+        drives : array (d, k) or None
+            The same of the drives.
+        """
+        for key, chosen in held:
+            balance = self.balance(key)
             if not balance.dependent.size:
                 continue
-            ties, drives = balance.T[balance.dependent], balance.U[balance.dependent]
-            led = ties @ y[: system.n, chosen]
-            if system.drives:
-                q = self.loads_at(piece_of[chosen], taus[chosen])
-                led = led + drives @ system.drive_velocities(q)
-            y[np.ix_(balance.dependent, np.arange(taus.size)[chosen])] = led
+            led = balance.led_by_bodies @ v[:, chosen]
+            if drives is not None:
+                led = led + balance.led_by_drives @ drives[:, chosen]
+            if isinstance(chosen, slice):
+                v[balance.dependent, chosen] = led
+            else:
+                v[balance.dependent[:, None], chosen] = led
 
     def balance(self, held: bytes) -> Balance:
         """Return the balance of forces where some rows are held."""

@@ -238,3 +238,30 @@ def test_two_freewheels_hold_one_way_each(formulation: str) -> None:
     load = 7.0 * np.sin(2 * np.pi * 1.05 * result.t + 2.0)
     np.testing.assert_allclose(result.force("forward"), np.maximum(load, 0.0), atol=1e-5)
     np.testing.assert_allclose(result.force("backward"), np.maximum(-load, 0.0), atol=1e-5)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_rows_in_a_ring_that_come_to_their_levels_together(formulation: str) -> None:
+    """The one whose level falls carries it, and the other is within its own again; nothing moves.
+
+    Of 8 N on a body, least norm gives 16/3 N to its floor and 8/3 N to its neighbour, whose floor carries the same.
+    The joint carries 2 N at most. The neighbour's floor lets 6 N go to 0 N in 6 s, and is below 2 N from 4 s on.
+    """
+    law = DryFriction(1.0, 0.8)
+    fading = piecewise_linear([0, 6], [6, 0])
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        Contact("floor", "a", GROUND, law, normal=20.0),
+        Contact("joint", "a", "b", law, normal=2.0),
+        Contact("other", "b", GROUND, law, normal=fading),
+        Force("a", 8.0),
+    )
+    t = np.array([0.5, 2.0, 3.9, 4.1, 5.0, 5.9])
+    result = simulate(scene, (0.0, 6.0), t_eval=t, formulation=formulation)
+    assert result.events == []
+    joint = np.minimum(2.0, 6.0 - t)
+    np.testing.assert_allclose(result.force("joint"), joint, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(result.force("other"), joint, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(result.force("floor"), 8.0 - joint, rtol=0, atol=1e-7)
+    assert np.abs(result.y).max() == 0.0

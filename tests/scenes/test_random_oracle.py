@@ -133,3 +133,20 @@ def test_the_oracle_and_the_package_agree_on_what_a_contact_is() -> None:
 def test_scenes_that_differed(family: str, number: int, group: str) -> None:
     assert truth(family, number).t.size
     assert difference(family, group, number) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize(
+    ("family", "number"),
+    [
+        ("one-way", 54),
+        ("one-way", 156),
+        ("one-way", 178),
+        ("one-way", 217),
+        ("one-way", 251),
+        ("together", 151),
+    ],
+)
+def test_scenes_in_which_loops_share_what_they_hold(family: str, number: int, group: str) -> None:
+    assert difference(family, group, number) < 1e-6

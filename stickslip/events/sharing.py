@@ -1,0 +1,98 @@
+"""How rows that lock the same motion share what holds it: the forces of least norm within all limits (MODEL rule 8).
+
+With forces ``lambda_0`` of least norm and the forces N that move nothing, ``lambda = lambda_0 + N z`` holds the same
+motion. The shortest z for which all forces are within their limits is a problem of least distances, which Lawson and
+Hanson ("Solving least squares problems", 1974, chapter 23) solve in finitely many steps. Where there is none, the
+same steps find the motion that no forces can hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+
+__all__ = ["Share", "share"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SOON = 1e-6
+"""How far ahead to look, as a part of the time in which a force changes by as much as it is."""
+
+_PART = 1e-9
+_IDLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Share:
+    """Rows whose limits matter.
+
+    Attributes
+    ----------
+    rows : array of int
+    side : array
+        +1 where the upper limit matters, -1 where the lower one.
+    holds : bool
+        Whether there are forces within all limits: the rows then carry what is their limit. If not, they move.
+    """
+
+    rows: Indices
+    side: Array
+    holds: bool
+
+
+def share(motion: Motion, guards: Guards) -> Share | None:
+    """Return how the held rows of a motion share what they hold just after its start, None where nothing is shared.
+
+    Parameters
+    ----------
+    motion : Motion
+        One in which all rows that may share are held.
+    guards : Guards
+        Those of this motion.
+    """
+    held, balance = motion.equations.held, motion.equations.balance
+    if balance.loop.max(initial=-1) < 0:
+        return None
+    G, D = motion.system.G[held], motion.system.D[held]
+    G, D = (x.toarray() if hasattr(x, "toarray") else x for x in (G, D))
+    scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
+    idle = _null_space(G / scale[:, None])
+    limits = ((~guards.is_velocity) & (guards.direction != 0)).nonzero()[0]
+    place = np.searchsorted(held, guards.row[limits])
+    free = np.abs(idle[place]).max(axis=1, initial=0.0) > _IDLE
+    limits, place = limits[free], place[free]
+    side = guards.direction[limits]
+    left = _soon(motion, guards.start[:, limits])
+    # side * (force added) <= left, each force in units of its row
+    rows, needed = -side[:, None] * idle[place], -left * scale[place]
+    size = float(np.abs(needed).max(initial=0.0)) or 1.0
+    wide = np.vstack([rows.T, needed / size])
+    target = np.zeros(wide.shape[0])
+    target[-1] = 1.0
+    weights, _ = nnls(wide, target)
+    rest = wide @ weights - target
+    some = weights > _PART * weights.max(initial=0.0)
+    return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _IDLE))
+
+
+def _null_space(rows: Array) -> Array:
+    """Return orthonormal forces that move nothing, a column each."""
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    return np.asarray(vectors[:, values <= 1e-11 * values.max(initial=0.0)])
+
+
+def _soon(motion: Motion, start: Array) -> Array:
+    """Return guards just after the start of a motion."""
+    size, change = np.abs(start[0]).max(initial=0.0), np.abs(start[1]).max(initial=0.0)
+    ahead = motion.horizon
+    if change > 0:
+        ahead = min(ahead, size / change if size > 0 else ahead)
+    tau = _SOON * ahead
+    return np.asarray(start[0] + tau * (start[1] + tau * start[2]))

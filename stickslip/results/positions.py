@@ -1,0 +1,122 @@
+"""Positions that no spring made states: integrals of velocities, exact for the polynomials of the steps."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.path import Path
+from stickslip.results.trajectory import Trajectory
+
+__all__ = ["of_bodies", "of_drives"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_PER_PERIOD = 8
+_NODES = 10
+"""Gauss nodes in each part of a period of a drive; exact for polynomials of degree 19."""
+
+
+def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array) -> Array:
+    """Return how far the bodies have come since the start of the trajectory, in m or rad, a line each.
+
+    ``x(t) - x_0 = integral of v dt``. The polynomials of free bodies are integrated term by term; bodies that are
+    held go where those that hold them go.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    piece_of : array (k,) of int
+        The piece of each time.
+    taus : array (k,)
+        Times in s since its start.
+    """
+    system = trajectory.system
+    if not taus.size:
+        return np.zeros((system.n, 0))
+    # within their pieces: to the ends of all pieces before the last one that is asked for, then to the times
+    before = np.arange(int(piece_of.max()))
+    numbers = np.concatenate([before, piece_of])
+    local = np.concatenate([trajectory.ends[before], taus])
+    steps = trajectory.evaluated(numbers, local, _integrated)
+    held = list(trajectory.by_held(numbers))
+    driven = None
+    if system.drives and held:
+        starts = trajectory.starts[numbers]
+        both = of_drives(trajectory, np.concatenate([starts, starts + local]))
+        driven = both[:, numbers.size :] - both[:, : numbers.size]
+    trajectory.write_led(held, steps, driven)
+    base = np.zeros((system.n, before.size + 1))
+    np.cumsum(steps[:, : before.size], axis=1, out=base[:, 1:])
+    return np.asarray(base[:, piece_of] + steps[:, before.size :])
+
+
+def _integrated(path: Path, n: int) -> Path:
+    """Return the integrals of the first `n` states of a path from its start."""
+    c = path.coefficients[:, :, :n]
+    steps, terms = c.shape[:2]
+    out = np.zeros((steps, terms + 1, n))
+    if not steps:
+        return Path(path.taus, out, np.zeros(n), False, path.is_chebyshev)
+    h = np.diff(path.taus)[:, None]
+    if path.is_chebyshev:
+        # the integral of T_j(x) is T_(j+1)/(2 (j + 1)) - T_(j-1)/(2 (j - 1)), and dx = 2 ds
+        sign = 1.0
+        for k in range(1, terms + 1):
+            term = c[:, k - 1] * (2.0 if k == 1 else 1.0)
+            if k + 1 < terms:
+                term = term - c[:, k + 1]
+            out[:, k] = h * term / (4.0 * k)
+            out[:, 0] += sign * out[:, k]
+            sign = -sign
+        whole = 2 * out[:, 1::2].sum(axis=1)
+    else:
+        for k in range(terms):
+            out[:, k + 1] = h * c[:, k] / (k + 1.0)
+        whole = out.sum(axis=1)
+    sums = np.cumsum(whole, axis=0)
+    out[1:, 0] += sums[:-1]
+    return Path(path.taus, out, sums[-1], False, path.is_chebyshev)
+
+
+def of_drives(trajectory: Trajectory, times: Array) -> Array:
+    """Return how far the drives have come since the start of the trajectory, in m or rad, a line each.
+
+    Their velocities are integrated by Gauss quadrature between breaks and over parts of periods.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    times : array (k,)
+        In s.
+    """
+    if not times.size:
+        return np.zeros((trajectory.system.drives, 0))
+    loads = trajectory.loads
+    start, stop = trajectory.pieces[0].t, float(times.max())
+    marks = [times, np.array([start, *(b for b in loads.breaks if start < b < stop)])]
+    if loads.has_functions:
+        # nobody knows how fast functions change but the solver, which had to step accordingly
+        marks += [piece.t + piece.path.taus for piece in trajectory.pieces if piece.path is not None]
+    if np.isfinite(loads.period):
+        marks.append(np.linspace(start, stop, int(np.ceil(_PER_PERIOD * (stop - start) / loads.period)) + 1))
+    edges = np.unique(np.concatenate(marks))
+    edges = edges[(edges >= start) & (edges <= stop)]
+    x, weights = _gauss()
+    half = 0.5 * np.diff(edges)
+    nodes = ((0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * x).ravel()
+    piece_of = np.searchsorted(trajectory.starts, nodes, side="right") - 1
+    q = trajectory.loads_at(piece_of, nodes - trajectory.starts[piece_of])
+    u = trajectory.system.drive_velocities(q)
+    sums = np.zeros((u.shape[0], edges.size))
+    np.cumsum((u.reshape(u.shape[0], half.size, _NODES) @ weights) * half, axis=1, out=sums[:, 1:])
+    return np.asarray(sums[:, np.searchsorted(edges, times)])
+
+
+@cache
+def _gauss() -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    return nodes, weights

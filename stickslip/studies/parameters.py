@@ -1,0 +1,201 @@
+"""Parameters of a scene by name: ``"brake.law.mu_coulomb"``, ``"wheel.inertia"``, ``"springs[0].stiffness"``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
+
+from stickslip.model.checks import finite
+from stickslip.model.elements.base import Element, Named, listed
+from stickslip.model.scene import Scene
+from stickslip.model.signal_makers import Constant, Signal
+
+__all__ = ["Parameter", "named_parameters"]
+
+_STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d+)\]")
+_AT_START = {"velocity", "position", "rested"}
+_SCALE = "scale"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a scene.
+
+    Parameters
+    ----------
+    name : str
+        ``"ELEMENT.FIELD"`` with the name of a body, drive, contact or another row, or ``"KIND[NUMBER].FIELD"`` as in
+        ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in brackets:
+        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``. A load that is a number is
+        its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
+    place : int
+        Place of its element among ``scene.elements``.
+    steps : tuple of str or int
+        Fields and entries that lead to it.
+    value : float
+        In the scene it was read from.
+    only_at_start : bool
+        Whether it says where the motion starts, not how it goes on.
+    """
+
+    name: str
+    place: int
+    steps: tuple[str | int, ...]
+    value: float
+    only_at_start: bool
+
+    def set(self, scene: Scene, value: float) -> Scene:
+        """Return the scene with the parameter at another value.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If the scene refuses the value.
+        """
+        elements: list[Any] = list(scene.elements)
+        elements[self.place] = _changed(elements[self.place], self.steps, float(value))
+        return Scene(*elements)
+
+    def get(self, scene: Scene) -> float:
+        """Return its value in a scene of the same elements."""
+        return _value(scene.elements[self.place], self.steps, self.name, "parameter")
+
+
+def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Parameter]:
+    """Return the parameters of a scene that have these names.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a name leads to no number; `what` begins the message.
+    """
+    if isinstance(names, str):
+        raise TypeError(f"{what}: parameters must be a sequence of names, got {names!r}; write [{names!r}]")
+    given = list(names)
+    if not given:
+        raise ValueError(f"{what}: parameters is empty; name at least one, such as 'wheel.inertia'")
+    found = [_named(scene, name, what) for name in given]
+    seen: set[str] = set()
+    for one in found:
+        if one.name in seen:
+            raise ValueError(f"{what}: parameter {one.name!r} stands twice; leave one out")
+        seen.add(one.name)
+    return found
+
+
+def _named(scene: Scene, name: Any, what: str) -> Parameter:
+    if not isinstance(name, str):
+        raise TypeError(f"{what}: a parameter is a name such as 'wheel.inertia', got {name!r}")
+    place, rest = _element(scene, name, what)
+    steps: list[str | int] = []
+    at = 0
+    while at < len(rest):
+        match = _STEP.match(rest, at)
+        if match is None:
+            raise ValueError(
+                f"{what}: parameter {name!r} cannot be read at {rest[at:]!r}; write fields as '.field' and "
+                "entries of sequences as '[0]'"
+            )
+        steps.append(match[1] if match[1] is not None else int(match[2]))
+        at = match.end()
+    element = scene.elements[place]
+    value = _value(element, tuple(steps), name, what)
+    kind = type(element).__name__
+    start = kind in ("Body", "Drive", "Contact") and len(steps) == 1 and steps[0] in _AT_START
+    only_at_start = start and not (kind == "Drive" and steps[0] == "velocity")
+    return Parameter(name, place, tuple(steps), value, only_at_start)
+
+
+def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
+    """Return the place of the element that a parameter's name begins with, and the rest of the name."""
+    indexed = re.match(r"(\w+)\[(\d+)\]", name)
+    if indexed is not None and isinstance(among := getattr(scene, indexed[1], None), tuple):
+        number = int(indexed[2])
+        if number >= len(among):
+            raise ValueError(
+                f"{what}: parameter {name!r}: the scene has {len(among)} {indexed[1]}, counted from 0"
+            )
+        before = (
+            0
+            if indexed[1] == "elements"
+            else next(k for k, e in enumerate(scene.elements) if type(e) is type(among[number]))
+        )
+        return before + number, name[indexed.end() :]
+    called = [
+        (k, e) for k, e in enumerate(scene.elements) if isinstance(e, Named) and name.startswith(e.name + ".")
+    ]
+    longest = max((len(e.name) for _, e in called), default=0)
+    called = [(k, e) for k, e in called if len(e.name) == longest]
+    if not called:
+        known = {e.name for e in scene.elements if isinstance(e, Named)}
+        raise ValueError(
+            f"{what}: parameter {name!r} begins with no element's name; write 'NAME.field' with one of "
+            f"{listed(known)}, or 'springs[0].stiffness'"
+        )
+    if len(called) > 1:
+        fitting = [one for one in called if _leads(one[1], name[longest:])]
+        if len(fitting) != 1:
+            raise ValueError(
+                f"{what}: parameter {name!r}: a body and a contact are both called {called[0][1].name!r}; "
+                "rename one of them"
+            )
+        called = fitting
+    return called[0][0], name[longest:]
+
+
+def _leads(element: Element, rest: str) -> bool:
+    match = _STEP.match(rest)
+    return match is not None and match[1] in {field.name for field in fields(element)}  # type: ignore[arg-type]
+
+
+def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
+    for step in steps:
+        if step == _SCALE and isinstance(thing, Signal):
+            return 1.0
+        thing = _inside(thing, step, name, what)
+    if isinstance(thing, Constant):
+        thing = thing.value
+    if thing is None:
+        raise ValueError(f"{what}: parameter {name!r} is not set in the scene; give it a value there first")
+    if isinstance(thing, Signal):
+        raise ValueError(
+            f"{what}: parameter {name!r} is a load over time; name a number of it"
+            f"{_numbers(thing, name)} or '{name}.scale', which multiplies it"
+        )
+    if isinstance(thing, bool) or not isinstance(thing, (int, float)):
+        raise ValueError(
+            f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}"
+        )
+    return finite(thing, f"{what}: parameter {name!r}")
+
+
+def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
+    if isinstance(step, int):
+        if not isinstance(thing, tuple) or step >= len(thing):
+            raise ValueError(f"{what}: parameter {name!r}: there is no entry [{step}]")
+        return thing[step]
+    if not is_dataclass(thing) or step not in {field.name for field in fields(thing)}:
+        known = ", ".join(f.name for f in fields(thing)) if is_dataclass(thing) else "no fields"
+        raise ValueError(f"{what}: parameter {name!r}: a {type(thing).__name__} has {known}, not {step!r}")
+    return getattr(thing, step)
+
+
+def _numbers(thing: Any, name: str) -> str:
+    """Return names of numbers inside a thing, as the end of a message."""
+    if not is_dataclass(thing):
+        return ""
+    inside = [f"'{name}.{f.name}'" for f in fields(thing) if f.name not in ("name", "a", "b", "body")]
+    return f", such as {', '.join(inside[:8])}" if inside else ""
+
+
+def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
+    if not steps:
+        return Constant(value) if isinstance(thing, Constant) else value
+    step, rest = steps[0], steps[1:]
+    if step == _SCALE and isinstance(thing, Signal):
+        return thing * value
+    if isinstance(step, int):
+        return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
+    return replace(thing, **{step: _changed(getattr(thing, step), rest, value)})

@@ -1,0 +1,856 @@
+"""How a motion changes with small changes of its start and of its scene: first variations, exact through events.
+
+While the modes hold, ``S = dy/dp`` at fixed time follows ``S' = f_y S + f_p``. An event at ``g(t, y, p) = 0`` moves by
+``dt/dp = -(g_p + g_y S) / g'``, and S jumps there (saltation, Aizerman and Gantmakher 1958; Leine and Nijmeijer 2004):
+
+    S+ = D[jump](S- + f- dt/dp) - f+ dt/dp
+
+where D is the derivative of the jump of the state along all its arguments. Derivatives of the matrices of a scene with
+respect to p are differences of fourth order between systems compiled near by; the flow, the events and the jumps
+themselves are never differenced.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from stickslip.equations.guards import NEVER, Guards
+from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.mode_equations import equations_in
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.model.scene import Scene
+from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.simulation.result import Result
+from stickslip.studies.parameters import Parameter
+
+__all__ = ["Direction", "Variation", "along_parameter", "along_start"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Quantity = Callable[[Motion, Array, Array], Array]
+"""Of a motion, local times (k,) and states (size, k); its last axis is time."""
+
+_PART = 1e-3
+"""Step of a difference as a part of what changes."""
+
+_CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
+_ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
+_MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
+"""Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly."""
+
+_ORDER = 20
+_REMAINDER = 1e-16
+_STAGES = 5
+_GRAZING = 1e-7
+"""A guard that falls more slowly than this part of what adds up in its slope grazes."""
+
+_TIE = 1e-6
+_TOGETHER = 1e-10
+"""Events nearer in time than this part of the time span, but with different derivatives, count as one."""
+
+_JUMP = 1e-7
+_LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
+"""Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
+is a touch."""
+
+_REST = 1e-11
+_TINY = np.finfo(float).tiny
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in which the start or the scene changes.
+
+    Attributes
+    ----------
+    name : str
+    near : tuple of (float, System, Loads)
+        Systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where only the
+        start changes.
+    y : array (size,)
+        How the state changes at the start, before held velocities are made equal.
+    since : array (m,)
+        How the times change at which rows became held.
+    size : float
+        Of what changes: derivatives times it have the size of what they are derivatives of.
+    """
+
+    name: str
+    near: tuple[tuple[float, System, Loads], ...]
+    y: Array
+    since: Array
+    size: float = 1.0
+
+
+def start_of(system: System, t: float) -> tuple[Array, Array]:
+    """Return the state that a scene starts from, before held velocities are made equal, and since when rows rest."""
+    scene = system.scene
+    y = np.zeros(system.size)
+    y[: system.n] = [body.velocity for body in scene.bodies]
+    places = [*scene.bodies, *scene.drives]
+    y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+    return y, t - np.array([row.rested for row in system.rows])
+
+
+def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
+    """Return the direction in which one parameter grows.
+
+    Raises
+    ------
+    ValueError
+        If the scene exists at no values near by, or has another structure there.
+    """
+    nominal, (start, stop, stepped) = trajectory.system, trajectory.span
+    h = _PART * (abs(parameter.value) or 1.0)
+    refused: Exception | None = None
+    differs = False
+    near: list[tuple[float, System, Loads]] = []
+    for stencil in (_CENTRAL, _ONE_SIDED, _MIRRORED):
+        near = []
+        try:
+            for offset, weight in stencil:
+                system = System(parameter.set(scene, parameter.value + offset * h))
+                differs |= not _alike(nominal, system)
+                near.append((weight / h, system, system.loads(start, stop, stepped)))
+        except (ValueError, TypeError) as error:
+            refused, near = refused or error, []
+        if near:
+            break
+    if differs:
+        raise ValueError(
+            f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts "
+            "(a stiffness, dwell time or coefficient that is 0); give it a value that is not 0"
+        )
+    if not near:
+        raise ValueError(
+            f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}"
+        )
+    starts = [start_of(system, start) for _, system, _ in near]
+    y = sum((w * s[0] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.size))
+    since = sum((w * s[1] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.m))
+    near_ones = () if parameter.only_at_start else tuple(near)
+    return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
+
+
+def along_start(name: str, y: Array, since: Array) -> Direction:
+    """Return the direction in which only the start changes."""
+    return Direction(name, (), y, since)
+
+
+def _alike(nominal: System, other: System) -> bool:
+    """Tell whether two scenes have the same states, and contacts that dwell and carry forces."""
+    return (
+        nominal.size == other.size
+        and nominal.inputs == other.inputs
+        and np.array_equal(nominal.dwelling, other.dwelling)
+        and np.array_equal(nominal.alive, other.alive)
+        and np.array_equal(nominal.placed, other.placed)
+    )
+
+
+@dataclass(frozen=True)
+class VariedPiece:
+    """Variations along one motion.
+
+    Attributes
+    ----------
+    taus : array (k + 1,)
+        Ends of the steps in s since the start of the motion.
+    coefficients : array (k, order + 1, size, directions)
+        In a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1.
+    since : array (m, directions)
+        How the times change at which rows became held.
+    begin, end : array (directions,)
+        How the times change at which the motion begins and ends.
+    until : array (directions,)
+        Local times in s up to which the variations exist.
+    """
+
+    taus: Array
+    coefficients: Array = field(repr=False)
+    since: Array = field(repr=False)
+    begin: Array
+    end: Array
+    until: Array
+
+    def at(self, taus: Array) -> Array:
+        """Return S at local times, (size, k, directions)."""
+        c = self.coefficients
+        if not c.shape[0]:
+            return np.zeros((c.shape[2], taus.size, c.shape[3]))
+        i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
+        h = self.taus[i + 1] - self.taus[i]
+        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)[:, None, None]
+        found = c[i, -1].copy()
+        for j in range(c.shape[1] - 2, -1, -1):
+            found *= s
+            found += c[i, j]
+        found = np.moveaxis(found, 0, 1)
+        return np.asarray(np.where(taus[:, None] < self.until, found, np.nan))
+
+
+class Variation:
+    """First variations of a simulated motion, computed when constructed.
+
+    Parameters
+    ----------
+    result : Result
+        With its motion kept.
+    directions : sequence of Direction
+
+    Attributes
+    ----------
+    pieces : list of VariedPiece
+        One per motion.
+    reasons : list of (float, int, str)
+        Where a derivative does not exist: time in s, number of the direction, why. From there on it is NaN.
+    """
+
+    def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
+        self.result, self.trajectory = result, result.trajectory
+        self.system: System = self.trajectory.system
+        if self.system.dependence is not None:
+            raise ValueError(
+                "sensitivities: normal forces that depend on the state, and feedback functions, have no derivatives "
+                "through events here; sums of quantities as forces have"
+            )
+        self.directions = list(directions)
+        breaks = len(self.trajectory.loads.breaks)
+        self._near_ones = [
+            () if any(len(loads.breaks) != breaks for _, _, loads in one.near) else one.near
+            for one in directions
+        ]
+        self.count = len(self.directions)
+        self.reasons: list[tuple[float, int, str]] = []
+        self.pieces: list[VariedPiece] = []
+        states = np.array([piece.y for piece in self.trajectory.pieces])
+        n = self.system.n
+        size = np.abs(states).max(axis=0, initial=0.0)
+        self._size = np.empty(self.system.size)
+        for group in (
+            slice(0, n),
+            slice(n, self.system.first_bristle),
+            slice(self.system.first_bristle, None),
+        ):
+            self._size[group] = size[group].max(initial=0.0) or 1.0
+        rising = self.system.dwell[self.system.dwell > 0]
+        self._dwell = float(rising.min(initial=np.inf))
+        self._relaxed = {(event.t, event.contact) for event in result.events if event.cause == "relaxation"}
+        self._run()
+
+    # -- motions near by -------------------------------------------------------------------------------------
+
+    def _stretch(self, t: float, loads: Loads) -> Stretch:
+        """Return the stretch of loads near by that has the number of the nominal one after `t`."""
+        number = bisect_right(self.trajectory.loads.breaks, t)
+        start, stop, _ = self.trajectory.span
+        ends = [start, *loads.breaks, stop]
+        return loads.after(0.5 * (ends[number] + ends[number + 1]))
+
+    def _near(self, piece: Piece, k: int) -> list[tuple[float, Motion]]:
+        """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
+        found = []
+        for weight, system, loads in self._near_ones[k]:
+            equations = equations_in(piece.modes, system)
+            stretch = self._stretch(piece.t, loads)
+            found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
+        return found
+
+    def _along(
+        self, motion: Motion, since: Array, taus: Array, y: Array, S: Array
+    ) -> list[tuple[float, Motion, Array]]:
+        """Return weights, motions and states whose quantities add up to the derivative along S and `since`."""
+        part = max(
+            float((np.abs(S) / self._size[:, None]).max(initial=0.0)),
+            float(np.abs(since).max(initial=0.0)) / self._dwell,
+        )
+        if part == 0:
+            return []
+        h = _PART / part
+        shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
+        found = []
+        for offset, weight in _CENTRAL:
+            moved = motion
+            if shifts:
+                moved = Motion(
+                    motion.equations, motion.stretch, motion.t, motion.y, motion.since + offset * h * since
+                )
+            found.append((weight / h, moved, y + offset * h * S))
+        return found
+
+    def slope_of(self, quantity: Quantity, number: int, taus: Array) -> Array:
+        """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
+        piece = self.trajectory.pieces[number]
+        varied = self.pieces[number]
+        motion = self.trajectory.motion(number)
+        assert piece.path is not None
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return self._slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
+
+    def _slopes(
+        self, quantity: Quantity, piece: Piece, motion: Motion, since: Array, taus: Array, y: Array, S: Array
+    ) -> Array:
+        columns = []
+        for k in range(self.count):
+            parts = [
+                weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self._near(piece, k)
+            ]
+            parts += [
+                weight * quantity(moved, taus, moved.exact(taus, at))
+                for weight, moved, at in self._along(motion, since[:, k], taus, y, S[:, :, k])
+            ]
+            columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
+        return np.stack(columns, axis=-1)
+
+    # -- the run ---------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        trajectory = self.trajectory
+        S, since = self._begin()
+        begin = np.zeros(self.count)
+        last = len(trajectory.pieces) - 1
+        for number, piece in enumerate(trajectory.pieces):
+            motion = trajectory.motion(number)
+            taus, coefficients = self._flow(piece, motion, S, since)
+            self.pieces.append(
+                VariedPiece(
+                    taus, coefficients, since, begin, np.zeros(self.count), np.full(self.count, np.inf)
+                )
+            )
+            self._check_touches(number, motion)
+            until = self.pieces[-1].until
+            at_end = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
+            at_end = np.where(until < np.inf, np.nan, at_end)
+            end = np.zeros(self.count)
+            if number < last:
+                end = self._end(number, motion, at_end, since)
+                if piece.stop - piece.t <= _TOGETHER * (trajectory.span[1] - trajectory.span[0]) and number:
+                    self._check_apart(piece, begin, end)
+            self.pieces[-1] = VariedPiece(taus, coefficients, since, begin, end, until)
+            if number < last:
+                S, since = self._jump(number, motion, at_end, since, end)
+                begin = end
+
+    def _begin(self) -> tuple[Array, Array]:
+        """Return the variations at the start, held velocities made equal."""
+        piece, system = self.trajectory.pieces[0], self.system
+        n, t = system.n, piece.t
+        y, _ = start_of(system, t)
+        if (bristles := system.size - system.first_bristle) > 0:
+            y[-bristles:] = piece.y[-bristles:]
+        held = ((piece.modes == 0) & system.hard).tobytes()
+        S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
+        since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
+        motion = self.trajectory.motion(0)
+        u = system.drive_velocities(motion.stretch.at(t))
+        none = np.zeros_like(u)
+        for k, direction in enumerate(self.directions):
+            if len(direction.near) != len(self._near_ones[k]):
+                self._refuse(
+                    t, k, "the breaks of the loads fall together or a load begins to be cut off at 0"
+                )
+                S[:, k] = np.nan
+                continue
+            v = system.balance(held).project(S[:n, k], none)
+            for weight, near, loads in direction.near:
+                q = self._stretch(t, loads).at(t)
+                v = v + weight * near.balance(held).project(y[:n], near.drive_velocities(q))
+            S[:n, k] = v
+        self._check_start(piece, motion, S)
+        return S, since
+
+    def _check_start(self, piece: Piece, motion: Motion, S: Array) -> None:
+        """Refuse directions that move rows off rest at the start in which rows have just begun to slip."""
+        at = np.zeros(1)
+        rows = self._starting(piece, motion)
+        if not rows.size:
+            return
+        w = self._slopes(
+            _relative,
+            piece,
+            motion,
+            np.zeros((self.system.m, self.count)),
+            at,
+            piece.y[:, None],
+            S[:, None, :],
+        )
+        scale = self._speed_slopes(S, np.zeros(self.system.n), np.zeros(self.count))
+        for k in range(self.count):
+            off = rows[np.abs(w[rows, 0, k]) > _TIE * scale[k]]
+            if off.size:
+                self._refuse(
+                    piece.t,
+                    k,
+                    f"{self._row(off[0])} starts at relative velocity 0 and begins to slip: "
+                    "the derivatives to the two sides differ",
+                )
+                S[:, k] = np.nan
+
+    def _starting(self, piece: Piece, motion: Motion) -> Indices:
+        """Return the rows that begin to slip from relative velocity 0."""
+        equations = motion.equations
+        return equations.slip[self._at_rest(piece, motion)[equations.slip]]
+
+    def _at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
+        system = self.system
+        w = system.relative_velocity(piece.y, motion.loads(0.0))
+        return np.abs(w) <= np.maximum(_REST * self._size[0], system.coefficients.threshold)
+
+    def _speed_slopes(self, S: Array, rate: Array, times: Array) -> Array:
+        """Return for each direction the size of what adds up in derivatives of velocities."""
+        n = self.system.n
+        sizes = np.array([one.size for one in self.directions])
+        found = np.abs(S[:n]).max(axis=0, initial=0.0) + np.abs(rate[:n]).max(initial=0.0) * np.abs(times)
+        return np.asarray(found + 1e-4 * self._size[0] / sizes)
+
+    def _refuse(self, t: float, k: int, why: str) -> None:
+        if not any(one == k for _, one, _ in self.reasons):
+            self.reasons.append((t, k, why))
+
+    def _row(self, j: int) -> str:
+        return repr(self.system.rows[int(j)].name)
+
+    # -- while the modes hold --------------------------------------------------------------------------------
+
+    def _flow(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+        if piece.end <= 0:
+            return np.zeros(1), np.zeros((0, 1, self.system.size, self.count))
+        return (self._series if motion.is_linear else self._collocated)(piece, motion, S, since)
+
+    def _series(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+        """Follow ``S' = A S + f_p`` by Taylor series."""
+        system, path, end = self.system, piece.path, piece.end
+        assert path is not None
+        near = [self._near(piece, k) for k in range(self.count)]
+        tau, guess = 0.0, end
+        ends, found = [0.0], []
+        while tau < end:
+            h = min(guess, end - tau)
+            y = motion.exact(tau, path.at(np.array([tau]))[0])
+            c = self._homogeneous(motion, S, h)
+            for k in range(self.count):
+                for weight, other in near[k]:
+                    c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
+                if motion.rises_push and since[:, k].any():
+                    still = np.zeros((system.size, 1))
+                    for weight, other, _ in self._along(motion, since[:, k], np.zeros(1), y[:, None], still):
+                        c[:, :, k] += weight * other.expand(tau, y, _ORDER, h).y
+            reach = self._reach(c)
+            c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
+            guess = 1.5 * reach * h
+            tau = end if reach == 1.0 and h >= end - tau else tau + reach * h
+            S = c.sum(axis=0)
+            ends.append(tau)
+            found.append(c)
+        return np.array(ends), np.array(found)
+
+    def _homogeneous(self, motion: Motion, S: Array, h: float) -> Array:
+        equations, system = motion.equations, self.system
+        c = np.empty((_ORDER + 1, system.size, self.count))
+        c[0] = equations.consistent(S.copy(), np.zeros((system.drives, self.count)))
+        for j in range(_ORDER):
+            c[j + 1] = equations.apply(c[j])[: system.size] * (h / (j + 1))
+        return c
+
+    @staticmethod
+    def _reach(c: Array) -> float:
+        """Return the part of the step whose remainder is below roundoff."""
+        sizes = np.nan_to_num(np.abs(c)).max(axis=1)
+        powers, reach = np.arange(sizes.shape[0]), 1.0
+        for _ in range(40):
+            terms = sizes * (reach**powers)[:, None]
+            part = float((terms[-2:].max(axis=0) / np.maximum(terms.max(axis=0), _TINY)).max(initial=0.0))
+            if part <= 2 * _REMAINDER:
+                break
+            reach *= 0.99 * (_REMAINDER / part) ** (1.0 / _ORDER)
+        return reach
+
+    def _collocated(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+        """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation on the solver's own steps."""
+        system, path = self.system, piece.path
+        assert path is not None
+        nodes, weights, to_powers = _radau()
+        size, stages, steps = system.size, nodes.size, path.taus.size - 1
+        lengths = np.diff(path.taus)
+        taus = (path.taus[:-1, None] + lengths[:, None] * nodes).ravel()
+        y = motion.exact(taus, path.at(taus).T)
+        still = np.zeros((size, taus.size, self.count))
+        forcing = self._slopes(_rate, piece, motion, since, taus, y, still)
+        forcing = np.moveaxis(forcing.reshape(size, steps, stages, self.count), 0, 2)
+        found = np.empty((steps, stages + 1, size, self.count))
+        for i in range(steps):
+            h, first = lengths[i], i * stages
+            slopes = [_dense(motion.jacobian(float(taus[j]), y[:, j])) for j in range(first, first + stages)]
+            blocks = h * weights[:, None, :, None] * np.array(slopes).transpose(1, 0, 2)[None]
+            whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
+            right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
+            # what is NaN in one direction is so in no other
+            stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
+            stage = stage.reshape(stages, size, self.count) + 0 * right
+            found[i] = np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage]))
+            S = stage[-1]
+        return path.taus.copy(), found
+
+    # -- events ----------------------------------------------------------------------------------------------
+
+    def _end(self, number: int, motion: Motion, S: Array, since: Array) -> Array:
+        """Return how the time changes at which a motion ends."""
+        piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
+        path = piece.path
+        assert path is not None
+        tau = float(path.taus[-1])
+        breaks = self.trajectory.loads.breaks
+        span = self.trajectory.span[1] - self.trajectory.span[0]
+        near_break = [i for i, b in enumerate(breaks) if abs(b - piece.stop) <= _TOGETHER * span]
+        if near_break:
+            times = np.array([self._of_break(near_break[0], k) for k in range(self.count)])
+            self._check_guards_at_break(piece, motion, tau, S, since, times)
+            self._check_level_after_break(number, motion, S, since, times)
+            return times
+        if path.hit:
+            return self._of_guards(piece, motion, tau, S, since)
+        if any(t == piece.stop for t, _ in self._relaxed):
+            # the time is that at which the velocity falls below a margin: it says nothing about the scene
+            return np.zeros(self.count)
+        if np.any(following.modes != piece.modes):
+            for k in range(self.count):
+                self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here")
+            return np.full(self.count, np.nan)
+        return np.zeros(self.count)
+
+    def _of_break(self, i: int, k: int) -> float:
+        return float(sum(weight * loads.breaks[i] for weight, _, loads in self._near_ones[k]))
+
+    def _guards(self, piece: Piece, motion: Motion) -> Guards:
+        rest = self._at_rest(piece, motion) & ~motion.equations.is_held
+        return Guards(motion, piece.labels, rest, np.zeros(self.system.m, dtype=bool))
+
+    def _of_guards(self, piece: Piece, motion: Motion, tau: float, S: Array, since: Array) -> Array:
+        """Return how the time changes at which guards come to 0."""
+        guards = self._guards(piece, motion)
+        path = piece.path
+        assert path is not None
+        y = path.last
+        values = guards.values(tau, y)
+        size = np.maximum(guards.scale, guards.majorant[0])
+        part = values / np.where(size > 0, size, 1.0)
+        fired = (part <= max(0.0, float(part.min(initial=0.0))) + _TIE_OF_ENGINES).nonzero()[0]
+        raw = self._raw(piece, guards, motion)
+        moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
+        falls = self._fall(motion, guards, tau, y)[fired]
+        steep = np.abs(falls) / np.maximum(guards.majorant[1, fired], _TINY)
+        # of guards that fall together, the steepest relative to its size tells the time
+        first = int(np.argmax(np.abs(falls) / np.maximum(size[fired], _TINY)))
+        names = sorted({self._row(j) for j in guards.row[fired]})
+        if steep[first] <= _GRAZING:
+            for k in range(self.count):
+                self._refuse(piece.stop, k, f"{names[0]} grazes: its guard comes to 0 with slope 0")
+            return np.full(self.count, np.nan)
+        times = -moved[first] / falls[first]
+        off = moved + falls[:, None] * times
+        limit = _TIE * (np.abs(moved) + np.abs(falls[:, None] * times)) + 1e-9 * size[fired][:, None]
+        for k in range(self.count):
+            if np.any(np.abs(off[:, k]) > limit[:, k]):
+                self._refuse(piece.stop, k, f"events of {' and '.join(names)} fall together")
+                times[k] = np.nan
+        return times
+
+    def _fall(self, motion: Motion, guards: Guards, tau: float, y: Array) -> Array:
+        """Return the slopes of all guards along the motion."""
+        if motion.is_linear:
+            return guards.series(motion.expand(tau, y, 2))[1]
+        rate = motion.rate(tau, y)
+        pace = float((np.abs(rate) / self._size).max(initial=0.0))
+        h = 0.1 * _PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
+        stencil = _CENTRAL if tau + 2 * h <= motion.horizon else _MIRRORED
+        offsets = np.array([offset for offset, _ in stencil]) * h
+        weights = np.array([weight for _, weight in stencil]) / h
+        # along the tangent and its change: the parabola of the motion
+        ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
+        states = y[:, None] + 0.5 * offsets * (rate[:, None] + ahead)
+        values = guards.raw(motion.watched(tau + offsets, states), motion.inputs(tau + offsets, states))
+        return np.asarray(values @ weights)
+
+    def _check_guards_at_break(
+        self, piece: Piece, motion: Motion, tau: float, S: Array, since: Array, times: Array
+    ) -> None:
+        """Refuse directions in which an event that falls on a break of a load would come before or after it."""
+        guards = self._guards(piece, motion)
+        if not guards.size:
+            return
+        path = piece.path
+        assert path is not None
+        y = path.last
+        values = guards.values(tau, y)
+        size = np.maximum(guards.scale, guards.majorant[0])
+        at = ((values <= _TOUCH * size) & (guards.order != NEVER)).nonzero()[0]
+        if not at.size:
+            return
+        raw = self._raw(piece, guards, motion)
+        moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
+        moved = moved + np.outer(self._fall(motion, guards, tau, y), times)
+        limit = self._noise(guards)
+        for i in at.tolist():
+            for k in range(self.count):
+                if abs(moved[i, k]) > limit[i, k]:
+                    why = f"an event of {self._row(guards.row[i])} falls on a break of a load"
+                    self._refuse(piece.stop, k, why)
+                    times[k] = np.nan
+
+    def _check_level_after_break(
+        self, number: int, motion: Motion, S: Array, since: Array, times: Array
+    ) -> None:
+        """Refuse directions in which a load that jumps exactly to a level would jump beyond it or stay below."""
+        piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
+        assert piece.path is not None
+        if not np.any((following.modes != piece.modes) & (piece.modes == 0) & self.system.is_friction):
+            return
+        stayed = replace(piece, t=following.t, y=piece.path.last)
+        stretch = self.trajectory.motion(number + 1).stretch
+        held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
+        guards = self._guards(stayed, held)
+        at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
+        if not at.size:
+            return
+        y = held.exact(0.0, stayed.y)
+        rate = motion.rate(float(piece.path.taus[-1]), piece.path.last) - held.rate(0.0, y)
+        raw, moved = self._raw(stayed, guards, held), S + np.outer(rate, times)
+        slopes = self._slopes(raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
+        slopes = slopes + np.outer(self._fall(held, guards, 0.0, y), times)
+        limit = self._noise(guards)
+        for i in at.tolist():
+            for k in range(self.count):
+                if abs(slopes[i, k]) > limit[i, k]:
+                    why = f"{self._row(guards.row[i])} comes to its level on a break of a load"
+                    self._refuse(piece.stop, k, why)
+                    times[k] = np.nan
+
+    def _check_touches(self, number: int, motion: Motion) -> None:
+        """Refuse what follows where a guard touches 0 without crossing it: an event begins or vanishes there."""
+        piece = self.trajectory.pieces[number]
+        path = piece.path
+        assert path is not None
+        if piece.end <= 0 or motion.equations.guard_row.size == 0:
+            return
+        guards = self._guards(piece, motion)
+        parts = np.linspace(0.0, 1.0, _LOOKS + 1)[:-1]
+        taus = np.append((path.taus[:-1, None] + np.diff(path.taus)[:, None] * parts).ravel(), piece.end)
+        g = guards.values(taus, motion.exact(taus, path.at(taus).T))
+        size = np.maximum(guards.scale, guards.majorant[0])[:, None]
+        inner = g[:, 1:-1]
+        low = (inner <= g[:, :-2]) & (inner < g[:, 2:]) & (inner < _NEAR * size)
+        for i, at in zip(*low.nonzero(), strict=True):
+            if guards.order[i] == NEVER:
+                continue
+
+            def value(tau: float, i: int = int(i)) -> float:
+                y = motion.exact(tau, path.at(np.array([tau]))[0])
+                return float(guards.values(tau, y)[i])
+
+            bounds = (taus[at], taus[at + 2])
+            found = minimize_scalar(value, bounds=bounds, method="bounded", options={"xatol": 1e-12})
+            if found.fun <= _TOUCH * size[i, 0]:
+                self._touched(number, motion, guards, int(i), float(found.x))
+
+    def _touched(self, number: int, motion: Motion, guards: Guards, i: int, tau: float) -> None:
+        """Refuse the directions that lift a guard off 0 where it touches it, or lower it."""
+        piece, varied = self.trajectory.pieces[number], self.pieces[number]
+        slopes = self.slope_of(self._raw(piece, guards, motion), number, np.array([tau]))[i, 0]
+        limit = self._noise(guards)[i]
+        for k in range(self.count):
+            if abs(slopes[k]) > limit[k]:
+                why = f"{self._row(guards.row[i])} grazes: its guard touches 0 without crossing it"
+                self._refuse(piece.t + tau, k, why)
+                varied.until[k] = min(varied.until[k], tau)
+
+    def _noise(self, guards: Guards) -> Array:
+        """Return below what a derivative of a guard in each direction counts as 0, (guards, directions)."""
+        sizes = np.array([one.size for one in self.directions])
+        return np.asarray(_TIE * np.maximum(guards.scale, guards.majorant[0])[:, None] / sizes)
+
+    def _raw(self, piece: Piece, guards: Guards, motion: Motion) -> Quantity:
+        """Return the guards of a motion, and of others near by, as a quantity."""
+
+        def raw(own: Motion, taus: Array, states: Array) -> Array:
+            near = guards
+            if own is not motion:
+                near = Guards(own, piece.labels, guards.at_rest, np.zeros(self.system.m, dtype=bool))
+            return near.raw(own.watched(taus, states), own.inputs(taus, states))
+
+        return raw
+
+    def _check_apart(self, piece: Piece, begin: Array, end: Array) -> None:
+        for k in range(self.count):
+            if not abs(begin[k] - end[k]) <= _TIE * (abs(begin[k]) + abs(end[k])):
+                self._refuse(piece.stop, k, "two events fall together")
+                end[k] = np.nan
+
+    def _jump(self, number: int, motion: Motion, S: Array, since: Array, times: Array) -> tuple[Array, Array]:
+        """Return the variations after an event: saltation."""
+        system, n = self.system, self.system.n
+        piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
+        path = piece.path
+        assert path is not None
+        tau = float(path.taus[-1])
+        after = self.trajectory.motion(number + 1)
+        moved = S + np.outer(motion.rate(tau, path.last), times)
+        held = ((following.modes == 0) & system.hard).tobytes()
+        q = after.stretch.at(following.t)
+        u, rates = system.drive_velocities(q), system.drive_accelerations(q)
+        balance = system.balance(held)
+        equal = balance.project(path.last[:n], u)
+        if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self._size[0]:
+            for k in range(self.count):
+                self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here")
+            return np.full_like(S, np.nan), since
+        self._check_rest(piece, following, motion, S, moved, times)
+        found = moved.copy()
+        for k, near_ones in enumerate(self._near_ones):
+            v = balance.project(moved[:n, k], rates * times[k])
+            for weight, near, loads in near_ones:
+                own = self._stretch(following.t, loads).at(following.t)
+                v = v + weight * near.balance(held).project(path.last[:n], near.drive_velocities(own))
+            found[:n, k] = v
+        found -= np.outer(after.rate(0.0, following.y), times)
+        newly = following.since == following.t
+        since = np.where(newly[:, None], times[None, :], since)
+        return found, since
+
+    def _check_rest(
+        self, piece: Piece, following: Piece, motion: Motion, S: Array, moved: Array, times: Array
+    ) -> None:
+        """Refuse directions in which rows that come to rest together would do so one after the other."""
+        system = self.system
+        path = piece.path
+        assert path is not None
+        tau = float(path.taus[-1])
+        before = (np.abs(piece.modes) == 1) & system.hard
+        w = system.relative_velocity(path.last, motion.loads(tau))
+        rests = (following.modes == 0) | (following.modes == -piece.modes)
+        rows = (before & rests & (np.abs(w) <= 1e-9 * self._size[0])).nonzero()[0]
+        rows = rows[system.coefficients.threshold[rows] == 0]
+        if not rows.size:
+            return
+        still = np.zeros((system.m, self.count))
+        slopes = self._slopes(
+            _relative, piece, motion, still, np.array([tau]), path.last[:, None], moved[:, None, :]
+        )[:, 0]
+        rates = system.drive_accelerations(motion.loads(tau))
+        slopes = slopes + np.outer(system.D @ rates, times) if system.drives else slopes
+        scale = self._speed_slopes(S, motion.rate(tau, path.last), times)
+        relaxed = {name for t, name in self._relaxed if t == piece.stop}
+        for k in range(self.count):
+            off = [
+                j
+                for j in rows
+                if not abs(slopes[j, k]) <= _TIE * scale[k] and system.rows[j].name not in relaxed
+            ]
+            if off and np.isfinite(times[k]):
+                self._refuse(piece.stop, k, f"events fall together: {self._row(off[0])} comes to rest, too")
+                times[k] = np.nan
+                moved[:, k] = np.nan
+
+    # -- what is asked for -----------------------------------------------------------------------------------
+
+    def changes(self) -> list[tuple[float, Array]]:
+        """Return the time of the end of each motion but the last in s, and how it changes."""
+        pieces = self.trajectory.pieces[:-1]
+        return [(piece.stop, varied.end) for piece, varied in zip(pieces, self.pieces, strict=False)]
+
+    def states(self, times: Array) -> Array:
+        """Return S at any times, (size, k, directions), right limits at events."""
+        found = np.empty((self.system.size, times.size, self.count))
+        place = self.trajectory.places(times)
+        taus = self.trajectory.local(place, times)
+        for number in np.unique(place).tolist():
+            chosen = place == number
+            found[:, chosen] = self.pieces[number].at(taus[chosen])
+        return found
+
+    def quantity(self, quantity: Quantity, times: Array) -> Array:
+        """Return the derivatives of a quantity at any times, directions last."""
+        place = self.trajectory.places(times)
+        taus = self.trajectory.local(place, times)
+        parts = [
+            self.slope_of(quantity, number, taus[place == number]) for number in np.unique(place).tolist()
+        ]
+        joined = np.concatenate(parts, axis=-2)
+        order = np.concatenate([(place == number).nonzero()[0] for number in np.unique(place).tolist()])
+        found = np.empty_like(joined)
+        found[..., order, :] = joined
+        return found
+
+    def integral(self, quantity: Quantity, times: Array) -> Array:
+        """Return the derivatives of time integrals from the start to times in order, (lines, k, directions).
+
+        ``d/dp int f dt = int df/dp dt + sum (f- - f+) dt_event/dp``; the quantity has a line for each integral.
+        """
+        place = self.trajectory.places(times)
+        local = self.trajectory.local(place, times)
+        parts: list[Array] = []
+        total: Array | float = 0.0
+        for number in range(int(place.max(initial=-1)) + 1):
+            piece, varied = self.trajectory.pieces[number], self.pieces[number]
+            motion = self.trajectory.motion(number)
+            path = piece.path
+            assert path is not None
+            wanted = local[place == number]
+            edges = np.unique(np.concatenate([varied.taus, path.taus, wanted]))
+            ends = np.array([0.0, piece.end])
+            limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
+            sums = np.zeros((limits.shape[0], edges.size, self.count))
+            if edges.size > 1:
+                nodes, weights = _gauss(varied.coefficients.shape[1])
+                half = 0.5 * np.diff(edges)
+                taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
+                slopes = self.slope_of(quantity, number, taus).reshape(-1, half.size, nodes.size, self.count)
+                sums[:, 1:] = np.cumsum(np.einsum("lijk,j,i->lik", slopes, weights, half), axis=1)
+            sums += total - limits[:, :1] * varied.begin
+            parts.append(sums[:, np.searchsorted(edges, wanted)])
+            total = sums[:, -1:] + limits[:, 1:] * varied.end
+        return np.concatenate(parts, axis=1)
+
+
+_TIE_OF_ENGINES = 1e-13
+"""Guards within this part of their scales come to 0 together for the engines."""
+
+
+def _rate(motion: Motion, taus: Array, y: Array) -> Array:
+    return motion.rate(taus, y)
+
+
+def _relative(motion: Motion, taus: Array, y: Array) -> Array:
+    return motion.system.relative_velocity(y, motion.loads(taus))
+
+
+def _dense(matrix: Array) -> Array:
+    return matrix.toarray() if hasattr(matrix, "toarray") else matrix
+
+
+@lru_cache(maxsize=4)
+def _gauss(count: int) -> tuple[Array, Array]:
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes, weights
+
+
+@lru_cache(maxsize=1)
+def _radau() -> tuple[Array, Array, Array]:
+    """Return nodes and weights of Radau's collocation (IIA), and the map from values at 0 and the nodes to powers."""
+    legendre = np.polynomial.Legendre
+    shifted = legendre.basis(_STAGES) - legendre.basis(_STAGES - 1)
+    nodes = np.sort(0.5 + 0.5 * np.real(shifted.roots()))
+    nodes[-1] = 1.0
+    powers = np.arange(_STAGES)
+    vandermonde = nodes[:, None] ** powers
+    integrals = nodes[:, None] ** (powers + 1) / (powers + 1)
+    places = np.concatenate([[0.0], nodes])
+    to_powers = np.linalg.inv(places[:, None] ** np.arange(_STAGES + 1))
+    return nodes, integrals @ np.linalg.inv(vandermonde), to_powers

@@ -1,0 +1,307 @@
+"""Derivatives of motions: closed forms, central differences of exact runs, and where none exists."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Gear,
+    Result,
+    Scene,
+    Spring,
+    piecewise_linear,
+    sensitivities,
+    simulate,
+    sine,
+    step,
+)
+from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
+from stickslip.studies.parameters import named_parameters
+from stickslip.studies.sensitivities import Sensitivities
+
+
+def decay(friction: float = 0.1) -> Scene:
+    """Mass 1 on a spring 1, let go at 1; it comes to rest after five half turns of pi."""
+    law = DryFriction(friction, friction)
+    return Scene(
+        Body("m", inertia=1.0, position=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, law, normal=1.0),
+    )
+
+
+def differences(
+    scene: Scene, span: tuple[float, float], name: str, read: Callable[[Result], Any], h: float
+) -> Any:
+    """The derivative of what is read from exact runs, by differences of fourth order."""
+    (one,) = named_parameters(scene, [name], "test")
+    a, b, c, d = (
+        np.array(read(simulate(one.set(scene, one.value + offset * h), span, rtol=1e-11, atol=1e-13)))
+        for offset in (-2, -1, 1, 2)
+    )
+    return (a - 8 * b + 8 * c - d) / (12 * h)
+
+
+def all_of(found: Sensitivities) -> np.ndarray:
+    """Derivatives of event times, velocities, positions and heats, a column for each parameter."""
+    scene = found.result.scene
+    parts = [*found.events, *(found.velocity(b.name) for b in scene.bodies)]
+    parts += [found.position(b.name) for b in scene.bodies] + [found.heat(c.name) for c in scene.contacts]
+    return np.array(parts)
+
+
+def all_in(result: Result) -> list[float]:
+    """The same quantities of a result."""
+    scene, heat = result.scene, result.energy().contacts
+    parts = [e.t for e in result.events] + [result.velocity(b.name)[-1] for b in scene.bodies]
+    return (
+        parts
+        + [result.position(b.name)[-1] for b in scene.bodies]
+        + [heat[c.name][-1] for c in scene.contacts]
+    )
+
+
+def test_free_decay_with_coulomb_friction() -> None:
+    """Each half turn takes 2 mu N / k off the amplitude: x_end = 10 mu - x_0 here, at 5 pi sqrt(m/k) whatever both."""
+    found = sensitivities(
+        decay(),
+        (0.0, 20.0),
+        ["m.position", "c.law.mu_coulomb", "c.normal", "m.inertia", "springs[0].stiffness"],
+    )
+    assert found.reasons == ()
+    # mu_static stays 0.1: the contact sticks where 0.1 is more than the spring pulls
+    assert np.allclose(found.position("m"), [-1.0, 10.0, 1.0, 0.0, -1.0], atol=1e-9)
+    assert np.allclose(found.velocity("m"), 0.0, atol=1e-10)
+    turns = np.arange(1, 6)
+    assert np.allclose(found.events[:, :3], 0.0, atol=1e-9)
+    assert np.allclose(found.events[:, 3], 0.5 * math.pi * turns, atol=1e-8)
+    assert np.allclose(found.events[:, 4], -0.5 * math.pi * turns, atol=1e-8)
+    # the spring's energy becomes heat: (x_0^2 - x_end^2) / 2
+    assert np.allclose(found.heat("c"), [1.0, 0.0, 0.0, 0.0, 0.5], atol=1e-9)
+    # the spring is held by the contact: r = -k x
+    assert np.allclose(found.force("c"), [1.0, -10.0, -1.0, 0.0, 1.0 - 0.5 + 0.5 - 0.0], atol=1e-9)
+
+
+def test_at_other_times() -> None:
+    """Up to the first turn x = (x_0 - mu) cos t + mu, with mu N = 0.1."""
+    found = sensitivities(decay(), (0.0, 2.0), ["m.position", "c.normal"])
+    t = np.array([1.5, 0.3])
+    assert np.allclose(found.position("m", t), np.array([np.cos(t), 0.1 - 0.1 * np.cos(t)]).T, atol=1e-12)
+    assert np.allclose(found.velocity("m", t), np.array([-np.sin(t), 0.1 * np.sin(t)]).T, atol=1e-12)
+    assert np.allclose(found.force("c", t), [[0.0, -0.1]] * 2, atol=1e-12)
+    assert found.velocity("m", 0.3).shape == (2,)
+
+
+def test_a_block_that_a_belt_carries_along() -> None:
+    """It sticks at t = m v / (mu N), having moved m v^2 / (2 mu N); then it moves with the belt."""
+    scene = Scene(
+        Body("m", inertia=2.0),
+        Drive("belt", velocity=3.0),
+        Contact("c", "m", "belt", DryFriction(0.2, 0.1), normal=10.0),
+    )
+    names = [
+        "belt.velocity",
+        "m.inertia",
+        "c.law.mu_coulomb",
+        "c.law.mu_static",
+        "m.velocity",
+        "belt.position",
+    ]
+    found = sensitivities(scene, (0.0, 10.0), names)
+    assert np.allclose(found.events[0], [2.0, 3.0, -60.0, 0.0, -2.0, 0.0], atol=1e-9)
+    assert np.allclose(found.velocity("m"), [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-11)
+    # x(T) = v T - m v^2 / (2 mu N) with the way to the velocity of the belt; m (v - v_0)^2 / (2 mu N) in general
+    assert np.allclose(found.position("m"), [10.0 - 6.0, -4.5, 90.0, 0.0, 6.0, 0.0], atol=1e-8)
+    assert np.allclose(found.position("belt"), [10.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-10)
+    # half of what the belt gives is heat: m v^2 / 2
+    assert np.allclose(found.heat("c"), [6.0, 4.5, 0.0, 0.0, -6.0, 0.0], atol=1e-9)
+
+
+def test_the_benchmark_against_differences() -> None:
+    scene = flywheel_benchmark()
+    names = [
+        "wheel1.inertia",
+        "wheel2.velocity",
+        "interface.law.mu_static",
+        "interface.law.dwell",
+        "brake.law.mu_coulomb",
+        "brake.normal.scale",
+        "brake.normal.times[4]",
+        "interface.normal",
+    ]
+    found = sensitivities(scene, BENCHMARK_SPAN, names)
+    assert found.reasons == () and len(found.result.events) == 5
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, BENCHMARK_SPAN, one.name, all_in, 1e-5 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 2e-8 * np.abs(told).max(), one.name
+
+
+def test_gears_radii_and_drives_against_differences() -> None:
+    law = DryFriction(0.5, 0.4, dwell=0.2)
+    scene = Scene(
+        Body("wheel", inertia=0.4, velocity=3.0),
+        Body("car", inertia=2.0, velocity=0.5),
+        Body("motor", inertia=0.1, velocity=6.0),
+        Drive("road", velocity=sine(0.3, 0.7)),
+        Gear("gear", "motor", "wheel", ratio=2.0),
+        Contact("tread", "wheel", "car", law, normal=4.0, radius_a=0.3),
+        Contact("rub", "car", "road", DryFriction(0.15, 0.1), normal=sine(2.0, 0.4, offset=3.0)),
+        Spring("car", "road", stiffness=3.0, damping=0.1, rest=0.1),
+    )
+    names = [
+        "gear.ratio",
+        "tread.radius_a",
+        "road.velocity.amplitude",
+        "rub.normal.frequency",
+        "springs[0].rest",
+    ]
+    span = (0.0, 4.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and len(found.result.events) >= 3
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        # a gear holds at the start, too: the motor is as fast as the wheel lets it be
+        if one.name == "gear.ratio":
+            continue
+        told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one.name
+
+
+@pytest.mark.slow
+def test_a_kinetic_curve_by_cvode() -> None:
+    """A block on a belt with a Stribeck curve sticks and slips."""
+    law = DryFriction(1.0, 0.6, stribeck_velocity=0.3)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.2),
+        Drive("belt", velocity=0.2),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", "belt", law, normal=1.0),
+    )
+    names = ["c.law.stribeck_velocity", "c.law.mu_static", "belt.velocity", "m.inertia"]
+    span = (0.0, 15.0)
+    found = sensitivities(scene, span, names)
+    assert found.result.stats["engine"] == "CVODE BDF" and len(found.result.events) >= 3
+    assert found.reasons == ()
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        if one.name == "belt.velocity":
+            continue  # the body starts at the old one
+        told = differences(scene, span, one.name, all_in, 2e-3 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
+
+
+def test_series_and_cvode_agree() -> None:
+    names = ["m.position", "c.normal", "m.inertia"]
+    by_series = all_of(sensitivities(decay(), (0.0, 8.0), names))
+    by_cvode = all_of(sensitivities(decay(), (0.0, 8.0), names, method="BDF"))
+    assert np.allclose(by_series, by_cvode, atol=1e-7)
+
+
+def block(*others: Any, velocity: float = 0.0, static: float = 0.2) -> Scene:
+    law = DryFriction(static, 0.1)
+    return Scene(
+        Body("m", inertia=1.0, velocity=velocity), Contact("c", "m", GROUND, law, normal=10.0), *others
+    )
+
+
+def test_a_touch_of_the_level_has_no_derivative() -> None:
+    """The force comes to exactly the breakaway level 2 at 0.25 s."""
+    found = sensitivities(
+        block(Force("m", sine(2.0, 1.0))), (0.0, 1.0), ["forces[0].signal.amplitude", "m.inertia"]
+    )
+    assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == 0.0
+    assert len(found.reasons) == 1 and "t = 0.25 s on: 'c' grazes" in found.reasons[0]
+    assert found.velocity("m", 0.2)[0] == 0.0
+
+
+def test_an_event_on_a_break_has_no_derivative() -> None:
+    """The block would stop just when a force begins to push it."""
+    scene = block(Force("m", step(1.0, 0.0, 5.0)), velocity=1.0)
+    found = sensitivities(scene, (0.0, 2.0), ["m.velocity", "c.law.mu_static"])
+    assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == 0.0
+    assert "falls on a break of a load" in found.reasons[0]
+    # it is pushed up to its level by a load that has a kink there
+    scene = block(Force("m", piecewise_linear([0.0, 1.0, 2.0], [0.0, 2.0, 3.0])))
+    found = sensitivities(scene, (0.0, 2.0), ["c.law.mu_static", "c.law.mu_coulomb"])
+    assert np.isnan(found.events[0, 0]) and found.events[0, 1] == 0.0
+    assert "falls on a break of a load" in found.reasons[0]
+
+
+def test_two_events_at_once_have_no_derivative() -> None:
+    law = DryFriction(0.1, 0.1)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0, velocity=1.0),
+        Contact("c", "a", GROUND, law, normal=10.0),
+        Contact("d", "b", GROUND, law, normal=10.0),
+        Spring("a", "b", stiffness=1.0),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["a.velocity", "springs[0].stiffness"])
+    assert np.isnan(found.events[:, 0]).all() and not found.events[:, 1].any()
+    assert "'c' and 'd' fall together" in found.reasons[0] and len(found.reasons) == 1
+
+
+def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> None:
+    found = sensitivities(block(Force("m", 5.0)), (0.0, 2.0), ["m.velocity", "c.law.mu_coulomb"])
+    assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == pytest.approx(-20.0, abs=1e-10)
+    assert "the derivatives to the two sides differ" in found.reasons[0]
+
+
+def test_relaxation_has_no_time() -> None:
+    law = DryFriction(0.2, 0.0, kinetic=lambda v: 0.1 * v)
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Contact("c", "m", GROUND, law, normal=10.0))
+    found = sensitivities(scene, (0.0, 100.0), ["m.velocity"])
+    assert np.isnan(found.events).all() and "velocity margin" in found.reasons[0]
+    assert found.position("m") == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_is_no_parameter_is_refused() -> None:
+    scene = block(
+        Force("m", sine(1.0, 1.0)), Damper("m", GROUND, damping=1.0), Spring("m", GROUND, stiffness=0.0)
+    )
+
+    def refused(kind: type[Exception], names: Any, *words: str) -> None:
+        with pytest.raises(kind) as told:
+            sensitivities(scene, (0.0, 1.0), names)
+        for word in words:
+            assert word in str(told.value), told.value
+
+    refused(ValueError, ["m.mass"], "'m.mass'", "inertia")
+    refused(ValueError, ["x.inertia"], "'x.inertia'", "'c', 'm'")
+    refused(ValueError, ["dampers[1].damping"], "1 dampers")
+    refused(ValueError, ["forces[0].signal"], "load over time", "scale")
+    refused(ValueError, ["c.law"], "c.law.mu_static")
+    refused(ValueError, ["c.law.mu_static_backward"], "not set")
+    refused(ValueError, ["c.a"], "str")
+    refused(ValueError, [], "empty")
+    refused(ValueError, ["m.inertia", "m.inertia"], "twice")
+    refused(TypeError, "m.inertia", "['m.inertia']")
+    refused(TypeError, [1], "name")
+    refused(ValueError, ["springs[0].stiffness"], "other states or contacts")
+    refused(ValueError, ["c.law.dwell"], "other states or contacts")
+    with pytest.raises(TypeError, match="must be a Scene"):
+        sensitivities(None, (0.0, 1.0), ["m.inertia"])  # type: ignore[arg-type]
+
+
+def test_a_parameter_at_its_limit_has_one_side() -> None:
+    """m v' = -mu N - c v from v_0 = 1: dt/dc = -(t_0 / 2)^2 m / ... = -0.125 at c = 0, with mu N = 2."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Damper("m", GROUND, damping=0.0),
+        Contact("c", "m", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+    )
+    found = sensitivities(scene, (0.0, 3.0), ["dampers[0].damping", "c.law.mu_coulomb"])
+    assert np.allclose(found.events, [[-0.125, -2.5]], atol=1e-9)
