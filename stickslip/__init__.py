@@ -38,6 +38,7 @@ from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
+from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
@@ -98,3 +99,5 @@ __all__ = [
     "work_precision",
 ]
 __version__ = "0.1.0"
+
+_let_scenes_show_themselves()

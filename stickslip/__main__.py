@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import os
 import statistics
@@ -11,21 +12,28 @@ import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from stickslip import __version__
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.scene import Scene
 from stickslip.results.files import save, to_csv, to_json
+from stickslip.results.units import units
+from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.scene_sweep import SceneRuns, values_of
+from stickslip.studies.sweeps import SweepInterrupted, SweepResult, sweep
+from stickslip.studies.tradeoff import tradeoff
 
 __all__ = ["main"]
 
 _OK, _FAILED, _BAD_INPUT, _INTERRUPTED = 0, 1, 2, 130
 _REPEATS = 20
 _EVENTS_SHOWN = 40
+_DPI = 300
 _SIMULATION = (
     "span",
     "rtol",
@@ -39,12 +47,15 @@ _SIMULATION = (
 )
 
 
+Job = Callable[[argparse.Namespace], int]
+
+
 class _BadInput(Exception):
     """What was asked for cannot be done; the message says what to change."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input.
+    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input, 130 interrupted.
 
     Parameters
     ----------
@@ -53,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     try:
         chosen = _parser().parse_args(arguments)
-        job: Callable[[argparse.Namespace], int] = chosen.job
+        job: Job = chosen.job
         return job(chosen)
     except _BadInput as error:
         print(f"stickslip: {error}", file=sys.stderr)
@@ -69,13 +80,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return stop.code if isinstance(stop.code, int) else _BAD_INPUT
 
 
+_EXIT_CODES = """exit codes:
+  0    all went well
+  1    a simulation failed (what was computed is written), or the benchmark's events are not the exact ones
+  2    bad input; the message says what to change
+  130  interrupted (what was computed is written)"""
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m stickslip",
         description="Dry friction with exact sticking and exact events. Without a command, the benchmark "
         "of Breedveld (2000) is run and compared with its exact event times.",
+        epilog=f"example: python -m stickslip run scene.toml --plot run.png\n\n{_EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.set_defaults(job=_benchmark)
+    parser.add_argument("--version", action="version", version=f"stickslip {__version__}")
     _tolerances(parser)
     where = parser.add_mutually_exclusive_group()
     figure = "stickslip-benchmark.png"
@@ -84,29 +105,111 @@ def _parser() -> argparse.ArgumentParser:
     )
     where.add_argument("--no-plot", action="store_true", help="draw nothing")
 
-    commands = parser.add_subparsers(title="commands")
-    run = commands.add_parser(
-        "run", help="simulate a scene file", description="Simulate a TOML or JSON scene file."
-    )
-    run.set_defaults(job=_run)
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    run = _command(commands, "run", _run, "simulate a scene file", "--plot run.png --csv run.csv")
+    _simulation(run)
     run.add_argument(
-        "scene", help="scene file in the form of Scene.to_dict, with an optional table 'simulation'"
+        "--points", type=int, metavar="N", help="output at N even times instead of times fit for a plot"
     )
-    run.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
-    run.add_argument("--points", type=int, metavar="N", help="output at N even times instead of every step")
-    run.add_argument("--method", help="BDF or Adams; RK4 or Euler with --step")
-    run.add_argument("--formulation", help="contact-force, merged or multiplier")
-    run.add_argument("--step", type=float, help="step in s of RK4 and Euler")
-    _tolerances(run)
     for kind, what in (
         ("plot", "a figure (png, svg, pdf)"),
-        ("csv", "times, velocities, forces and modes"),
+        ("report", "a report of the run (html)"),
+        ("csv", "motion, forces, modes, powers and energies over time"),
         ("json", "events, counts and the final state"),
         ("save", "everything without loss (npz)"),
     ):
         run.add_argument(f"--{kind}", metavar="FILE", help=f"write {what}")
     run.add_argument("--progress", action="store_true", help="progress bar even if stderr is not a terminal")
+
+    explained = _command(
+        commands,
+        "explain",
+        _explain,
+        "say what a scene is compiled to, and which engine takes it",
+        "--span 0 10",
+    )
+    explained.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
+
+    draw = _command(commands, "draw", _draw_scene, "draw a scene file as a schematic", "--plot scene.svg")
+    draw.add_argument(
+        "--plot", metavar="FILE", help="where the figure goes (png, svg, pdf; default SCENE.png)"
+    )
+
+    measured = _command(
+        commands,
+        "tradeoff",
+        _tradeoff,
+        "measure what accuracy costs for a scene",
+        "--error 1e-6 --plot tradeoff.png",
+    )
+    measured.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
+    measured.add_argument(
+        "--budget", type=float, default=60.0, metavar="S", help="wall time in s (default 60)"
+    )
+    aim = measured.add_mutually_exclusive_group()
+    aim.add_argument(
+        "--error", type=float, help="recommend the fastest call with at most this velocity error"
+    )
+    aim.add_argument("--time", type=float, help="recommend the most accurate call within this wall time in s")
+    measured.add_argument("--plot", metavar="FILE", help="write a figure of error against time")
+
+    swept = _command(
+        commands,
+        "sweep",
+        _sweep,
+        "run a scene file over a grid of its numbers",
+        "--vary floor.normal=1,5,10 --vary springs.0.stiffness=1:100:9:log --plot map.png --value 'stuck floor'",
+    )
+    swept.add_argument(
+        "--vary",
+        action="append",
+        required=True,
+        metavar="FIELD=VALUES",
+        help="NAME.FIELD, or TABLE.NUMBER.FIELD where elements have no name; VALUES as 1,2,5 or START:STOP:COUNT "
+        "or START:STOP:COUNT:log",
+    )
+    _simulation(swept)
+    swept.add_argument("--csv", metavar="FILE", help="write a line for each point of the grid")
+    swept.add_argument("--save", metavar="FILE", help="keep finished points, and go on from them")
+    swept.add_argument("--plot", metavar="FILE", help="draw a map of --value over the two fields that vary")
+    swept.add_argument(
+        "--value", metavar="NAME", help="what is drawn, such as 'stuck floor' (default events)"
+    )
+    swept.add_argument("--workers", type=int, metavar="N", help="processes (default one per core)")
     return parser
+
+
+def _command(commands: Any, name: str, job: Job, what: str, example: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=what,
+        description=f"{what[0].upper()}{what[1:]}.",
+        epilog=f"example: python -m stickslip {name} scene.toml {example}\n\n{_EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(job=job)
+    parser.add_argument(
+        "scene", help="TOML or JSON file in the form of Scene.to_dict, with an optional table 'simulation'"
+    )
+    return parser
+
+
+def _simulation(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `simulate`."""
+    parser.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
+    parser.add_argument(
+        "--method", metavar="ENGINE", help="auto (default), series, BDF or Adams; RK4 or Euler with --step"
+    )
+    parser.add_argument("--formulation", metavar="KIND", help="contact-force (default), merged or multiplier")
+    parser.add_argument("--step", type=float, metavar="S", help="step in s of RK4 and Euler")
+    parser.add_argument("--max-step", type=float, metavar="S", help="longest step in s")
+    parser.add_argument(
+        "--velocity-margin",
+        type=float,
+        metavar="W",
+        help="relative velocity below which contacts relax to rest",
+    )
+    _tolerances(parser)
 
 
 def _tolerances(parser: argparse.ArgumentParser) -> None:
@@ -121,10 +224,11 @@ def _benchmark(chosen: argparse.Namespace) -> int:
     plot = None if chosen.no_plot else chosen.plot
     _check_folders({"plot": plot})
     options = {name: value for name in ("rtol", "atol") if (value := getattr(chosen, name)) is not None}
+    scene = Scene(*flywheel_benchmark().elements, motion="rotation")
     durations = []
     for _ in range(1 + _REPEATS):
         started = time.perf_counter()
-        result = _simulated(flywheel_benchmark(), BENCHMARK_SPAN, options)
+        result = _simulated(scene, BENCHMARK_SPAN, options)
         durations.append(time.perf_counter() - started)
     print("Two flywheels and a brake (Breedveld 2000, table 1), against exact answers\n")
     _print_events(result)
@@ -167,15 +271,11 @@ def _same_story(result: Result) -> bool:
 
 
 def _run(chosen: argparse.Namespace) -> int:
-    outputs = {kind: getattr(chosen, kind) for kind in ("plot", "csv", "json", "save")}
+    outputs = {kind: getattr(chosen, kind) for kind in ("plot", "report", "csv", "json", "save")}
     _check_folders(outputs)
-    data = _read(Path(chosen.scene))
-    given = data.pop("simulation", {})
+    data, given = _scene_file(chosen)
     options = _options(chosen, given)
-    try:
-        scene = Scene.from_dict(data)
-    except (ValueError, TypeError) as error:
-        raise _BadInput(f"{chosen.scene}: {error}") from None
+    scene = _scene(chosen.scene, data)
     span = options.pop("span")
     options["progress"] = chosen.progress or sys.stderr.isatty()
     code = _OK
@@ -190,6 +290,123 @@ def _run(chosen: argparse.Namespace) -> int:
     _write(result, outputs)
     _print_run(result)
     return code
+
+
+def _draw_scene(chosen: argparse.Namespace) -> int:
+    target = chosen.plot or str(Path(chosen.scene).with_suffix(".png").name)
+    _check_folders({"plot": target})
+    data, _ = _scene_file(chosen)
+    _save_figure(_scene(chosen.scene, data).draw(), target)
+    print(f"figure: {target}")
+    return _OK
+
+
+def _explain(chosen: argparse.Namespace) -> int:
+    data, given = _scene_file(chosen)
+    scene = _scene(chosen.scene, data)
+    span = chosen.span or (given.get("span") if isinstance(given, Mapping) else None)
+    try:
+        print(explain(scene, span))
+    except (ValueError, TypeError) as error:
+        raise _BadInput(str(error)) from None
+    return _OK
+
+
+def _tradeoff(chosen: argparse.Namespace) -> int:
+    _check_folders({"plot": chosen.plot})
+    data, given = _scene_file(chosen)
+    scene, span = _scene(chosen.scene, data), _options(chosen, given)["span"]
+    try:
+        study = tradeoff(scene, span, budget=chosen.budget, progress=sys.stderr.isatty())
+        print(study)
+        if chosen.error is not None or chosen.time is not None:
+            print(f"recommended: {study.recommend(error=chosen.error, time=chosen.time)}")
+    except (ValueError, TypeError) as error:
+        raise _BadInput(str(error)) from None
+    if chosen.plot:
+        _save_figure(study.plot().figure, chosen.plot)
+    return _OK
+
+
+def _sweep(chosen: argparse.Namespace) -> int:
+    _check_folders({kind: getattr(chosen, kind) for kind in ("csv", "save", "plot")})
+    data, given = _scene_file(chosen)
+    options = _options(chosen, given)
+    _scene(chosen.scene, data)
+    runs = SceneRuns(data, options.pop("span"), options)
+    grid: dict[str, list[float]] = {}
+    for text in chosen.vary:
+        path, equals, values = text.partition("=")
+        if not equals:
+            raise _BadInput(f"--vary {text}: write FIELD=VALUES, such as floor.normal=1,5,10")
+        if path in grid:
+            raise _BadInput(f"--vary {path} stands twice; list all its values at once")
+        try:
+            grid[path] = values_of(values)
+            # a field that does not exist is told here, and not once for each point
+            runs.scene({path: grid[path][0]})
+        except (ValueError, TypeError) as error:
+            raise _BadInput(f"--vary {text}: {error}") from None
+    varied = [path for path, values in grid.items() if len(values) > 1]
+    if chosen.plot and len(varied) != 2:
+        raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
+    code = _OK
+    try:
+        executor: Literal["serial"] | None = "serial" if chosen.workers == 1 else None
+        workers = None if chosen.workers == 1 else chosen.workers
+        progress = sys.stderr.isatty()
+        found = sweep(runs, grid, executor=executor, workers=workers, progress=progress, save=chosen.save)
+    except SweepInterrupted as stop:
+        print(f"stickslip: {stop}", file=sys.stderr)
+        found, code = stop.result, _INTERRUPTED
+    except (ValueError, TypeError, OSError) as error:
+        raise _BadInput(str(error)) from None
+    if chosen.csv:
+        _write_points(runs, found, chosen.csv)
+    print(found)
+    if chosen.plot and code == _OK:
+        _draw_map(runs, found, varied, chosen)
+    return _FAILED if found.failures and code == _OK else code
+
+
+def _write_points(runs: SceneRuns, found: SweepResult, path: str) -> None:
+    def head(name: str) -> str:
+        unit = runs.units(name)
+        return f"{name} [{unit}]" if unit else name
+
+    try:
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([*map(head, found.parameters), *map(head, found.values)])
+            for point, values in found.points():
+                writer.writerow([*point.values(), *(float(value) for value in values.values())])
+    except OSError as error:
+        raise _BadInput(f"--csv {path}: cannot be written: {error.strerror}") from None
+
+
+def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: argparse.Namespace) -> None:
+    from stickslip import plots
+
+    value = chosen.value or "events"
+    labels = {name: f"{name} [{unit}]" for name in (*varied, value) if (unit := runs.units(name))}
+    try:
+        ax = plots.sweep_map(found, varied[0], varied[1], value, labels=labels)
+    except (ValueError, TypeError) as error:
+        raise _BadInput(f"--value {value}: {error}") from None
+    _save_figure(ax.figure, chosen.plot)
+
+
+def _scene_file(chosen: argparse.Namespace) -> tuple[dict[str, Any], Any]:
+    """Return a scene file as data, and its table 'simulation'."""
+    data = _read(Path(chosen.scene))
+    return data, data.pop("simulation", {})
+
+
+def _scene(file: str, data: Mapping[str, Any]) -> Scene:
+    try:
+        return Scene.from_dict(data)
+    except (ValueError, TypeError) as error:
+        raise _BadInput(f"{file}: {error}") from None
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -252,7 +469,7 @@ def _print_run(result: Result) -> None:
     if len(result.events) > _EVENTS_SHOWN:
         print(f"  ... and {len(result.events) - _EVENTS_SHOWN} more events; --json FILE writes all")
     if result.t.size:
-        print(f"velocities at {result.t[-1]:.12g} s [m/s | rad/s]")
+        print(f"velocities at {result.t[-1]:.12g} s [{units(result.scene).velocity}]")
         for body in result.scene.bodies[:_EVENTS_SHOWN]:
             print(f"  {body.name}: {result.velocity(body.name)[-1]:.12g}")
     print("work: " + ", ".join(f"{name} {value}" for name, value in result.stats.items()))
@@ -273,6 +490,7 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
         "json": to_json,
         "save": save,
         "plot": _draw,
+        "report": lambda result, path: result.report(path, title=Path(path).stem),
     }
     for kind, writer in writers.items():
         path = outputs[kind]
@@ -290,8 +508,14 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
 def _draw(result: Result, path: str, **options: Any) -> None:
     from stickslip import plots
 
+    _save_figure(plots.overview(result, **options), path)
+
+
+def _save_figure(figure: Any, path: str) -> None:
     try:
-        plots.overview(result, **options).savefig(path, dpi=150)
+        figure.savefig(path, dpi=_DPI)
+    except OSError as error:
+        raise _BadInput(f"--plot {path}: cannot be written: {error.strerror}") from None
     except ValueError as error:  # a format that matplotlib does not know
         raise _BadInput(f"--plot {path}: {error}") from None
 

@@ -7,6 +7,7 @@ follow from small products, and so do those of the guards. No step error, nothin
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +140,8 @@ class Series:
             g = g[:, watched] * stretched
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
-            root = self._first(g, self._floor(motion, guards, y)[watched])
+            self._note_speed(motion, y)
+            root = self._first(g, lambda: self._floor(motion, guards)[watched])
         c = expansion.y * stretched
         # a motion that ends is kept as what it is
         used = np.flatnonzero(c.any(axis=1))
@@ -179,20 +181,23 @@ class Series:
             reach *= 0.99 * (_REMAINDER / part) ** (1.0 / order)
         return float(reach)
 
-    def _floor(self, motion: Motion, guards: Guards, y: Array) -> Array:
-        """Return what each guard has the roundoff of: the largest speeds so far, or forces at the start."""
-        n = motion.system.n
-        speed = np.abs(y[:n])
+    def _note_speed(self, motion: Motion, y: Array) -> None:
+        speed = np.abs(y[: motion.system.n])
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
-        return np.where(
-            guards.is_velocity, (motion.system.abs_G @ self._speed)[guards.row], guards.force_scale
-        )
 
-    def _first(self, g: Array, floor: Array) -> float | None:
+    def _floor(self, motion: Motion, guards: Guards) -> Array:
+        """Return what each guard has the roundoff of: the largest speeds so far, or forces at the start."""
+        speeds = (motion.system.abs_G @ self._speed)[guards.row]
+        return np.where(guards.is_velocity, speeds, guards.force_scale)
+
+    def _first(self, g: Array, floor_of: Callable[[], Array]) -> float | None:
         """Return the first root in (0, 1] of any column of power coefficients."""
         close = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
         found: float | None = None
+        if not close.size:
+            return None
+        floor = floor_of()
         for i in close.tolist():
             c = g[:, i]
             if found is not None:

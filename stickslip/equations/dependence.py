@@ -269,8 +269,9 @@ class Reader:
     def rates(self, block: AnyBlock) -> list[Form]:
         """Return how fast the states of a block change."""
         place, label = self._places[block.name], f"{block.label}: an input"
+        # all inputs, whether something reads them or not: results do
+        inputs = [self.form(u, label) for u in block.inputs]
         if isinstance(block, StateSpace):
-            inputs = [self.form(u, label) for u in block.inputs]
             found = [Form({place.first + k: c for k, c in enumerate(row) if c}) for row in block.A]
             for form, row in zip(found, block.B, strict=True):
                 for u, c in zip(inputs, row, strict=True):

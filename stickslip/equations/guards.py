@@ -72,10 +72,13 @@ class Guards:
     def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
         self.motion, self.at_rest = motion, at_rest
         equations = motion.equations
-        loose = equations.open[labels[equations.open] != 0]
+        loose = equations.open
+        if loose.size:
+            loose = loose[labels[loose] != 0]
         self._row, self._turn = equations.guard_row, equations.guard_turn
         self._source, self._mu = equations.guard_source, equations.guard_mu
-        self._constant = equations.guard_constant
+        self._constant, self._has_constant = equations.guard_constant, equations.has_constant
+        self._has_levels = equations.has_levels
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
         self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
         self._dwell = equations.guard_dwell[equations.rising]
@@ -83,6 +86,7 @@ class Guards:
             self._constant = self._constant.copy()
             slips = equations.slips
             self._constant[:slips] = np.where(at_rest[equations.slip], 0.0, equations.threshold)
+            self._has_constant = bool(self._constant.any())
         if loose.size:
             none = np.zeros(loose.size)
             self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
@@ -104,21 +108,27 @@ class Guards:
                 np.append(self.is_velocity, none > 0),
                 np.append(self.is_normal, none == 0),
             )
-        self.row = self._row
-        self._has_levels = bool(self._mu.any())
-        self._has_constant = bool(self._constant.any())
-        self._has_forces = not (self.is_velocity | self.is_normal).all() or (
+        self._beside = self._row.size - equations.guard_row.size
+        if pressed.size:
+            self._has_levels = True
+        self._needs_functions = not (self.is_velocity | self.is_normal).all() or (
             pressed.size > 0 and motion.pressed_by_functions
         )
+        self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
         if self.size:
             self._classify(fired)
-        self.misjudged = self.row[self.violated & self.is_normal]
-        self.violated &= ~self.is_normal
+        if pressed.size:
+            self.misjudged = self.row[self.violated & self.is_normal]
+            self.violated &= ~self.is_normal
+        else:
+            self.misjudged = pressed
         self.is_plain = not self.order.any()
-        self.armed = self.size - loose.size - np.count_nonzero(self.order == NEVER)
+        self.armed = self.size - self._loose
+        if not self.is_plain:
+            self.armed -= np.count_nonzero(self.order == NEVER)
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -142,6 +152,14 @@ class Guards:
 
     def series(self, expansion: Expansion) -> Array:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
+        if expansion.g is not None:
+            g = expansion.g
+            if self._beside:
+                loose = expansion.z[:, self._source[-self._beside :]] * self._turn[-self._beside :]
+                g = np.concatenate([g, loose], axis=1)
+            if self._has_constant:
+                g = np.concatenate([g[:1] + self._constant, g[1:]])
+            return g
         g = expansion.z[:, self._source]
         g *= self._turn
         for k, q in enumerate(expansion.q):
@@ -158,7 +176,8 @@ class Guards:
     def levels(self, q: Array) -> Array:
         """Return the limits of the guards' forces: breakaway levels, 0 for velocities."""
         level = self._mu * q[self._row]
-        level[self._rising] -= self._rise * q[self._dwell]
+        if self._rising.size:
+            level[self._rising] -= self._rise * q[self._dwell]
         return np.abs(level)
 
     @cached_property
@@ -170,15 +189,14 @@ class Guards:
 
     def _classify(self, fired: Mask) -> None:
         g0 = self.start[0]
-        q = self.motion.start.q[0]
-        assert q is not None
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
-        held = ~self.is_velocity
-        level = self.levels(q) + np.abs(self._turn * self.motion.start.z[0][self._source])
-        soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
-        near = np.where(
-            held, _NEAR * level[held].max(initial=0.0) + soon * np.abs(self.start[1]), _NEAR * self._constant
-        )
+        near: Array | float = 0.0
+        if not self.is_velocity.all():
+            held = ~self.is_velocity
+            soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
+            near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
+        if self._has_constant:
+            near = near + _NEAR * self._constant
         close = ~(g0 > near)
         if self.at_rest.any():
             close |= self.is_velocity & self.at_rest[self.row]
@@ -262,6 +280,11 @@ class Guards:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
         return self._majorant(2)
 
+    @cached_property
+    def value_majorant(self) -> Array:
+        """The same of the guards themselves."""
+        return self._majorant(0)[0]
+
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
         for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
@@ -275,17 +298,17 @@ class Guards:
         return found[:-1]
 
     @cached_property
-    def force_scale(self) -> Array:
-        """For each guard of a force the size of what it compares at the start: level and force."""
-        q, z = self.motion.start.q[0], self.motion.start.z[0]
-        assert q is not None
-        size = self.levels(q) + np.abs(self._turn * z[self._source])
-        return np.where(self.is_normal, self.majorant[0], size) if self.is_normal.any() else size
-
-    @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        return np.where(self.is_velocity, self.majorant[0] + np.abs(self._constant), self.force_scale)
+        return np.where(self.is_velocity, self.value_majorant + np.abs(self._constant), self.force_scale)
+
+    @cached_property
+    def force_scale(self) -> Array:
+        """The same for guards of forces; without meaning for velocities."""
+        size = self.levels(self.motion.start_inputs) + np.abs(
+            self._turn * self.motion.start.z[0][self._source]
+        )
+        return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
 
     @cached_property
     def allowance(self) -> Array:
@@ -338,7 +361,7 @@ class Guards:
         """Return the guards at local time `tau` from the state, zeros at the start divided out."""
         motion = self.motion
         # functions of the state act on forces only
-        q = motion.inputs(tau, y, functions=self._has_forces)
+        q = motion.inputs(tau, y, functions=self._needs_functions)
         g = self.raw(motion.watched(tau, y, q), q)
         if self.is_plain:
             return g

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from stickslip.equations.system import System
+from stickslip.equations.taylor import TaylorMap, is_small
 from stickslip.model.laws.kernels import LINEAR, ActingForces
 
 __all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "equations_in"]
@@ -75,6 +77,7 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rows = system.m + self.held.size + self.at_level.size
         self.feeds_back = system.has_couplings
+        self._maps: dict[tuple[int, bool], TaylorMap | None] = {}
         if not system.sparse:
             self._assemble()
 
@@ -160,6 +163,11 @@ class ModeEquations:
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
         self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
         self.direction = np.concatenate([none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5]])
+        self.has_levels, self.has_constant = bool(self.guard_mu.any()), bool(self.guard_constant.any())
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
+        rests = (self.modes == 0) | (self.modes >= AT_HIGH)
+        self.resting_dwells = rests[system.dwelling].nonzero()[0]
 
     def _place_shares(self) -> Array:
         """Return the map from forces on the bodies to what rows at their level would carry if they had none.
@@ -188,7 +196,30 @@ class ModeEquations:
         self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
         self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
         self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
+        self._place_maps()
         self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
+
+    def _place_maps(self) -> None:
+        """Rates, watched quantities and guards, but for constants, from states and from inputs."""
+        by_state = self.guard_turn[:, None] * self.E[self.guard_source]
+        by_input = self.guard_turn[:, None] * self.H[self.guard_source]
+        guards = np.arange(self.guard_row.size)
+        by_input[guards, self.guard_row] += self.guard_mu
+        by_input[self.rising, self.guard_dwell[self.rising]] -= self.guard_rise[self.rising]
+        self._of_states_all = np.vstack([self._AE, by_state])
+        self._of_inputs_all = np.vstack([self._BH, by_input])
+
+    def taylor(self, order: int, frozen: bool) -> TaylorMap | None:
+        """Return the map to Taylor coefficients up to an order, None where it would be large."""
+        key = order, frozen
+        if key not in self._maps:
+            found = None
+            if is_small(self.system, self.system.size + self.rows + self.guard_row.size, order):
+                found = TaylorMap(
+                    self.system, self._of_states_all, self._of_inputs_all, self.rows, self.consistent, *key
+                )
+            self._maps[key] = found
+        return self._maps[key]
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
@@ -322,12 +353,23 @@ class ModeEquations:
 
         Their roundoff is a part of it.
         """
+        size = self.system.size
+        found = self._magnitudes(y, q) if self.system.sparse else self._sizes @ np.concatenate([y, q])
+        return found[:size], found[size:]
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """The map of `magnitudes` from states and inputs together, of a small scene."""
+        units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
+        return self._magnitudes(units[: self.system.size], units[self.system.size :])
+
+    def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
-        forces = (
-            system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (self._largest * q[:m])
-        )
-        rate = np.zeros(size)
+        largest = self._largest if q.ndim == 1 else self._largest[:, None]
+        forces = system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
+        found = np.zeros((size + self.rows, *q.shape[1:]))
+        rate, z = found[:size], found[size:]
         rate[:n] = balance.acceleration_magnitudes(forces)
         if self.is_driven:
             drives = q[system.first_acceleration : system.inputs - 1]
@@ -337,7 +379,6 @@ class ModeEquations:
         if size > system.first_block:
             blocks = abs(system.block_C) @ y + abs(system.block_Q) @ q[: system.inputs]
             rate[system.first_block :] = blocks
-        z = np.zeros(self.rows)
         z[:m] = system.abs_G @ y[:n]
         if system.drives:
             z[:m] += system.abs_D @ system.drive_velocities(q)
@@ -345,7 +386,7 @@ class ModeEquations:
             z[m : m + self.held.size] = balance.force_magnitudes(forces)
         if self._shares is not None:
             z[m + self.held.size :] = np.abs(self._shares) @ forces
-        return rate, z
+        return found
 
     @property
     def _largest(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -34,14 +35,27 @@ class Expansion:
     q : list of array or None
         Inputs with dwells; None where a whole order is 0.
     z : array (order + 1, rows)
-    is_finite : bool
-        Whether the series of the states ends: the motion is a polynomial.
+    g : array (order + 1, guards) or None
+        The guards of the modes, but for constants, where they are told at once.
     """
 
-    __slots__ = ("is_finite", "q", "y", "z")
+    __slots__ = ("_q", "g", "y", "z")
 
-    def __init__(self, y: Array, q: list[Array | None], z: Array, is_finite: bool) -> None:
-        self.y, self.q, self.z, self.is_finite = y, q, z, is_finite
+    def __init__(
+        self,
+        y: Array,
+        q: list[Array | None] | Callable[[], list[Array | None]],
+        z: Array,
+        g: Array | None = None,
+    ) -> None:
+        self.y, self._q, self.z, self.g = y, q, z, g
+
+    @property
+    def q(self) -> list[Array | None]:
+        """The inputs with dwells."""
+        if not isinstance(self._q, list):
+            self._q = self._q()
+        return self._q
 
 
 class _Linked:
@@ -103,8 +117,7 @@ class Motion:
         self.is_linear = not (self.has_law or self.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
-        # a row that carries its level pushes with it: where that rises, the motion follows
-        self.rises_push = bool(system.dwelling.size and system.rise[:, equations.at_level].any())
+        self.rises_push = equations.rises_push
         if self._dwelling.size:
             self._place_dwells()
         self.is_straight = stretch.is_straight
@@ -114,15 +127,17 @@ class Motion:
 
     def _place_dwells(self) -> None:
         """Rows whose static coefficient is still rising."""
-        system, rows = self.system, self._dwelling
-        age = (self.t - self.since[rows]) / system.dwell[rows]
-        modes = self.equations.modes[rows]
-        rests = (modes == 0) | (modes > 3)
-        self._rising = (rests & (age < _DWELL_OVER)).nonzero()[0]
-        self._rate = 1.0 / system.dwell[rows[self._rising]]
-        self._age = age[self._rising]
+        places = self._rising = self.equations.resting_dwells
+        if not places.size:
+            return
+        rows = self._dwelling[places]
+        self._rate = 1.0 / self.system.dwell[rows]
+        self._age = (self.t - self.since[rows]) * self._rate
+        young = self._age < _DWELL_OVER
+        if not young.all():
+            self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
         if self._rising.size:
-            self._over = float(np.max((_DWELL_OVER - self._age) / self._rate))
+            self._over = float(((_DWELL_OVER - self._age) / self._rate).max())
 
     @cached_property
     def waves_rest(self) -> bool:
@@ -163,7 +178,7 @@ class Motion:
     @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
-        return np.unique(1.0 / self._rate) if self._dwelling.size else np.empty(0)
+        return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
 
     @property
     def pressed_by_functions(self) -> bool:
@@ -445,6 +460,11 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
+        if self.dependence is None and (not self.stretch.has_waves or (frozen and self.waves_rest)):
+            taylor = equations.taylor(order, frozen)
+            if taylor is not None and taylor.reaches(scale):
+                y, z, g = taylor(self._extended(tau, y), scale)
+                return Expansion(y, lambda: self._input_series(tau, order, scale, frozen), z, g)
         linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
@@ -469,7 +489,26 @@ class Motion:
                     led = led + equations.U_dependent @ system.drive_velocities(u)
                 following[equations.dependent] = led
             finite = linked is None and not following.any()
-        return Expansion(ys, q, zs, finite)
+        return Expansion(ys, q, zs)
+
+    def _extended(self, tau: float, y: Array) -> Array:
+        """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
+        stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
+        count = self._dwelling.size
+        x = np.zeros(size + 2 * inputs + 2 * count)
+        x[:size] = y
+        q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
+        np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
+        q += stretch.value
+        slope[:] = stretch.slope
+        if count and tau < self._over:
+            rows = self._dwelling[self._rising]
+            age = self._age + self._rate * tau
+            factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
+            dwells = x[size + 2 * inputs :].reshape(2, count)
+            dwells[0, self._rising] = factor * q[rows]
+            dwells[1, self._rising] = factor * slope[rows]
+        return x
 
     def magnitudes(self, order: int) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
@@ -496,12 +535,17 @@ class Motion:
     # -- starts ----------------------------------------------------------------------------------------------
 
     @cached_property
+    def start_inputs(self) -> Array:
+        """Inputs and dwells at the start."""
+        return self.inputs(0.0, self.y)
+
+    @cached_property
     def start(self) -> Expansion:
         """Taylor coefficients at the start up to order 2: exact if linear, the second by a difference if not."""
         if self.is_linear:
             return self.expand(0.0, self.y, 2)
         size = self.system.size
-        q0 = self.inputs(0.0, self.y)
+        q0 = self.start_inputs
         found = self.both(0.0, self.y, q0)
         rate = found[:size]
         q1 = self._input_rate(0.0, self.y, rate)
@@ -515,7 +559,7 @@ class Motion:
         z2 = 0.5 * (later[size:] - z1) / d
         y = np.array([self.y, rate, 0.5 * second])
         q = [q0, q1, 0.5 * (q1_ahead - q1) / d]
-        return Expansion(y, list(q), np.array([found[size:], z1, z2]), False)
+        return Expansion(y, list(q), np.array([found[size:], z1, z2]))
 
     @property
     def difference_step(self) -> float:

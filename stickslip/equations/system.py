@@ -20,7 +20,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.dependence import BlockPlace, Dependence, Key, Part, Reader
 from stickslip.equations.loads import Loads
-from stickslip.model.elements import Sampled
+from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
 from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
@@ -57,6 +57,8 @@ class System:
         The part of them that loads are.
     dependence : Dependence or None
         The inputs that depend on the state, if there are any.
+    clocked : array of int
+        States of sampled blocks: they change at samples only.
     pressed : array (m,) of bool
         Rows whose normal force depends on the state: guards tell where they open and close.
     """
@@ -154,6 +156,8 @@ class System:
         self._rates = rates
         self.sampled = [(own, block, Part.of(forms, place)) for own, block, forms in sampled]
         self.reader = reader
+        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
+        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
         self.samples = 0
         depends = reader.nodes or normals
         self.dependence = Dependence(reader.nodes, first_node, normals, place) if depends else None
@@ -163,6 +167,7 @@ class System:
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
@@ -288,6 +293,25 @@ class System:
                     f"{block.label}: {error} at t = {t:.9g} s with the inputs ({given})"
                 ) from error
         return after
+
+    def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
+        """Return the outputs of a block that is not sampled, a line each, at many times."""
+        block, reader = place.block, self.reader
+        if isinstance(block, StateSpace):
+            forms = [reader.linear_output(block, k, block.label) for k in range(place.outputs)]
+            found = Part.of(forms, self._place).at(y, q)
+            limits = block.limits or ((-np.inf, np.inf),) * place.outputs
+            return np.clip(found, *np.array(limits).T[:, :, None])
+        assert isinstance(block, Block)
+        x = y[place.first : place.first_held]
+        if block.output is None:
+            return x
+        u = Part.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        columns = [
+            block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
+            for k in range(t.size)
+        ]
+        return np.array(columns).reshape(t.size, place.outputs).T
 
     def filled(self, q: Array, y: Array, t: float) -> Array:
         """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""

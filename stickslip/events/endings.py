@@ -17,28 +17,41 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_TIE = 1e-13
+_TIE, _ALONE = 1e-13, 1e-6
+"""Guards, as parts of their scales, that tie; and that are near 0."""
+
 _CONSTANT = 1e-7
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
 
-def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> tuple[Mask, Mask]:
-    """Return the rows whose relative velocity, and those whose guard, has just come to 0."""
+def at_limit(
+    motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
+) -> tuple[Mask, Mask, Modes | None]:
+    """Return the rows whose relative velocity, and those whose guard, has just come to 0.
+
+    Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed comes third.
+    """
     m = motion.system.m
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            size = np.maximum(guards.scale, guards.majorant[0])
+            size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
-    return touching, fired
+        near = (part <= _ALONE).nonzero()[0]
+        alone = near.size == 1 and not relaxed_ones
+        if alone and at[near[0]] and guards.direction[near[0]] and not guards.is_velocity[near[0]]:
+            let_go = np.zeros(m, dtype=np.int8)
+            let_go[guards.row[near]] = guards.direction[near]
+    return touching, fired, let_go
 
 
 def jumped(motion: Motion, loads: Loads, path: Path, t: float) -> tuple[Mask, Array]:
@@ -117,7 +130,9 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 
 
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
-    w = motion.system.relative_velocity(states, motion.loads(taus))[rows]
+    system = motion.system
+    q = motion.loads(taus) if system.drives else np.empty(0)
+    w = system.relative_velocity(states, q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 

@@ -9,7 +9,7 @@ from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
 from stickslip.equations.motion import Motion
 
-__all__ = ["label", "rests"]
+__all__ = ["label", "locked"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -48,8 +48,8 @@ def label(
     blur : float
         Part of the forces that is uncertain.
     """
-    modes = motion.equations.modes
-    if modes.max(initial=0) < OPEN:
+    equations, modes = motion.equations, motion.equations.modes
+    if not (equations.open.size or equations.free.size or equations.at_level.size):
         return modes
     is_open = modes == OPEN
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
@@ -82,14 +82,6 @@ def _to_come(
     named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
-
-
-def rests(motion: Motion, quiet: float, blur: float) -> Mask:
-    """Tell which rows would stay at rest: nothing accelerates them, or held ones lock the same motion."""
-    to_come, _ = _first_terms(motion, 2, quiet, blur)
-    if motion.is_linear:
-        to_come, _ = _first_terms(motion, _HIGHEST, quiet, blur)
-    return np.asarray((to_come == 0) | locked(motion))
 
 
 def locked(motion: Motion) -> Mask:

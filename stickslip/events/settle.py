@@ -15,7 +15,7 @@ from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.labels import label, rests
+from stickslip.events.labels import label, locked
 from stickslip.events.sharing import share
 
 __all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
@@ -80,7 +80,9 @@ class Situation:
     fired : array (m,) of bool
         Rows found at their limit.
     was : array (size,), optional
-        The state when the modes before began.
+        Bounds of the sizes of the states since the modes before began.
+    let_go : array (m,) of int, optional
+        The direction in which a held row is pushed that alone has come to its limit.
     """
 
     t: float
@@ -90,6 +92,7 @@ class Situation:
     touching: Mask
     fired: Mask
     was: Array | None = None
+    let_go: Modes | None = None
 
     @property
     def at_level(self) -> Mask:
@@ -165,44 +168,60 @@ def _settled(
     system: System, stretch: Stretch, now: Situation, quiet: float, blur: float, q: Array, closed: Mask
 ) -> Settled:
     """Return consistent modes where it is known which rows can carry a force."""
-    w, speed = _relative(system, now, q)
+    all_closed = bool(closed.all())
+    w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
-    limit = np.maximum(ROUNDOFF * speed, system.coefficients.threshold)
-    resting = system.hard & (now.touching | (np.abs(w) <= limit)) | system.is_tie
-    # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
-    resting |= system.is_one_way & (w > 0)
+    limit = np.maximum(rough, system.coefficients.threshold)
+    resting = now.touching | (np.abs(w) <= limit)
+    if not system.all_friction:
+        # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
+        resting |= system.is_tie | system.is_one_way & (w > 0)
+    if not system.all_hard:
+        resting &= system.hard
     named = np.sign(w)
-    if now.labels is not None:
+    if now.labels is not None and not all_closed:
         # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
         moves = ~closed & (now.labels != 0) & ~now.touching
         resting &= ~moves
         named = np.where(moves, now.labels, named)
+    candidates = closed & resting
     u = system.drive_velocities(q)
-    y = _project(system, now.y, u, closed & resting)
+    y = _project(system, now.y, u, candidates)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
-        also = system.hard & closed & ~resting & (np.abs(w) <= ROUNDOFF * speed)
-        if also.any():
+        also = closed & ~resting & (np.abs(w) <= rough)
+        if also.any() and (also := also & system.hard).any():
             resting |= also
-            y = _project(system, now.y, u, closed & resting)
-    trial = np.where(resting, 0, named)
-    if not system.all_hard:
-        trial = np.where(system.hard, trial, _slip_states(system, w, now))
-    trial = np.where(closed, trial, OPEN).astype(np.int8)
-    was_held = trial == 0 if now.labels is None else now.labels == 0
-    since = np.where(was_held, now.since, now.t)
+            candidates = closed & resting
+            y = _project(system, now.y, u, candidates)
     labels = np.where(resting, 0, named).astype(np.int8)
-    search = _Search(system, stretch, now, y, since, labels, closed & resting)
-    motion, guards = search.run(trial)
+    trial = labels
+    if not system.all_hard:
+        trial = np.where(system.hard, trial, _slip_states(system, w, now)).astype(np.int8)
+    if not all_closed:
+        trial = np.where(closed, trial, OPEN).astype(np.int8)
+    since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
+    search = _Search(system, stretch, now, y, since, labels, candidates)
+    motion, guards = search.run(_foreseen(system, trial, now))
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
-    # what held rows lock is at rest, open or not, and so is what nothing moves
-    slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
-    if slow.any():
-        shown = np.where(slow & rests(motion, quiet, blur), 0, shown).astype(np.int8)
-    if np.any(shown[motion.equations.open] != labels[motion.equations.open]):
-        guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
+    is_open = motion.equations.open
+    if is_open.size:
+        # what held rows lock is at rest, open or not
+        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
+        if slow.any():
+            shown = np.where(slow & locked(motion), 0, shown).astype(np.int8)
+        if np.any(shown[is_open] != labels[is_open]):
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
     return Settled(shown, motion, guards)
+
+
+def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
+    """Return the modes to try first: a row that alone has come to its limit, and that no loop spares, lets go."""
+    if now.let_go is None or np.any(trial[now.let_go != 0] != 0):
+        return trial
+    loop = system.balance(((trial == 0) & system.hard).tobytes()).loop
+    return trial if loop.max(initial=-1) >= 0 else trial + now.let_go
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
@@ -228,11 +247,13 @@ def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
     presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
-    return (presses | ~system.is_friction) & system.alive
+    if not system.all_friction:
+        presses |= ~system.is_friction
+    return presses & system.alive
 
 
 def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
-    """Return each row's relative velocity and the largest speed that adds up in it, floored by roundoff.
+    """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
     What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
     drive accelerates, whatever its speed is at the moment.
@@ -240,14 +261,14 @@ def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
     n = system.n
     speed = np.abs(now.y[:n])
     if now.was is not None:
-        speed = np.maximum(speed, np.abs(now.was[:n]))
+        speed = np.maximum(speed, now.was[:n])
     largest = float(speed.max(initial=0.0))
     found = _largest(system.abs_G, speed)
     if system.drives:
         u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * now.t)
         largest = max(largest, float(u.max()))
         found = np.maximum(found, _largest(system.abs_D, u))
-    return system.relative_velocity(now.y, q), np.maximum(found, ROUNDOFF * largest)
+    return system.relative_velocity(now.y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
 
 
 def _largest(coefficients: object, values: Array) -> Array:

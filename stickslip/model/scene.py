@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -44,6 +44,7 @@ from stickslip.model.quantities import (
     Velocity,
     load_from_dict,
 )
+from stickslip.model.showing import shown_by
 
 __all__ = [
     "GROUND",
@@ -56,6 +57,7 @@ __all__ = [
     "Element",
     "Force",
     "Gear",
+    "Motion",
     "OneWay",
     "Planetary",
     "Row",
@@ -65,6 +67,9 @@ __all__ = [
     "StateSpace",
     "Tie",
 ]
+
+Motion = Literal["rotation", "translation"]
+"""How the bodies of a scene move: it decides the units that tables and drawings show, and no number."""
 
 _FIELDS = {
     kind: {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
@@ -84,6 +89,8 @@ class Scene:
     *elements : Element
         Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper, Block, StateSpace, Sampled or Force; bodies
         are referred to by name.
+    motion : "rotation" or "translation", optional
+        How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
 
     Attributes
     ----------
@@ -100,13 +107,19 @@ class Scene:
     """
 
     elements: tuple[Element, ...]
+    motion: Motion | None = None
 
     if TYPE_CHECKING:
 
         def __getattr__(self, kind: str) -> tuple[Any, ...]: ...
 
-    def __init__(self, *elements: Element) -> None:
+    def __init__(self, *elements: Element, motion: Motion | None = None) -> None:
         """Sort the elements by kind and check that they fit together."""
+        if motion is not None and motion not in get_args(Motion):
+            raise ValueError(
+                f"Scene: motion must be 'rotation' or 'translation', got {motion!r}; leave it out for both"
+            )
+        object.__setattr__(self, "motion", motion)
         sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
         for element in elements:
             if type(element) not in sorted_:
@@ -244,11 +257,17 @@ class Scene:
                 f"Scene.replace: a body and a contact are both called {name!r}; rename one of them"
             )
         _check_fields(type(named[0]), f"Scene.replace: {named[0].label}", changes)
-        return Scene(*(replace(e, **changes) if e is named[0] else e for e in self.elements))
+        return self._with(replace(e, **changes) if e is named[0] else e for e in self.elements)
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
         """Return the scene with every contact's law replaced by ``change(law)``."""
-        return Scene(*(replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements))
+        return self._with(
+            replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements
+        )
+
+    def _with(self, elements: Iterable[Element]) -> Scene:
+        """Return a scene of other elements that is otherwise this one."""
+        return Scene(*elements, motion=self.motion)
 
     def regularized(self, velocity: float = 1e-3, shape: Shape = "linear") -> Scene:
         """Return the scene with every contact on a pre-slip law of the same coefficients.
@@ -270,7 +289,7 @@ class Scene:
         ValueError
             If a signal or a law holds code.
         """
-        data = {}
+        data: dict[str, Any] = {} if self.motion is None else {"motion": self.motion}
         for kind in KINDS:
             if elements := getattr(self, kind):
                 data[kind] = [_plain(element) for element in elements]
@@ -287,14 +306,33 @@ class Scene:
         """
         if not isinstance(data, Mapping):
             raise TypeError(f"Scene.from_dict: expected a table of lists, got {type(data).__name__}")
-        unknown = [key for key in data if key not in KINDS]
+        tables = {key: value for key, value in data.items() if key != "motion"}
+        unknown = [key for key in tables if key not in KINDS]
         if unknown:
             raise ValueError(f"Scene.from_dict: unknown table {unknown[0]!r}; known are {', '.join(KINDS)}")
-        return cls(*_elements(data))
+        return cls(*_elements(tables), motion=data.get("motion"))
+
+    def draw(self, *, ax: Any = None) -> Any:
+        """Draw the scene as a schematic and return the matplotlib figure.
+
+        Every body is a box; contacts, springs, dampers, gears and clutches are symbols between the boxes that they
+        join, or between a box and the ground. More than a dozen bodies are cut off, and it is said how many.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            Where to draw; by default a new figure as large as the scene needs.
+        """
+        return shown_by("draw")(self, ax=ax)
+
+    def _repr_html_(self) -> str:
+        """Return the schematic and a table of the elements, as notebooks show them."""
+        return str(shown_by("html")(self))
 
     def __repr__(self) -> str:
         """Return the call that makes the scene."""
-        return f"Scene({', '.join(map(repr, self.elements))})"
+        motion = [] if self.motion is None else [f"motion={self.motion!r}"]
+        return f"Scene({', '.join([*map(repr, self.elements), *motion])})"
 
 
 def _elements(data: Mapping[str, Any]) -> Iterator[Element]:

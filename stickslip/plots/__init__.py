@@ -20,6 +20,7 @@ from stickslip.plots.contact import (
 )
 from stickslip.plots.motion import MANY, modes, velocities
 from stickslip.plots.points import FINE
+from stickslip.plots.schematic import schematic
 from stickslip.plots.studies import sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.results.outcome import Drawable
@@ -33,6 +34,7 @@ __all__ = [
     "normal_forces",
     "overview",
     "phase_portrait",
+    "schematic",
     "sweep_map",
     "velocities",
     "work_precision",

@@ -16,11 +16,8 @@ from stickslip.model.signal_makers import Constant
 from stickslip.plots.motion import MANY
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
-    DISPLACEMENT,
-    FORCE,
     NORMAL,
     TIME,
-    VELOCITY,
     WITH_DOTS,
     beside,
     color_bar,
@@ -29,8 +26,10 @@ from stickslip.plots.style import (
     look,
     own_axes,
     raster,
+    value_raster,
 )
 from stickslip.results.outcome import Drawable
+from stickslip.results.units import units
 
 __all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
 
@@ -72,7 +71,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
-    ax.set(xlabel=TIME, ylabel=FORCE)
+    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, _element(result, contact)).force}]")
     ax.margins(x=0.01)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
@@ -135,7 +134,7 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     if len(names) > MANY:
         coarse = even_points(result)
         rows = np.array([coarse.normal(name) for name in names])
-        color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), NORMAL)
+        value_raster(ax, coarse.t, rows, names, NORMAL)
         ax.set(xlabel=TIME, ylabel="contact")
         return ax
     fine = result.fit_for_plot(FINE)
@@ -182,7 +181,8 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         )
     ax.plot(x[:1], w[:1], "o", color="black", markerfacecolor="white", zorder=3, label="start")
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
-    ax.set(xlabel=DISPLACEMENT, ylabel=f"relative {VELOCITY}")
+    unit = units(result.scene, element)
+    ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
 
@@ -230,12 +230,17 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         "label": "times fit for a plot",
     }
     for at, style in ((fine, line), (computed, points)):
-        force = at.force(contact)
+        carried = at.force(contact)
         ax.plot(
-            at.relative_velocity(contact), _ratio(force, at.normal(contact)) if divided else force, **style
+            at.relative_velocity(contact),
+            _ratio(carried, at.normal(contact)) if divided else carried,
+            **style,
         )
-    unit = "force / normal force [1 | m]" if divided else FORCE
-    ax.set(xlabel=f"relative {VELOCITY}", ylabel=unit)
+    unit = units(result.scene, element)
+    # a force in N m has the lever arm in its coefficient of friction
+    arm = {"N": "[1]", "N m": "[m]"}.get(unit.force, "[1 | m]")
+    force = f"force / normal force {arm}" if divided else f"force [{unit.force}]"
+    ax.set(xlabel=f"relative velocity [{unit.velocity}]", ylabel=force)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
 

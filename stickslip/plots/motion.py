@@ -15,17 +15,19 @@ from stickslip.model.modes import Mode
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
     TIME,
-    VELOCITY,
     WITH_DOTS,
     beside,
     color_bar,
     contact_names,
     dots,
+    keep_names_inside,
     look,
     own_axes,
     raster,
+    value_raster,
 )
 from stickslip.results.outcome import Drawable
+from stickslip.results.units import units
 
 __all__ = ["modes", "velocities"]
 
@@ -81,7 +83,7 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
         ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(VELOCITY)
+    ax.set_ylabel(f"velocity [{units(result.scene).velocity}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -135,7 +137,7 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
-    color_bar(ax, raster(ax, coarse.t, rows, names, cmap="cividis"), VELOCITY)
+    value_raster(ax, coarse.t, rows, names, f"velocity [{units(result.scene).velocity}]")
     ax.set_ylabel("body")
 
 
@@ -181,6 +183,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)
     ax.tick_params(axis="y", length=0)
+    keep_names_inside(ax)
     entries = [
         Patch(edgecolor="black", linewidth=0.5, label=Mode(mode).name, **bar)
         for mode, bar in _STRIPS.items()

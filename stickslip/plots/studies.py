@@ -1,7 +1,4 @@
-"""Drawings of studies: error against time, and a value over two parameters of a sweep.
-
-matplotlib is imported when something is drawn, not before.
-"""
+"""Drawings of studies: error against time, and a value over two parameters of a sweep."""
 
 from __future__ import annotations
 
@@ -10,6 +7,9 @@ from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
+
+from stickslip.plots.style import COLOURS, makes_room, robust
 
 __all__ = ["sweep_map", "tradeoff", "work_precision"]
 
@@ -17,6 +17,8 @@ _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
 _INSIDE = 8  # legend entries that find room within the axes
 _NOTES = 6
+_APART = 0.4
+"""Decades between families below what the reference can tell."""
 
 
 class Measured(Protocol):
@@ -102,41 +104,57 @@ def work_precision(table: Table, *, ax: Any = None) -> Any:
     """
     if not isinstance(table, Table):
         raise TypeError(f"work_precision plot: expected a WorkPrecision, got {type(table).__name__}")
-    ax = _axes(ax)
+    return _errors_against_times(table, _axes(ax), {})
+
+
+def _errors_against_times(table: Table, ax: Any, at_floor: dict[int, float]) -> Any:
+    """Draw the rows of a study; those at its floor at heights of their own, by id."""
     families: dict[str, list[Measured]] = {}
     for row in table.rows:
         if _drawable(row):
             families.setdefault(row.family or row.name, []).append(row)
     for k, (family, rows) in enumerate(families.items()):
-        _family(ax, k, family, rows, table)
+        _family(ax, k, family, rows, table, at_floor)
     front = [row for row in table.pareto() if _drawable(row)]
     if front:
-        where = [row.median for row in front], [row.error for row in front]
+        where = [row.median for row in front], [at_floor.get(id(row), row.error) for row in front]
         ax.scatter(*where, s=150, facecolors="none", edgecolors="black", zorder=3, label="no other beats it")
         _legend(ax)
     ax.set(xscale="log", yscale="log", xlabel="median wall time [s]", ylabel=table.error_label)
+    # 2 and 5 between the decades have room, also where the times span less than one
+    ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)))
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
     notes = [f"{row.name}: {_reason(row)}" for row in table.rows if not _drawable(row)]
     if notes:
         more = [f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else []
         note = "not drawn:\n" + "\n".join([*notes[:_NOTES], *more])
-        below = {"xycoords": "axes fraction", "xytext": (0, -40), "textcoords": "offset points"}
-        ax.annotate(note, (0, 0), va="top", fontsize="small", annotation_clip=False, **below)
+        if makes_room(ax):
+            below = {"xycoords": "axes fraction", "xytext": (0, -40), "textcoords": "offset points"}
+            ax.annotate(note, (0, 0), va="top", fontsize="small", annotation_clip=False, **below)
+        else:
+            ax.text(0.02, 0.02, note, transform=ax.transAxes, fontsize="x-small", wrap=True)
     return ax
 
 
-def _family(ax: Any, k: int, family: str, rows: list[Measured], table: Any) -> None:
+def _family(
+    ax: Any, k: int, family: str, rows: list[Measured], table: Any, at_floor: dict[int, float]
+) -> None:
     """Draw all rows of a family as markers, and a line through those that no other of them beats."""
-    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": f"C{k % 10}"}
-    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": f"C{k % 10}", "linewidth": 1.2}
+    colour = COLOURS[k % len(COLOURS)]
+    marker: dict[str, Any] = {"marker": _MARKERS[k % len(_MARKERS)], "color": colour}
+    line: dict[str, Any] = {"linestyle": _LINES[k % len(_LINES)], "color": colour, "linewidth": 1.2}
     best = replace(table, rows=tuple(rows)).pareto()
-    ax.plot([row.median for row in rows], [row.error for row in rows], **marker | {"linestyle": "none"})
-    ax.plot([row.median for row in best], [row.error for row in best], **line)
+    for some, style in ((rows, marker | {"linestyle": "none"}), (best, line)):
+        heights = [at_floor.get(id(row), row.error) for row in some]
+        ax.plot([row.median for row in some], heights, **style)
     ax.plot([], [], label=family, **marker | line)
 
 
 def tradeoff(study: Study, *, ax: Any = None) -> Any:
     """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
+
+    Calls whose errors are below that stand in the grey band, each family at a height of its own that says nothing.
 
     Parameters
     ----------
@@ -145,8 +163,13 @@ def tradeoff(study: Study, *, ax: Any = None) -> Any:
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
     """
-    ax = work_precision(study.work, ax=ax)
+    floor = [row for row in study.work.rows if _drawable(row) and row.error <= study.limit]
+    families = list(dict.fromkeys(row.family or row.name for row in floor))
+    lower = {family: study.limit * 10 ** (-_APART * (k + 1)) for k, family in enumerate(families)}
+    heights = {id(row): lower[row.family or row.name] for row in floor}
+    ax = _errors_against_times(study.work, _axes(ax), heights)
     ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
+    ax.set_ylim(bottom=study.limit * 10 ** (-_APART * (len(families) + 1)))
     _legend(ax)
     return ax
 
@@ -209,14 +232,15 @@ def sweep_map(
     (x_edges, x_centres), (y_edges, y_centres) = (
         _cells(ax, which, result.parameters[name]) for which, name in (("x", x), ("y", y))
     )
-    mesh = ax.pcolormesh(x_edges, y_edges, np.ma.masked_invalid(field), cmap="cividis")
+    limits, ends = robust(field)
+    mesh = ax.pcolormesh(x_edges, y_edges, np.ma.masked_invalid(field), cmap="cividis", **limits)
     rows, columns = np.nonzero(~np.isfinite(field))
     if rows.size:
         ax.plot(x_centres[columns], y_centres[rows], "kx", label="no value")
         ax.legend(fontsize="small")
     shown = next(iter(result.values)) if value is None else value
     ax.set(xlabel=labels.get(x, x), ylabel=labels.get(y, y))
-    ax.figure.colorbar(mesh, ax=ax, label=labels.get(shown, shown))
+    ax.figure.colorbar(mesh, ax=ax, label=labels.get(shown, shown), extend=ends)
     return ax
 
 
@@ -225,12 +249,15 @@ def _axes(ax: Any) -> Any:
         return ax
     import matplotlib.pyplot as plt
 
-    return plt.subplots(layout="constrained")[1]
+    return plt.subplots(figsize=(9.0, 5.0), layout="constrained")[1]
 
 
 def _legend(ax: Any) -> None:
     """Name the curves: within the axes where there is room, else to their right."""
     crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    if not makes_room(ax):
+        ax.legend(fontsize="xx-small" if crowded else "x-small", framealpha=0.8)
+        return
     place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)} if crowded else {}
     ax.legend(fontsize="small", **place)
 

@@ -12,36 +12,41 @@ from numpy.typing import NDArray
 from stickslip.results.outcome import Drawable
 
 __all__ = [
-    "DISPLACEMENT",
-    "FORCE",
+    "COLOURS",
     "NORMAL",
     "TIME",
-    "VELOCITY",
     "WITH_DOTS",
     "beside",
     "color_bar",
     "contact_names",
     "dots",
     "edges",
+    "keep_names_inside",
     "look",
+    "makes_room",
     "mark_events",
     "own_axes",
     "raster",
+    "robust",
+    "value_raster",
 ]
 
 TIME = "time [s]"
-VELOCITY = "velocity [m/s | rad/s]"
-DISPLACEMENT = "relative displacement [m | rad]"
-FORCE = "force [N | N m]"
 NORMAL = "normal force [N]"
 
 WITH_DOTS = 300
 """More computed points than this are not marked on the curves."""
 
-_COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000")
+COLOURS = (
+    *("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000", "#56B4E9", "#E69F00"),
+    *("#5E3C99", "#8C1515", "#66A61E", "#01665E", "#1F3A93", "#B8A800", "#E7298A", "#A0522D"),
+)
+"""No panel has more curves than these."""
 _LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS = "osD^vPX*<>hp"
 _MARKED_EVENTS = 40
+_STRETCHED = 3.0
+"""Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
 
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
@@ -52,18 +57,26 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
 def look(k: int) -> dict[str, Any]:
     """Return colour and line style of the k-th curve; broken lines are thinner than whole ones."""
     width = 1.9 if k % len(_LINES) == 0 else 1.4
-    return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
 
 
 def dots(k: int) -> dict[str, Any]:
     """Return how the k-th curve's computed points are marked."""
     marker = _MARKERS[k % len(_MARKERS)]
-    return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
 
 
 def beside(ax: Any, **options: Any) -> None:
-    """Put the legend to the right of the axes."""
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
+    """Put the legend to the right of the axes; within them where nothing makes room beside them."""
+    if makes_room(ax):
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
+    else:
+        ax.legend(loc="best", framealpha=0.8, fontsize="x-small", **options)
+
+
+def makes_room(ax: Any) -> bool:
+    """Whether the figure moves its axes so that nothing beside them is cut off."""
+    return ax.figure.get_layout_engine() is not None
 
 
 def mark_events(ax: Any, result: Drawable) -> None:
@@ -95,9 +108,47 @@ def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str]
     ax.invert_yaxis()
     every = -(-len(names) // 20)
     ax.set_yticks(range(0, len(names), every), names[::every], fontsize="small")
+    keep_names_inside(ax)
     return mesh
+
+
+def keep_names_inside(ax: Any) -> None:
+    """Let the names at the left stand within the axes where nothing makes room beside them."""
+    if makes_room(ax):
+        return
+    for label in ax.get_yticklabels():
+        paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+        label.set(horizontalalignment="left", fontsize="x-small", bbox=paper)
+    ax.tick_params(axis="y", pad=-4)
 
 
 def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
     """Draw the colour bar of a raster right beside its axes, whatever the panels above and below need; return it."""
-    return ax.figure.colorbar(mesh, cax=ax.inset_axes((1.015, 0.0, 0.02, 1.0)), label=label, **options)
+    if makes_room(ax):
+        options["cax"] = ax.inset_axes((1.015, 0.0, 0.02, 1.0))
+    else:
+        options["ax"] = ax
+    return ax.figure.colorbar(mesh, label=label, **options)
+
+
+def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
+    """Return limits of a colour scale that a few extremes do not stretch until all else looks alike.
+
+    The text says at which ends of the colour bar an arrow tells that values lie beyond.
+    """
+    some = values[np.isfinite(values)]
+    if not some.size:
+        return {}, "neither"
+    lowest, low, high, highest = np.quantile(some, [0.0, 0.01, 0.99, 1.0]).tolist()
+    if not high > low or highest - lowest <= _STRETCHED * (high - low):
+        return {}, "neither"
+    ends = {(True, True): "both", (True, False): "min"}.get((lowest < low, highest > high), "max")
+    return {"vmin": low, "vmax": high}, ends
+
+
+def value_raster(
+    ax: Any, t: NDArray[np.float64], rows: NDArray[np.float64], names: list[str], label: str
+) -> None:
+    """Draw numbers as a raster with its colour bar."""
+    limits, ends = robust(rows)
+    color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.model.scene import Body, Contact, Drive, Element, Scene
+from stickslip.model.scene import Block, Body, Contact, Drive, Element, Sampled, Scene, StateSpace
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Trajectory
 
@@ -16,8 +16,8 @@ __all__ = ["final_scene"]
 def final_scene(trajectory: Trajectory) -> Scene:
     """Return the scene at the end of a motion: simulated from that time on, it goes on as the motion would have.
 
-    Velocities, positions, times at rest, bristles and slip states are those of the end. Loads stay as they are: they
-    are functions of the same time.
+    Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
+    end. Loads stay as they are: they are functions of the same time.
 
     Parameters
     ----------
@@ -56,6 +56,13 @@ def final_scene(trajectory: Trajectory) -> Scene:
                         slipping=bool(abs(last.modes[j]) == 1 and not system.hard[j]),
                     )
                 )
+            case Block(name=name) | StateSpace(name=name):
+                elements.append(replace(element, states=at.states_of(name)[:, 0].tolist()))
+            case Sampled(name=name):
+                held = at.outputs_of(name)[:, 0].tolist()
+                states = at.states_of(name)[:, 0].tolist()
+                first = trajectory.span[0] if element.first is None else element.first
+                elements.append(replace(element, states=states, held=held, outputs=len(held), first=first))
             case _:
                 elements.append(element)
-    return Scene(*elements)
+    return Scene(*elements, motion=system.scene.motion)

@@ -21,6 +21,7 @@ from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
+from stickslip.results.units import units
 
 __all__ = ["explain_result", "explain_scene", "span_of"]
 
@@ -147,10 +148,11 @@ def _sum(coefficients: Mapping[str, float]) -> str:
 
 def _contact(system: System, j: int) -> str:
     contact = system.scene.contacts[j]
-    return f"{contact.a} on {contact.b}, {_law(contact)}; {_guards(system, j)}; {_normal(contact)}"
+    law = _law(contact, units(system.scene, contact).velocity)
+    return f"{contact.a} on {contact.b}, {law}; {_guards(system, j)}; {_normal(contact)}"
 
 
-def _law(contact: Contact) -> str:
+def _law(contact: Contact, unit: str) -> str:
     law = contact.law
     core = law if isinstance(law, DryFriction) else law.law  # type: ignore[attr-defined]
     text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
@@ -159,7 +161,7 @@ def _law(contact: Contact) -> str:
     if core.curved:
         text += ", kinetic curve"
     if hasattr(law, "velocity"):
-        text += f", within {law.velocity:g} m/s | rad/s"
+        text += f", within {law.velocity:g} {unit}"
     return text
 
 
@@ -273,7 +275,8 @@ def _event_sentences(result: Outcome) -> list[str]:
     events, samples = result.events, result.samples
     if not events:
         return ["Events: none"]
-    lines = [f"Events: {len(events)} (forces in N | N m, velocities in m/s | rad/s)"]
+    unit = units(samples.system.scene)
+    lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
     rows = [samples.row(event.contact) for event in events]
     limits = _limits(samples, events, rows) if samples.trajectory.is_dense else [None] * len(events)
     for event, j, around in zip(events, rows, limits, strict=True):

@@ -20,11 +20,24 @@ from stickslip.model.modes import Mode
 from stickslip.model.quantities import Quantity
 from stickslip.model.quantities import output as output_of
 from stickslip.model.scene import Scene
+from stickslip.results.energy import energy
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.results.units import units as units_of
 
-__all__ = ["Kept", "columns", "output", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
+__all__ = [
+    "Kept",
+    "column_units",
+    "columns",
+    "output",
+    "read",
+    "save",
+    "summary",
+    "to_csv",
+    "to_frame",
+    "to_json",
+]
 
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
@@ -35,7 +48,7 @@ _OF_PATH = tuple(field.name for field in fields(Steps))
 
 
 def columns(result: Outcome) -> dict[str, NDArray[Any]]:
-    """Return time, velocities, positions that are states, forces and modes, under their names in files.
+    """Return motion, forces, modes, powers and energies of a result, under their names in files.
 
     Parameters
     ----------
@@ -44,8 +57,53 @@ def columns(result: Outcome) -> dict[str, NDArray[Any]]:
     Returns
     -------
     dict of str to array (n,)
-        ``time``, ``velocity NAME``, ``position NAME``, ``force NAME``, ``breakaway NAME`` and ``mode NAME``.
+        ``time``; ``velocity NAME`` of bodies and drives, and ``position NAME`` where it is a state; ``force NAME`` and
+        ``mode NAME`` of contacts, ties and clutches; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
+        from the start, ``heat NAME`` of contacts; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work
+        of loads`` and ``work of drives``. Heat, energy and work are left out where only the outputs were kept.
     """
+    found = _state_columns(result)
+    samples = result.samples
+    frictional = _frictional(samples.system)
+    found |= {f"normal {name}": samples.normal(name) for name in frictional}
+    found |= {f"power {name}": samples.force(name) * samples.relative_velocity(name) for name in frictional}
+    if not samples.t.size or samples.trajectory.is_dense:
+        ledger = energy(result)
+        found |= {f"heat {name}": heat for name, heat in ledger.contacts.items()}
+        found["heat of dampers"] = sum(ledger.dampers.values(), np.zeros_like(samples.t))
+        found |= {"kinetic energy": ledger.kinetic, "spring energy": ledger.spring}
+        found |= {"work of loads": ledger.loads, "work of drives": ledger.drives}
+    return found
+
+
+def column_units(result: Outcome) -> dict[str, str]:
+    """Return the unit of each column; modes have none.
+
+    The scene says whether its bodies rotate or move along lines; where it does not, both units are named.
+
+    Parameters
+    ----------
+    result : Outcome
+    """
+    scene = result.samples.system.scene
+    body = units_of(scene)
+    found = {"time": "s"}
+    for one in (*scene.bodies, *scene.drives):
+        found |= {f"velocity {one.name}": body.velocity, f"position {one.name}": body.position}
+    for row in scene.rows:
+        force = units_of(scene, row).force
+        found |= {f"force {row.name}": force, f"breakaway {row.name}": force, f"mode {row.name}": ""}
+        found |= {f"normal {row.name}": "N", f"power {row.name}": "W", f"heat {row.name}": "J"}
+    energies = ("heat of dampers", "kinetic energy", "spring energy", "work of loads", "work of drives")
+    return found | dict.fromkeys(energies, "J")
+
+
+def _frictional(system: System) -> list[str]:
+    """Return the names of the rows that are contacts."""
+    return [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
+
+
+def _state_columns(result: Outcome) -> dict[str, NDArray[Any]]:
     samples = result.samples
     system = samples.system
     moving = [*system.names, *(drive.name for drive in system.scene.drives)]
@@ -54,13 +112,12 @@ def columns(result: Outcome) -> dict[str, NDArray[Any]]:
     found |= {f"position {moving[i]}": samples.position(moving[i]) for i in system.position_state}
     names = [row.name for row in system.rows]
     found |= {f"force {name}": samples.force(name) for name in names}
-    levels = [name for name, has in zip(names, system.is_friction.tolist(), strict=True) if has]
-    found |= {f"breakaway {name}": samples.breakaway(name) for name in levels}
+    found |= {f"breakaway {name}": samples.breakaway(name) for name in _frictional(system)}
     found |= {f"mode {name}": samples.mode(name) for name in names}
     return found
 
 
-def to_csv(result: Outcome, path: Target) -> None:
+def to_csv(result: Outcome, path: Target, *, units: bool | None = None) -> None:
     """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
 
     Parameters
@@ -68,6 +125,9 @@ def to_csv(result: Outcome, path: Target) -> None:
     result : Outcome
     path : path
         Times stand in s, everything else in the SI units of the scene.
+    units : bool, optional
+        Whether the heads of the columns say the units, as in ``velocity wheel [rad/s]``. By default they do where the
+        scene says whether it rotates.
 
     Raises
     ------
@@ -75,29 +135,40 @@ def to_csv(result: Outcome, path: Target) -> None:
         If the file cannot be written.
     """
     found = columns(result)
+    heads = list(found)
+    if result.samples.system.scene.motion is not None if units is None else units:
+        known = column_units(result)
+        heads = [f"{name} [{known[name]}]" if known[name] else name for name in heads]
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(found)
+        writer.writerow(heads)
         writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
 
 
 def summary(result: Outcome) -> dict[str, Any]:
-    """Return outcome, events, counts and the state at the last time as plain data.
+    """Return outcome, events, counts and the columns at the last time as plain data.
 
     Parameters
     ----------
     result : Outcome
     """
-    data: dict[str, Any] = {
+    data = _how_it_ended(result)
+    if result.samples.t.size:
+        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
+        known = column_units(result)
+        data["units"] = {name: known[name] for name in data["final"]}
+    return data
+
+
+def _how_it_ended(result: Outcome) -> dict[str, Any]:
+    """Return outcome, events and counts as plain data."""
+    return {
         "success": bool(result.success),
         "status": int(result.status),
         "message": result.message,
         "events": [_event_to_dict(event) for event in result.events],
         "stats": {name: _plain(value) for name, value in result.stats.items()},
     }
-    if result.samples.t.size:
-        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
-    return data
 
 
 def to_json(result: Outcome, path: Target) -> None:
@@ -119,7 +190,8 @@ def to_json(result: Outcome, path: Target) -> None:
 def to_frame(result: Outcome) -> Any:
     """Return a pandas DataFrame with the columns of a result.
 
-    Times are a column, not the index, because both limits of an event stand at the same time.
+    Times are a column, not the index, because both limits of an event stand at the same time. ``frame.attrs["units"]``
+    holds the unit of each column.
 
     Parameters
     ----------
@@ -134,7 +206,9 @@ def to_frame(result: Outcome) -> Any:
         import pandas
     except ImportError as missing:
         raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
-    return pandas.DataFrame(columns(result))
+    frame, known = pandas.DataFrame(columns(result)), column_units(result)
+    frame.attrs["units"] = {name: known[name] for name in frame.columns}
+    return frame
 
 
 # -- one name for two things --------------------------------------------------------------------------------
@@ -164,6 +238,11 @@ class _Output:
     def columns(self) -> Any:
         """`stickslip.results.files.columns`."""
         return columns
+
+    @property
+    def column_units(self) -> Any:
+        """`stickslip.results.files.column_units`."""
+        return column_units
 
     @property
     def summary(self) -> Any:
@@ -232,7 +311,7 @@ def save(result: Outcome, path: Target) -> None:
     for name in _OF_PATH:
         arrays |= _packed(f"path.{name}", [None if path is None else getattr(path, name) for path in paths])
     start, stop, stepped = samples.trajectory.span
-    about = summary(result) | {
+    about = _how_it_ended(result) | {
         "format": _FORMAT,
         "pieces": len(pieces),
         "span": [start, stop],

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.dependence import BlockPlace
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
 from stickslip.equations.system import System
 from stickslip.model.laws.kernels import LINEAR
-from stickslip.model.scene import GROUND, Body, Drive, Scene
+from stickslip.model.scene import GROUND, Body, Drive, Sampled, Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
 
@@ -190,6 +191,35 @@ class Samples:
         for i, c in self.system.rows[self.row(row)].coefficients.items():
             found = found + c * self._velocity(i)
         return found
+
+    def block(self, name: str) -> BlockPlace:
+        """Return where a block stands."""
+        try:
+            return self.system.blocks[name]
+        except KeyError:
+            known = ", ".join(map(repr, list(self.system.blocks)[:10]))
+            raise ValueError(f"no block is called {name!r}; known are {known or 'none'}") from None
+
+    def states_of(self, block: str) -> Array:
+        """Return the states of a block, a line each."""
+        place = self.block(block)
+        states = slice(place.first, place.first_held)
+        return self._clocked(states) if isinstance(place.block, Sampled) else self.y[states]
+
+    def _clocked(self, states: slice) -> Array:
+        """Return states that change at samples only, as they are at the starts of pieces."""
+        pieces = self.trajectory.pieces
+        found = np.empty((states.stop - states.start, self.t.size))
+        for number, chosen in by_piece(self.piece_of):
+            found[:, chosen] = pieces[number].y[states, None]
+        return found
+
+    def outputs_of(self, block: str) -> Array:
+        """Return the outputs of a block, a line each."""
+        place = self.block(block)
+        if isinstance(place.block, Sampled):
+            return self._clocked(slice(place.first_held, place.end))
+        return self.system.outputs_of(place, self.t, self.y, self.inputs)
 
     # -- all rows at once ---------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
-from stickslip.results import energy, files
+from stickslip.results import energy, files, shares
 from stickslip.results.continuation import final_scene
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
@@ -239,6 +240,61 @@ class Result:
         """
         return self.samples.normal(contact)
 
+    def share(self, contact: str) -> dict[Mode, float]:
+        """Return the part of the simulated time that a contact spends in each mode; together they are 1.
+
+        Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
+        each step.
+
+        Raises
+        ------
+        ValueError
+            If there is no such contact, or the motion between the outputs was not kept.
+        """
+        return shares.share(self, contact)
+
+    def state(self, block: str) -> Array:
+        """Return the states of a block at the times `t`.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+
+        Returns
+        -------
+        array (n,) or (states, n)
+            In one line where it has one state.
+
+        Raises
+        ------
+        ValueError
+            If there is no such block.
+        """
+        found = self.samples.states_of(block)
+        return found[0] if found.shape[0] == 1 else found
+
+    def output(self, block: str) -> Array:
+        """Return the outputs of a block at the times `t`.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+
+        Returns
+        -------
+        array (n,) or (outputs, n)
+            In one line where it has one output.
+
+        Raises
+        ------
+        ValueError
+            If there is no such block.
+        """
+        found = self.samples.outputs_of(block)
+        return found[0] if found.shape[0] == 1 else found
+
     # -- between and beyond -------------------------------------------------------------------------------
 
     def __call__(self, t: float | Array) -> Array:
@@ -305,8 +361,8 @@ class Result:
     def final_scene(self) -> Scene:
         """Return the scene at the end of the motion, from which `simulate` goes on.
 
-        Velocities, positions, times at rest, bristles and slip states are those of the end. Loads stay as they are:
-        simulate over a time span that starts where this one ends.
+        Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
+        end. Loads stay as they are: simulate over a time span that starts where this one ends.
 
         Raises
         ------
@@ -329,18 +385,24 @@ class Result:
         """Return in words what was assembled, which guards were watched, and why each event happened."""
         return explain_result(self)
 
-    def to_csv(self, path: Target) -> None:
-        """Write time, velocities, positions, forces and modes as a table.
+    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
+        """Write motion, forces, modes, powers and energies as a table, a line per time.
+
+        Parameters
+        ----------
+        path : path
+        units : bool, optional
+            Whether the heads of the columns say the units; by default where the scene says whether it rotates.
 
         Raises
         ------
         OSError
             If the file cannot be written.
         """
-        files.to_csv(self, path)
+        files.to_csv(self, path, units=units)
 
     def to_frame(self) -> Any:
-        """Return the same as a pandas data frame (extra `stickslip[frames]`).
+        """Return the same as a pandas data frame, units in ``frame.attrs["units"]`` (extra `stickslip[frames]`).
 
         Raises
         ------
@@ -364,6 +426,33 @@ class Result:
         from stickslip import plots
 
         return plots.overview(self, **options)
+
+    def report(self, path: Target, *, title: str = "A simulation with dry friction") -> None:
+        """Write a report of the run: one HTML file that needs no other file and no network.
+
+        It shows the scene as a schematic, motion, modes and forces, the events with their causes, the part of the time
+        in each mode, the energy ledger, and what is known of the accuracy. It can be read on a phone.
+
+        Parameters
+        ----------
+        path : path
+        title : str
+            Heading of the page.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        from stickslip.plots.report import report
+
+        Path(path).write_text(report(self, title), encoding="utf-8")
+
+    def _repr_html_(self) -> str:
+        """Return figure, events and last velocities, as notebooks show them."""
+        from stickslip.plots.notebook import result_html
+
+        return result_html(self)
 
     def __str__(self) -> str:
         lines = [self.message, *map(str, self.events)]

@@ -121,6 +121,8 @@ class Run:
         motion = now.motion
         self.most_guards = max(self.most_guards, now.guards.armed)
         path = self.engine.advance(motion, now.guards, motion.horizon)
+        # to the bit, also where a solver has integrated a rate of 0
+        path.last[self.system.clocked] = motion.y[self.system.clocked]
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
@@ -144,14 +146,14 @@ class Run:
                 self.now = following
                 return
         before = shown_at_end(motion, path, now.labels)
-        touching, fired = at_limit(motion, now.guards, path, ones)
+        touching, fired, let_go = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         parted, y = jumped(motion, self.loads, path, t)
         touching |= (before == 0) & ~parted
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, y, before, since, touching, fired, path.largest)
+        situation = Situation(t, y, before, since, touching, fired, path.largest, let_go)
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():

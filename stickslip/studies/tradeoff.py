@@ -139,6 +139,12 @@ class Tradeoff:
 
         return studies.tradeoff(self, ax=ax)
 
+    def _repr_html_(self) -> str:
+        """Return figure and table, as notebooks show them."""
+        from stickslip.plots.notebook import study_html
+
+        return study_html(self)
+
     def __str__(self) -> str:
         """Return the table, what the reference is worth, and what was left out."""
         lines = [

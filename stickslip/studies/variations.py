@@ -97,6 +97,10 @@ def start_of(system: System, t: float) -> tuple[Array, Array]:
     y[: system.n] = [body.velocity for body in scene.bodies]
     places = [*scene.bodies, *scene.drives]
     y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+    for j, state in system.bristle_state.items():
+        y[state] = system.rows[j].deflection
+    for place in system.blocks.values():
+        y[place.first : place.first_held] = place.block.states or ()
     return y, t - np.array([row.rested for row in system.rows])
 
 
@@ -217,10 +221,10 @@ class Variation:
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
         self.result, self.trajectory = result, result.trajectory
         self.system: System = self.trajectory.system
-        if self.system.dependence is not None:
+        if self.system.dependence is not None or self.system.sampled:
             raise ValueError(
-                "sensitivities: normal forces that depend on the state, and feedback functions, have no derivatives "
-                "through events here; sums of quantities as forces have"
+                "sensitivities: normal forces that depend on the state, feedback functions and sampled blocks have no "
+                "derivatives here; sums of quantities as forces and linear blocks have"
             )
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)

@@ -9,7 +9,7 @@ import sys
 import pytest
 from references import load as reference
 
-from stickslip import Body, Force, Scene, load, simulate
+from stickslip import Body, Force, Scene, __version__, load, simulate
 from stickslip.__main__ import main
 from stickslip.benchmark import (
     EXACT_EVENTS,
@@ -149,6 +149,7 @@ def test_run_passes_every_option_on(here, monkeypatch):
 
     monkeypatch.setattr("stickslip.__main__.simulate", fake)
     options = ["--span", "-1", "2", "--method", "RK4", "--step", "0.01", "--formulation", "merged"]
+    options += ["--max-step", "0.1", "--velocity-margin", "1e-5"]
     assert main(["run", "scene.toml", *options, "--rtol", "1e-5", "--atol", "1e-7", "--progress"]) == 0
     assert seen == {
         "span": [-1.0, 2.0],
@@ -157,6 +158,8 @@ def test_run_passes_every_option_on(here, monkeypatch):
         "formulation": "merged",
         "rtol": 1e-5,
         "atol": 1e-7,
+        "max_step": 0.1,
+        "velocity_margin": 1e-5,
         "progress": True,
     }
 
@@ -166,6 +169,85 @@ def test_progress_goes_to_stderr_when_asked(here, capsys):
     assert "simulated" not in capsys.readouterr().err
     assert main(["run", "scene.toml", "--progress"]) == 0
     assert "simulated" in capsys.readouterr().err
+
+
+def test_run_writes_a_report(here):
+    assert main(["run", "scene.toml", "--report", "o.html"]) == 0
+    assert (here / "o.html").read_text().startswith("<!DOCTYPE html>")
+
+
+def test_explain_names_the_engine(here, capsys):
+    assert main(["explain", "scene.toml"]) == 0
+    assert "Engine: Taylor series, because" in capsys.readouterr().out
+    assert main(["explain", "scene.toml", "--span", "2", "1"]) == 2
+    assert "must run forward" in capsys.readouterr().err
+
+
+def test_sweep_reads_each_point_of_a_grid(here, capsys):
+    vary = ["--vary", "floor.normal=1,2", "--vary", "springs.0.stiffness=1:4:3:log"]
+    files = ["--csv", "o.csv", "--plot", "o.png", "--value", "stuck floor", "--save", "o.jsonl"]
+    assert main(["sweep", "scene.toml", *vary, *files, "--workers", "1"]) == 0
+    assert "sweep of 6 points: 0 failed" in capsys.readouterr().out
+    with (here / "o.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["floor.normal [N]"] for row in rows] == ["1.0"] * 3 + ["2.0"] * 3
+    assert [float(row["springs.0.stiffness [N/m | N m/rad]"]) for row in rows[:3]] == pytest.approx([1, 2, 4])
+    # the spring is stretched by 0.1 m/s t and lets go at 0.15 normal / stiffness
+    for row in rows:
+        k, normal = float(row["springs.0.stiffness [N/m | N m/rad]"]), float(row["floor.normal [N]"])
+        assert float(row["stuck floor"]) >= 0.15 * normal / k / 0.1 / 4.0 - 1e-9
+    assert (here / "o.png").exists()
+    assert len((here / "o.jsonl").read_text().splitlines()) == 6
+
+
+def test_a_sweep_with_points_that_fail_exits_with_1(here, capsys):
+    assert main(["sweep", "scene.toml", "--vary", "block.inertia=1,-1", "--workers", "1"]) == 1
+    assert "1 failed" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["floor.normal"], "write FIELD=VALUES, such as floor.normal=1,5,10"),
+        (["floor.normal=a,b"], "'a,b' lists no values; write 0.1,0.2,0.5 or START:STOP:COUNT"),
+        (["floor.normal=1:2"], "lists no values"),
+        (["floor.normal=0:1:3:log"], "lists"),
+        (["wall.normal=1"], "no element is called 'wall'; write NAME.FIELD with one of block, belt, floor"),
+        (["floor=1"], "which field of 'floor' varies? write floor.FIELD"),
+        (["floor.norm=1"], "unknown field 'norm'; a Contact has"),
+        (["floor.normal.slope=1"], "'normal' of 'floor' has no fields of its own"),
+        (["springs.3.stiffness=1"], "springs has the numbers 0 to 0, got '3'"),
+        (["block.inertia=-1"], "inertia must be positive"),
+        (["floor.normal=1", "--vary", "floor.normal=2"], "stands twice; list all its values at once"),
+        (["floor.normal=1,2", "--plot", "o.png"], "--plot draws a map over two fields, but 1 vary"),
+        (["floor.normal=1,2", "--csv", "none/o.csv"], "there is no folder none"),
+    ],
+)
+def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, message):
+    assert main(["sweep", "scene.toml", "--workers", "1", "--vary", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_tradeoff_measures_and_recommends(here, capsys):
+    (here / "scene.toml").write_text(SCENE.replace("span = [0, 4]", "span = [0, 1]"))
+    assert main(["tradeoff", "scene.toml", "--budget", "20", "--error", "1e-3", "--plot", "o.svg"]) == 0
+    text = capsys.readouterr().out
+    assert "recommended: simulate(scene" in text and "reference: " in text
+    assert (here / "o.svg").exists()
+    assert main(["tradeoff", "scene.toml", "--budget", "-1"]) == 2
+    assert "budget must be a positive number" in capsys.readouterr().err
+
+
+def test_draw_makes_a_figure_of_the_scene(here, capsys):
+    assert main(["draw", "scene.toml"]) == 0
+    assert (here / "scene.png").read_bytes().startswith(b"\x89PNG")
+    assert capsys.readouterr().out == "figure: scene.png\n"
+    assert main(["draw", "scene.toml", "--plot", "o.svg"]) == 0
+    assert "<svg" in (here / "o.svg").read_text()
+    (here / "scene.toml").write_text(SCENE.replace("normal = 1.0", 'normal = "much"'))
+    assert main(["draw", "scene.toml"]) == 2
+    assert "normal" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -222,6 +304,20 @@ def test_bad_arguments_exit_with_2(here, capsys, arguments, message):
     (here / "bad.json").write_text("{")
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"stickslip {__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["run", "explain", "draw", "tradeoff", "sweep"])
+def test_each_command_says_how_it_is_used_and_what_its_exit_codes_mean(command, capsys):
+    assert main([command, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"example: python -m stickslip {command} scene.toml" in text
+    for words in ("0    all went well", "1    a simulation failed", "2    bad input", "130  interrupted"):
+        assert words in text
 
 
 def test_help_exits_with_0(capsys):

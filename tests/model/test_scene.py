@@ -212,3 +212,17 @@ def test_the_work_to_make_a_scene_grows_with_its_size_not_with_the_square() -> N
         looks.append(CountedName.looks)
         assert len(scene.elements) == 2 * count - 1
     assert 0 < looks[1] < 4.5 * looks[0], looks
+
+
+def test_the_motion_is_kept_by_variants_and_plain_data() -> None:
+    turning = Scene(*WHEELS.elements, motion="rotation")
+    assert turning.motion == "rotation" and WHEELS.motion is None
+    assert turning != WHEELS
+    assert Scene.from_dict(turning.to_dict()) == turning == pickle.loads(pickle.dumps(turning))
+    assert "motion" not in WHEELS.to_dict()
+    for variant in (turning.replace("brake", normal=1.0), turning.regularized()):
+        assert variant.motion == "rotation"
+    assert repr(turning).endswith(", motion='rotation')")
+    for wrong in ("spin", 3, ["rotation"]):
+        with pytest.raises(ValueError, match="motion must be 'rotation' or 'translation', got"):
+            Scene(*WHEELS.elements, motion=wrong)  # type: ignore[arg-type]

@@ -28,6 +28,7 @@ from stickslip import (
     step,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
+from stickslip.plots.style import value_raster
 from stickslip.results.energy import energy
 
 VELOCITY = "velocity [m/s | rad/s]"
@@ -411,3 +412,58 @@ def test_sampling_keeps_the_limits_at_events(wheels):
     third = wheels.sample([0.05, 0.06])
     assert third.t == pytest.approx([0.05, 0.06])
     assert np.array_equal(third.y, wheels(third.t))
+
+
+# -- axes of one's own, units and colours -------------------------------------------------------------------
+
+
+def test_nothing_falls_outside_a_figure_that_makes_no_room(wheels, chain):
+    drawings = [
+        lambda ax: plots.velocities(wheels, ax=ax),
+        lambda ax: plots.modes(wheels, ax=ax),
+        lambda ax: plots.contact_forces(wheels, "brake", ax=ax),
+        lambda ax: plots.energy(wheels, ax=ax),
+        lambda ax: plots.velocities(chain, ax=ax),
+        lambda ax: plots.modes(chain, ax=ax),
+        lambda ax: plots.load_of_contacts(chain, ax=ax),
+    ]
+    for draw in drawings:
+        figure = Figure(figsize=(6.4, 4.8))
+        ax = figure.subplots()
+        draw(ax)
+        whole = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())
+        assert whole.x0 >= 0 and whole.y0 >= 0 and whole.x1 <= 6.4 and whole.y1 <= 4.8
+
+
+@pytest.mark.parametrize(
+    ("motion", "velocity", "force"), [("rotation", "rad/s", "N m"), ("translation", "m/s", "N")]
+)
+def test_only_the_unit_that_applies_is_shown(motion, velocity, force):
+    result = simulate(Scene(*flywheel_benchmark().elements, motion=motion), (0.0, 1.0))
+    shown = [ax.get_ylabel() for ax in plots.overview(result).axes]
+    forces = [f"force [{force}]"] * 2
+    assert shown == [f"velocity [{velocity}]", "mode", *forces, "normal force [N]"]
+    portrait = plots.phase_portrait(result, "interface")
+    assert portrait.get_xlabel() == f"relative displacement [{velocity.removesuffix('/s')}]"
+    arm = "[m]" if motion == "rotation" else "[1]"
+    assert plots.characteristic(result, "brake").get_ylabel() == f"force / normal force {arm}"
+
+
+def test_no_colour_stands_twice_in_a_panel():
+    bodies = [Body(f"b{k}", inertia=1.0, velocity=1.0 + k) for k in range(12)]
+    result = simulate(Scene(*bodies), (0.0, 1.0))
+    lines = [line for line in plots.velocities(result).get_lines() if line.get_label().startswith("b")]
+    assert len({line.get_color() for line in lines}) == 12
+
+
+def test_a_few_extremes_do_not_stretch_the_colours_of_a_raster():
+    axes = Figure(layout="constrained").subplots(2, 1)
+    t = np.linspace(0.0, 1.0, 300)
+    rows = np.tile(np.sin(6 * t), (4, 1))
+    value_raster(axes[0], t, rows, list("abcd"), "velocity")
+    assert axes[0].collections[0].get_clim() == (rows.min(), rows.max())
+    rows[2, 150] = 1000.0
+    value_raster(axes[1], t, rows, list("abcd"), "velocity")
+    low, high = axes[1].collections[0].get_clim()
+    assert high == pytest.approx(1.0, abs=0.01) and low == pytest.approx(-1.0, abs=0.01)
+    assert axes[1].collections[0].colorbar.extend == "both"

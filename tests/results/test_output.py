@@ -140,6 +140,8 @@ def test_csv_has_every_digit(blocks, tmp_path):
         *(f"velocity {name}" for name in ("b0", "b1", "plate")),
         *(f"position {name}" for name in ("b0", "b1", "plate")),
         *(f"{what} {name}" for what in ("force", "breakaway", "mode") for name in ("f0", "f1")),
+        *(f"{what} {name}" for what in ("normal", "power", "heat") for name in ("f0", "f1")),
+        *("heat of dampers", "kinetic energy", "spring energy", "work of loads", "work of drives"),
     ]
     assert np.array_equal([float(row["time"]) for row in rows], blocks.t)
     assert np.array_equal([float(row["velocity b1"]) for row in rows], blocks.velocity("b1"))
@@ -167,6 +169,67 @@ def test_frame_has_the_same_columns(wheels):
     frame = output.to_frame(wheels)
     assert list(frame.columns) == list(output.columns(wheels))
     assert frame["force brake"].to_numpy().tolist() == wheels.force("brake").tolist()
+
+
+def test_columns_hold_powers_and_the_ledger(blocks):
+    found, ledger = output.columns(blocks), blocks.energy()
+    assert np.array_equal(found["normal f1"], blocks.normal("f1"))
+    assert np.array_equal(found["power f0"], blocks.power("f0"))
+    assert np.array_equal(found["heat f0"], ledger.contacts["f0"])
+    assert np.array_equal(found["spring energy"], ledger.spring)
+    assert np.array_equal(found["work of drives"], ledger.drives)
+    balance = found["kinetic energy"] + found["spring energy"] + found["heat of dampers"]
+    balance = balance + found["heat f0"] + found["heat f1"]
+    assert balance - balance[0] == pytest.approx(found["work of drives"], abs=1e-9 * balance.max())
+
+
+def test_energy_is_left_out_where_the_motion_was_not_kept():
+    sparse = simulate(flywheel_benchmark(), (0.0, 4.0), t_eval=[0.0, 0.48, 3.0], dense_output=False)
+    found = output.columns(sparse)
+    assert "power brake" in found and not any("heat" in name or "energy" in name for name in found)
+
+
+@pytest.mark.parametrize(
+    ("motion", "velocity", "force"),
+    [("rotation", "rad/s", "N m"), ("translation", "m/s", "N"), (None, "m/s | rad/s", "N | N m")],
+)
+def test_units_stand_in_frames_json_and_heads(motion, velocity, force, tmp_path):
+    pytest.importorskip("pandas")
+    scene = Scene(*flywheel_benchmark().elements, motion=motion)
+    result = simulate(scene, (0.0, 1.0))
+    units = result.to_frame().attrs["units"]
+    assert list(units) == list(output.columns(result))
+    assert (units["velocity wheel1"], units["force brake"], units["mode brake"]) == (velocity, force, "")
+    assert (units["time"], units["normal brake"], units["power brake"], units["heat brake"]) == tuple("sNWJ")
+    result.to_csv(tmp_path / "r.csv")
+    heads = (tmp_path / "r.csv").read_text().partition("\n")[0].split(",")
+    # heads that no unit is sure of stay plain, so that columns are found by their names
+    assert (f"velocity wheel1 [{velocity}]" in heads) == (motion is not None)
+    assert "mode brake" in heads
+    result.to_csv(tmp_path / "r.csv", units=motion is None)
+    heads = (tmp_path / "r.csv").read_text().partition("\n")[0].split(",")
+    assert (f"force brake [{force}]" in heads) == (motion is None)
+    output.to_json(result, tmp_path / "r.json")
+    assert json.loads((tmp_path / "r.json").read_text())["units"]["velocity wheel1"] == velocity
+
+
+def test_a_radius_turns_units_of_rotation_into_those_of_translation():
+    rub = Contact("rub", "wheel", GROUND, DryFriction(0.2, 0.1), normal=1.0, radius_a=0.3)
+    scene = Scene(Body("wheel", inertia=1.0, velocity=1.0), rub, motion="rotation")
+    result = simulate(scene, (0.0, 1.0))
+    assert output.column_units(result)["force rub"] == "N"
+    assert output.column_units(result)["velocity wheel"] == "rad/s"
+    assert (
+        "(forces in N m, velocities in rad/s)"
+        in simulate(
+            Scene(
+                Body("a", inertia=1.0, velocity=0.1),
+                Contact("c", "a", GROUND, rub.law, normal=1.0),
+                motion="rotation",
+            ),
+            (0.0, 2.0),
+        ).explain()
+    )
 
 
 def test_frame_names_the_extra(wheels, monkeypatch):

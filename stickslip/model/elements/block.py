@@ -87,7 +87,9 @@ class AnyBlock(Named):
         numbers = found.ravel() if found.ndim < 2 else found
         enough = numbers.ndim == 1 and (numbers.size == count if exactly else numbers.size >= count)
         if not enough:
-            raise ValueError(f"{name} returned {found!r}, but {count} number{'s' * (count != 1)} are needed")
+            raise ValueError(
+                f"{name} returned {found!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
+            )
         if not np.isfinite(numbers).all():
             raise ValueError(f"{name} returned {found!r}")
         return numbers[:count]

@@ -1,0 +1,106 @@
+"""The Taylor coefficients of a small linear motion from one product.
+
+Between two breaks the inputs are lines, and dwells are exponentials times lines. Together with the states,
+
+    x = (y, q, q', e, e'),    y' = A y + B (q, e),    e = exp(-age / dwell) N,
+
+they obey ``x' = N x`` with a constant matrix N. The coefficient of order k is ``N^k x / k!``: one matrix gives all of
+them, for every motion in the same modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.system import System
+
+__all__ = ["TaylorMap", "is_small"]
+
+Array = NDArray[np.float64]
+
+_MOST_ENTRIES = 30_000
+_FASTEST = 1e12
+"""Products of rate and step beyond which powers of them may overflow."""
+
+
+def is_small(system: System, rows: int, order: int) -> bool:
+    """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
+    columns = system.size + 2 * system.inputs + 2 * system.dwelling.size
+    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
+
+
+class TaylorMap:
+    """The map from states, inputs and dwells to the Taylor coefficients in one set of modes.
+
+    Parameters
+    ----------
+    system : System
+    of_states, of_inputs : array
+        Maps from states, and from inputs and dwells, to rates, watched quantities and guards.
+    watched : int
+        How many watched quantities there are.
+    consistent : callable
+        Writes the dependent velocities of states through the independent ones, given those of the drives.
+    order : int
+        Highest order.
+    frozen : bool
+        Whether static coefficients keep their values.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        of_states: Array,
+        of_inputs: Array,
+        watched: int,
+        consistent: Callable[[Array, Array], Array],
+        order: int,
+        frozen: bool,
+    ) -> None:
+        size, inputs, dwelling = system.size, system.inputs, system.dwelling
+        dwells = dwelling.size
+        self._size, self._watched, self._order = size, size + watched, order
+        # time is counted in units in which no coefficient grows
+        fastest = float(np.abs(of_states[:size]).sum(axis=1).max(initial=0.0))
+        if dwells and not frozen:
+            fastest = max(fastest, float((1.0 / system.dwell[dwelling]).max()))
+        self._pace = fastest if fastest > 0 else 1.0
+        fall = np.zeros(dwells) if frozen else -1.0 / (system.dwell[dwelling] * self._pace)
+        columns = size + 2 * inputs + 2 * dwells
+        value, slope = size, size + inputs
+        dwell, dwell_slope = (
+            size + 2 * inputs + np.arange(dwells),
+            size + 2 * inputs + dwells + np.arange(dwells),
+        )
+        place = inputs + np.arange(dwells)
+        y = np.eye(size, columns)
+        decay, before = np.ones(dwells), np.zeros(dwells)
+        blocks = []
+        for k in range(order + 1):
+            q = np.zeros((inputs + dwells, columns))
+            if k == 0:
+                q[:inputs, value : value + inputs] = np.eye(inputs)
+            elif k == 1:
+                q[:inputs, slope : slope + inputs] = np.eye(inputs) / self._pace
+            q[place, dwell], q[place, dwell_slope] = decay, before / self._pace
+            if k:
+                y = consistent(y, system.drive_velocities(q))
+            found = of_states @ y + of_inputs @ q
+            blocks.append(np.concatenate([y, found[size:]]))
+            y = found[:size] / ((k + 1) * self._pace)
+            decay, before = decay * fall / (k + 1), decay
+        self._matrix = np.concatenate(blocks)
+        self._orders = np.arange(order + 1)
+
+    def reaches(self, scale: float) -> bool:
+        """Tell whether the coefficients over steps of this length in s can be told."""
+        return self._pace * scale < _FASTEST
+
+    def __call__(self, x: Array, scale: float) -> tuple[Array, Array, Array]:
+        """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards, a row per order."""
+        found = (self._matrix @ x).reshape(self._order + 1, -1)
+        found *= ((self._pace * scale) ** self._orders)[:, None]
+        return found[:, : self._size], found[:, self._size : self._watched], found[:, self._watched :]

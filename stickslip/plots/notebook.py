@@ -1,0 +1,117 @@
+"""What notebooks show of scenes, results and studies: a small figure and a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from html import escape
+from typing import Any, Protocol
+
+from matplotlib.figure import Figure
+
+from stickslip.model.laws.dry_friction import Law
+from stickslip.model.scene import Scene
+from stickslip.model.signals import Signal
+from stickslip.plots.html import STYLE, bitmap, table, vector
+from stickslip.plots.schematic import MOST, schematic
+from stickslip.results.outcome import Drawable, Event
+from stickslip.results.units import units
+
+__all__ = ["elements_table", "events_table", "final_table", "result_html", "scene_html", "study_html"]
+
+_EVENTS = 12
+_ELEMENTS = 40
+
+
+class Study(Protocol):
+    """What is shown of a study: its text and its figure."""
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the study and return the axes."""
+        ...
+
+
+def _shown(*parts: str) -> str:
+    return f'<div class="stickslip">{STYLE}' + "\n".join(parts) + "</div>"
+
+
+def scene_html(scene: Scene) -> str:
+    """Return the schematic of a scene, and a table of its elements."""
+    return _shown(vector(schematic(scene).figure, "schematic of the scene"), elements_table(scene))
+
+
+def result_html(result: Drawable) -> str:
+    """Return figure, events and last velocities of a result."""
+    from stickslip.plots import overview
+
+    if not result.t.size:
+        return _shown(f"<p>{escape(result.message)}</p>")
+    figure = overview(result)
+    stats = ", ".join(f"{name} {value}" for name, value in result.stats.items())
+    return _shown(
+        f"<p>{escape(result.message)}</p>",
+        bitmap(figure, "velocities, modes and forces over time", 80),
+        events_table(result.events, _EVENTS),
+        final_table(result),
+        f"<p><small>{escape(stats)}</small></p>",
+    )
+
+
+def study_html(study: Study) -> str:
+    """Return figure and table of a study."""
+    ax = Figure(figsize=(7.5, 4.5), layout="constrained").subplots()
+    study.plot(ax=ax)
+    return _shown(bitmap(ax.figure, "error against time"), f"<pre>{escape(str(study))}</pre>")
+
+
+def elements_table(scene: Scene) -> str:
+    """Return a table of a scene's elements, a line each."""
+    rows = []
+    for element in scene.elements[:_ELEMENTS]:
+        given = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
+        said = {one.name for one in fields(element) if given[one.name] is one.default}  # type: ignore[arg-type]
+        ends = [given[key] for key in ("a", "b", "body", "sun", "carrier", "ring") if key in given]
+        values = [
+            f"{key} {_brief(value)}"
+            for key, value in given.items()
+            if key not in ("name", "a", "b", "body", "sun", "carrier", "ring") and key not in said
+        ]
+        rows.append((element.noun(), given.get("name", ""), " – ".join(ends), ", ".join(values)))
+    left = len(scene.elements) - _ELEMENTS
+    return table(("element", "name", "joins", "values"), rows, f"and {left} more" if left > 0 else "")
+
+
+def _brief(value: Any) -> str:
+    """Return a value of a field, as short as it can be said."""
+    if isinstance(value, (Signal, Law)):
+        try:
+            value = value.to_dict()
+        except (TypeError, ValueError):
+            return "a function"
+    if isinstance(value, Mapping):
+        kind = value.get("type")
+        inner = ", ".join(f"{key} {_brief(item)}" for key, item in value.items() if key != "type")
+        return f"{kind}({inner})" if kind else f"({inner})"
+    if isinstance(value, (list, tuple)):
+        value = f"[{', '.join(map(_brief, value))}]"
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else text[:59] + "…"
+
+
+def events_table(events: list[Event], most: int) -> str:
+    """Return a table of events, at most so many."""
+    rows = [(e.t, e.contact, f"{e.before.name} → {e.after.name}", e.cause) for e in events[:most]]
+    if not rows:
+        return "<p>no events</p>"
+    left = len(events) - most
+    return table(("time [s]", "what", "change", "why"), rows, f"and {left} more" if left > 0 else "")
+
+
+def final_table(result: Drawable) -> str:
+    """Return a table of the velocities at the last time."""
+    unit = units(result.scene).velocity
+    rows = [(body.name, float(result.velocity(body.name)[-1])) for body in result.scene.bodies[:MOST]]
+    left = len(result.scene.bodies) - MOST
+    return table(
+        ("body", f"velocity at {result.t[-1]:.9g} s [{unit}]"), rows, f"and {left} more" if left > 0 else ""
+    )

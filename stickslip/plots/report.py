@@ -1,0 +1,164 @@
+"""A report of one run: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+from stickslip.plots.html import bitmap, table, vector
+from stickslip.plots.notebook import elements_table, events_table, final_table
+from stickslip.plots.schematic import schematic
+from stickslip.results.explanations import explain_result
+from stickslip.results.outcome import Drawable
+from stickslip.results.shares import share
+
+__all__ = ["report"]
+
+_EVENTS = 200
+_ROWS = 40
+_POINTS = 300
+"""Figures of more times than this per body are bitmaps: as lines they would make the page large."""
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+body {{ font-family: system-ui, sans-serif; line-height: 1.45; color: #111; background: white;
+        max-width: 60rem; margin: 0 auto; padding: 0.5rem 1rem 3rem; }}
+h1 {{ font-size: 1.5rem; }} h2 {{ font-size: 1.15rem; margin-top: 2rem; border-bottom: 2px solid #111; }}
+img, svg {{ max-width: 100%; height: auto; }}
+.wide {{ overflow-x: auto; }}
+.figure img, .figure svg {{ min-width: 36rem; }}
+table {{ border-collapse: collapse; font-size: 0.9rem; }}
+th, td {{ text-align: left; vertical-align: top; padding: 0.2rem 0.6rem; border-bottom: 1px solid #ccc; }}
+td.number {{ text-align: right; font-variant-numeric: tabular-nums; }}
+pre {{ white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.8rem; background: #f3f3f3; padding: 0.6rem; }}
+</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""
+
+
+def report(result: Drawable, title: str) -> str:
+    """Return a page on a result: scene, motion, modes, forces, energies, events with their causes, accuracy.
+
+    Parameters
+    ----------
+    result : Result
+    title : str
+        Heading of the page.
+    """
+    if not result.t.size:
+        return _page(title, [("Outcome", f"<p>{escape(result.message)}</p>"), _scene(result)])
+    sections = [
+        ("Outcome", _outcome(result)),
+        _scene(result),
+        ("Motion, modes and forces", _motion(result)),
+        ("Events", events_table(result.events, _EVENTS)),
+        ("Time in each mode", _shares(result)),
+        ("Energy", _energy(result)),
+        ("Engine and accuracy", _accuracy(result)),
+        ("In words", f"<pre>{escape(explain_result(result))}</pre>"),
+    ]
+    return _page(title, [(heading, content) for heading, content in sections if content])
+
+
+def _page(title: str, sections: list[tuple[str, str]]) -> str:
+    parts = [f"<section><h2>{escape(heading)}</h2>{content}</section>" for heading, content in sections]
+    return _PAGE.format(title=escape(title), body="\n".join([f"<h1>{escape(title)}</h1>", *parts]))
+
+
+def _scene(result: Drawable) -> tuple[str, str]:
+    picture = vector(schematic(result.scene).figure, "schematic of the scene")
+    return "Scene", picture + elements_table(result.scene)
+
+
+def _outcome(result: Drawable) -> str:
+    pieces = result.trajectory.pieces
+    span = f"from {pieces[0].t:.9g} s to {pieces[-1].stop:.9g} s" if pieces else ""
+    events = len(result.events)
+    counted = f"{events} events" if events != 1 else "1 event"
+    said = f"{result.message}: {span}, {counted}."
+    return f"<p>{escape(said[0].upper() + said[1:])}</p>{final_table(result)}"
+
+
+def _motion(result: Drawable) -> str:
+    from stickslip.plots import overview
+
+    figure = overview(result)
+    draw = vector if result.t.size <= _POINTS else bitmap
+    return _figure(draw(figure, "velocities, modes, forces and normal forces over time"))
+
+
+def _figure(picture: str) -> str:
+    """Return a figure that is scrolled on narrow pages: shrunk to them, its letters could not be read."""
+    return f'<div class="wide figure">{picture}</div>'
+
+
+def _shares(result: Drawable) -> str:
+    names = [row.name for row in result.scene.rows]
+    if not names or not result.trajectory.is_dense:
+        return ""
+    rows = []
+    for name in names[:_ROWS]:
+        parts = share(result, name)
+        rows.append((name, *(f"{100 * part:.4g} %" for part in parts.values())))
+    heads = ("what", *(mode.name for mode in parts))
+    left = len(names) - _ROWS
+    return table(heads, rows, f"and {left} more" if left > 0 else "")
+
+
+def _energy(result: Drawable) -> str:
+    if not result.trajectory.is_dense:
+        return ""
+    from stickslip.plots import energy
+
+    ledger: Any = result.energy()
+    rows: list[tuple[str, float, float]] = [
+        (name, float(value[0]), float(value[-1]))
+        for name, value in (
+            ("kinetic", ledger.kinetic),
+            ("springs", ledger.spring),
+            ("work of loads", ledger.loads),
+            ("work of drives", ledger.drives),
+            *((f"heat of {name}", heat) for name, heat in (ledger.contacts | ledger.dampers).items()),
+        )
+    ]
+    left = len(rows) - _ROWS
+    listed = table(
+        ("energy [J]", "at the start", "at the end"), rows[:_ROWS], f"and {left} more" if left > 0 else ""
+    )
+    picture = bitmap(energy(result).figure, "energies over time")
+    return _figure(picture) + listed
+
+
+def _accuracy(result: Drawable) -> str:
+    stats = result.stats
+    rows: list[tuple[str, Any]] = [("engine", str(stats.get("engine", "")))]
+    if result.trajectory.is_dense:
+        error = result.energy().relative_error
+        rows.append(("balance error of the energy, of the largest energy", f"{error:.1e}"))
+    rows += [(name.replace("_", " "), str(value)) for name, value in stats.items() if name != "engine"]
+    return table(("", ""), rows) + f"<p>{escape(_certificate(stats))}</p>"
+
+
+def _certificate(stats: Any) -> str:
+    """Return what is known of events that could have been missed."""
+    excluded, isolated = stats.get("guards_excluded", 0), stats.get("guards_isolated", 0)
+    if excluded or isolated:
+        return (
+            f"No event was missed: of {excluded + isolated} guards in the steps of the series, {excluded} were proved "
+            f"to have no root by a bound on their polynomials, and {isolated} were searched for their first root."
+        )
+    if stats.get("guards", 0):
+        return (
+            "Events were found by root finding and by a look between the points of the solver; "
+            "a guard that dips below 0 and comes back within a small part of one step can be missed."
+        )
+    return "No contact could change its mode, so there was no event to miss."

@@ -1,0 +1,334 @@
+"""A scene as a schematic: bodies are boxes one above the other, what joins them stands between.
+
+The manner is that of a quarter car. A symbol between neighbours fills the gap between them; one between others goes on
+as a line behind the boxes that it passes. Lengths are inches of a drawing in its own size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, Rectangle
+
+from stickslip.model.elements import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    Force,
+    Gear,
+    OneWay,
+    Planetary,
+    Spring,
+    Tie,
+)
+from stickslip.model.laws.dry_friction import DryFriction
+from stickslip.model.scene import Scene
+from stickslip.model.signal_makers import Constant, Signal
+from stickslip.plots import symbols
+from stickslip.results.units import units
+
+__all__ = ["schematic"]
+
+MOST = 12
+"""More bodies and drives than this are not drawn."""
+
+_BOX, _GAP, _LEFT, _RIGHT = 0.36, 0.78, 0.24, 0.24
+_LETTER = 0.069
+"""Width of a letter; half of it is little enough to clear everything else."""
+_POINTS = 8.0
+_LONGEST = 18
+
+
+@dataclass(frozen=True)
+class _Link:
+    """Something between bodies, or between a body and the ground."""
+
+    ends: Mapping[str, str]
+    """What is written beside each end, by name of the body."""
+    symbol: symbols.Symbol
+    label: tuple[str, ...]
+
+
+def schematic(scene: Scene, *, ax: Any = None) -> Any:
+    """Draw a scene as a schematic and return the axes.
+
+    Parameters
+    ----------
+    scene : Scene
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure as large as the scene needs. Letters shrink with the axes.
+
+    Raises
+    ------
+    TypeError
+        If `scene` is something else.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"schematic: expected a Scene, got {type(scene).__name__}")
+    return _Drawing(scene).on(ax)
+
+
+class _Drawing:
+    """Where everything stands."""
+
+    def __init__(self, scene: Scene) -> None:
+        every = (*scene.bodies, *scene.drives)
+        self.scene = scene
+        self.nodes: dict[str, Body | Drive] = {one.name: one for one in every[:MOST]}
+        links = [found for element in scene.elements if (found := _link(element, scene)) is not None]
+        self.links = [one for one in links if all(end in self.nodes or end == GROUND for end in one.ends)]
+        self.pushes = _pushes(scene)
+        self.left_out = len(every) - len(self.nodes), len(links) - len(self.links)
+        self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
+        self._place()
+
+    def _span(self, link: _Link) -> tuple[int, int]:
+        """Return the first and the last gap that a link takes; gap k lies below body k."""
+        rows = [self.rows[end] for end in link.ends if end in self.rows]
+        return min(rows), max(min(rows), max(rows) - (GROUND not in link.ends))
+
+    def _place(self) -> None:
+        """Give every link a column, the leftmost that is free along its gaps; short links come first."""
+        taken: list[set[int]] = []
+        self.column: dict[int, int] = {}
+        spans = [self._span(link) for link in self.links]
+        for k in sorted(range(len(spans)), key=lambda k: (spans[k][1] - spans[k][0], spans[k][0])):
+            gaps = set(range(spans[k][0], spans[k][1] + 1))
+            column = next((c for c, used in enumerate(taken) if not used & gaps), len(taken))
+            if column == len(taken):
+                taken.append(set())
+            taken[column] |= gaps
+            self.column[k] = column
+        widths = [0.0] * max(len(taken), 1)
+        for k, link in enumerate(self.links):
+            texts = [*link.label, *(f"  {note}" for note in link.ends.values())]
+            widths[self.column[k]] = max(widths[self.column[k]], *(_LETTER * len(text) for text in texts))
+        widths = [_LEFT + _RIGHT + width + 0.1 for width in widths]
+        for name in self.nodes:
+            first, last = self._columns(name)
+            missing = self._least(name) + 0.1 - sum(widths[first : last + 1])
+            widths[last] += max(missing, 0.0)
+        self.lefts = [sum(widths[:k]) for k in range(len(widths) + 1)]
+
+    def _top(self, row: int) -> float:
+        return -row * (_BOX + _GAP)
+
+    def _x(self, k: int) -> float:
+        return self.lefts[self.column[k]] + _LEFT
+
+    def _sides(self, name: str) -> tuple[float, float]:
+        """Return the left and the right side of a body's box: it reaches over all that holds to it."""
+        first, last = self._columns(name)
+        left = self.lefts[first]
+        return left, max(self.lefts[last] + _LEFT + _RIGHT, left + self._least(name))
+
+    def _columns(self, name: str) -> tuple[int, int]:
+        columns = [self.column[k] for k, link in enumerate(self.links) if name in link.ends] or [0]
+        return min(columns), max(columns)
+
+    def _least(self, name: str) -> float:
+        """Return how broad a box must be for what is written in it."""
+        return _LETTER * (len(self._text(name)) + 2)
+
+    def _text(self, name: str) -> str:
+        one, unit = self.nodes[name], units(self.scene)
+        if isinstance(one, Drive):
+            return f"{_short(name)}: drive, {_load('v', one.velocity, unit.velocity)}"
+        mass = f"{one.inertia:.4g} {unit.inertia}" if self.scene.motion else f"inertia {one.inertia:.4g}"
+        return f"{_short(name)}: {mass}"
+
+    def on(self, ax: Any) -> Any:
+        """Draw on axes, or on those of a new figure."""
+        lowest = self._top(len(self.rows) - 1) - _BOX
+        if any(self._span(link)[1] == len(self.rows) - 1 for link in self.links):
+            lowest -= _GAP
+        right = max(self.lefts[-1], *(self._sides(name)[1] for name in self.nodes))
+        left = -0.1
+        for name, texts in self.pushes.items():
+            if name in self.nodes:
+                reach = 0.45 + _LETTER * len(_short(", ".join(texts)))
+                left = min(left, self._sides(name)[0] - reach)
+        note = self._note()
+        right = max(right, left + _LETTER * len(note)) + 0.1
+        lowest -= 0.15 + (0.2 if note else 0.0)
+        width, height = right - left, 0.15 - lowest
+        if ax is None:
+            ax = Figure(figsize=(width, height)).add_axes((0.0, 0.0, 1.0, 1.0))
+        ax.set(xlim=(left, right), ylim=(lowest, 0.15), aspect="equal")
+        ax.set_axis_off()
+        box = ax.get_window_extent()
+        shrunk = min(box.width / width, box.height / height) / ax.figure.dpi
+        self._draw(ax)
+        if note:
+            ax.text(left + 0.05, lowest + 0.05, note, va="bottom", style="italic")
+        for text in ax.texts:
+            text.set_fontsize(_POINTS * shrunk * (0.9 if text.get_gid() == "symbol" else 1.0))
+        for line in (*ax.lines, *ax.patches):
+            line.set_linewidth(line.get_linewidth() * min(shrunk, 1.0))
+        return ax
+
+    def _note(self) -> str:
+        bodies, links = self.left_out
+        more = f"{links} more elements" if links != 1 else "1 more element"
+        return f"not drawn: {bodies} more bodies and drives, {more}" if bodies else ""
+
+    def _draw(self, ax: Any) -> None:
+        for name, row in self.rows.items():
+            left, right = self._sides(name)
+            driven = isinstance(self.nodes[name], Drive)
+            box = (left, self._top(row) - _BOX), right - left, _BOX
+            inside = Rectangle(*box, facecolor="0.88", linewidth=0.0, zorder=2)
+            if driven:
+                inside.set(facecolor="white", hatch="////", edgecolor="0.6")
+            ax.add_patch(inside)
+            ax.add_patch(Rectangle(*box, fill=False, linewidth=1.2, zorder=5))
+            text: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 6}
+            if driven:
+                text["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            ax.text(0.5 * (left + right), self._top(row) - 0.5 * _BOX, self._text(name), **text)
+            if name in self.pushes:
+                self._push(ax, left, self._top(row) - 0.5 * _BOX, _short(", ".join(self.pushes[name])))
+        for k, link in enumerate(self.links):
+            self._join(ax, k, link)
+
+    def _push(self, ax: Any, x: float, y: float, text: str) -> None:
+        arrow: dict[str, Any] = {
+            "arrowstyle": "-|>",
+            "mutation_scale": 9,
+            "color": "black",
+            "linewidth": 1.2,
+            "zorder": 4,
+        }
+        ax.add_patch(FancyArrowPatch((x - 0.38, y), (x, y), shrinkA=0, shrinkB=0, **arrow))
+        ax.text(x - 0.42, y, text, ha="right", va="center", zorder=4)
+
+    def _join(self, ax: Any, k: int, link: _Link) -> None:
+        x, rows = self._x(k), sorted(self.rows[end] for end in link.ends if end in self.rows)
+        high = self._top(rows[0]) - _BOX
+        low = high - _GAP if len(rows) > 1 else high - _GAP + 0.16
+        link.symbol(ax, x, low, high)
+        if len(rows) > 1:
+            end = self._top(rows[-1])
+            ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
+            for row in rows[1:-1]:
+                # a member on the way, which the line would else seem to pass
+                for y in (self._top(row), self._top(row) - _BOX):
+                    ax.plot([x], [y], "o", color="black", markersize=3.5, zorder=6)
+        if GROUND in link.ends:
+            bottom = low if len(rows) == 1 else self._top(rows[-1]) - _BOX - _GAP + 0.16
+            if len(rows) > 1:
+                ax.plot([x, x], [self._top(rows[-1]), bottom], color="black", linewidth=1.1, zorder=1)
+            symbols.ground(ax, x, bottom)
+        middle = 0.5 * (low + high)
+        ax.text(x + _RIGHT, middle, "\n".join(link.label), va="center", linespacing=1.15, zorder=4)
+        for name, note in link.ends.items():
+            if note and name in self.rows:
+                # beside the end: above a box where the link comes from above, else below it
+                above = self.rows[name] > rows[0]
+                y = self._top(self.rows[name]) + (0.09 if above else -_BOX - 0.09)
+                ax.text(x + 0.06, y, note, va="center", zorder=4, gid="symbol", color="0.25")
+
+
+def _order(names: list[str], links: Sequence[_Link]) -> list[str]:
+    """Return names in an order in which links are short: moved one by one from the order given while that helps."""
+    ends = [[end for end in link.ends if end != GROUND] for link in links]
+    ends = [some for some in ends if len(some) > 1]
+
+    def length(order: list[str]) -> int:
+        place = {name: k for k, name in enumerate(order)}
+        return sum(max(at) - min(at) for some in ends if (at := [place[end] for end in some]))
+
+    best, shortest = names, length(names)
+    while True:
+        moved = [
+            [*rest[:k], name, *rest[k:]]
+            for name in best
+            if (rest := [other for other in best if other != name])
+            for k in range(len(best))
+        ]
+        found = min(moved, key=length, default=best)
+        if length(found) >= shortest:
+            return best
+        best, shortest = found, length(found)
+
+
+def _link(element: Any, scene: Scene) -> _Link | None:
+    """Return how an element is drawn between bodies; None for bodies, drives and forces."""
+    if isinstance(element, (Body, Drive, Force)):
+        return None
+    ends = dict.fromkeys(_ends(element), "")
+    if not ends:
+        return None
+    ends |= {end: f"r = {radius:.4g}" for end, radius in _radii(element).items() if radius != 1}
+    name = (_short(element.name),) if hasattr(element, "name") else ()
+    unit = units(scene, element)
+    match element:
+        case Contact():
+            law = () if type(element.law) is DryFriction else (type(element.law).__name__,)
+            return _Link(ends, symbols.plates, (*name, _load("N", element.normal, "N"), *law))
+        case Spring() if element.damping:
+            label = f"k = {element.stiffness:.4g}", f"c = {element.damping:.4g}"
+            if scene.motion:
+                label = f"{label[0]} {unit.stiffness}", f"{label[1]} {unit.damping}"
+            return _Link(ends, symbols.spring_and_dashpot, label)
+        case Spring():
+            stiffness = f"k = {element.stiffness:.4g}"
+            return _Link(
+                ends, symbols.spring, (f"{stiffness} {unit.stiffness}" if scene.motion else stiffness,)
+            )
+        case Damper():
+            damping = f"c = {element.damping:.4g}"
+            return _Link(ends, symbols.dashpot, (f"{damping} {unit.damping}" if scene.motion else damping,))
+        case Gear():
+            return _Link(
+                ends,
+                symbols.gears,
+                (*name, f"{_short(element.a)} = {element.ratio:.4g} ×", _short(element.b)),
+            )
+        case OneWay():
+            return _Link(ends, symbols.one_way, (*name, f"{_short(element.a)} drives"))
+        case Planetary():
+            parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
+            return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+        case Tie():
+            return _Link(
+                {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
+            )
+    return _Link(ends, symbols.link, (*name, element.noun()))
+
+
+def _ends(element: Any) -> list[str]:
+    """Return the names of the bodies that an element of any kind joins."""
+    if isinstance(coefficients := getattr(element, "coefficients", None), Mapping):
+        return list(coefficients)
+    return [getattr(element, end) for end in ("a", "b") if isinstance(getattr(element, end, None), str)]
+
+
+def _radii(element: Any) -> dict[str, float]:
+    if not hasattr(element, "radius_a"):
+        return {}
+    return {element.a: element.radius_a, element.b: element.radius_b}
+
+
+def _pushes(scene: Scene) -> dict[str, list[str]]:
+    """Return what is written at the forces on each body."""
+    found: dict[str, list[str]] = {}
+    for force in scene.forces:
+        found.setdefault(force.body, []).append(_load("F", force.signal, units(scene).force))
+    return found
+
+
+def _load(symbol: str, load: Any, unit: str) -> str:
+    """Return a load that is a number with its unit; of another, what it depends on."""
+    if isinstance(load, Constant):
+        return f"{symbol} = {load.value:.4g}" + ("" if "|" in unit else f" {unit}")
+    return f"{symbol}(t)" if isinstance(load, Signal) else f"{symbol}(t, state)"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"

@@ -1,0 +1,55 @@
+"""In which part of the time a contact is in each mode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stickslip.equations.mode_equations import FREE
+from stickslip.model.modes import Mode
+from stickslip.results.outcome import Outcome
+from stickslip.results.samples import Samples
+
+__all__ = ["share"]
+
+_PARTS = 32
+"""Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign."""
+
+
+def share(result: Outcome, row: str) -> dict[Mode, float]:
+    """Return the part of the simulated time that a row spends in each mode; together they are 1.
+
+    Parameters
+    ----------
+    result : Outcome
+    row : str
+        Name of a contact or another row.
+
+    Raises
+    ------
+    ValueError
+        If there is no such row, or the motion between the outputs was not kept.
+    """
+    samples = result.samples
+    trajectory, j = samples.trajectory, samples.row(row)
+    times = dict.fromkeys(Mode, 0.0)
+    if not trajectory.is_dense:
+        raise ValueError(
+            f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"
+        )
+    smooth = []
+    for number, piece in enumerate(trajectory.pieces):
+        if piece.modes[j] == FREE:
+            smooth.append(number)
+        else:
+            times[Mode(int(piece.labels[j]))] += piece.stop - piece.t
+    for number in smooth:
+        path = trajectory.pieces[number].path
+        assert path is not None
+        parts = np.linspace(path.taus[:-1], path.taus[1:], _PARTS + 1, axis=1)
+        middles = 0.5 * (parts[:, 1:] + parts[:, :-1]).ravel()
+        at = Samples.at_local(trajectory, np.full(middles.size, number, dtype=np.intp), middles)
+        lengths = np.diff(parts, axis=1).ravel()
+        for mode in Mode:
+            times[mode] += float(lengths[at.mode(row) == mode].sum())
+    total = sum(times.values())
+    return {mode: time / total for mode, time in times.items()}

@@ -1,0 +1,53 @@
+"""The part of the time in each mode, against events and closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stickslip import GROUND, Body, Contact, DryFriction, Force, LuGre, Mode, Scene, simulate, sine
+from stickslip.benchmark import EXACT_EVENTS, flywheel_benchmark
+
+DRY = DryFriction(0.2, 0.1)
+
+
+def test_the_benchmark_by_its_exact_events():
+    result = simulate(flywheel_benchmark(), (0.0, 4.0))
+    t = [event.t for event in EXACT_EVENTS]
+    share = result.share("interface")
+    slipping = (t[0] + t[4] - t[1]) / 4.0
+    assert share[Mode.BACKWARD] == pytest.approx(slipping, abs=1e-12)
+    assert share[Mode.STUCK] == pytest.approx(1.0 - slipping, abs=1e-12)
+    assert share[Mode.FORWARD] == 0.0
+    assert sum(result.share("brake").values()) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_it_does_not_depend_on_the_outputs():
+    full = simulate(flywheel_benchmark(), (0.0, 4.0)).share("brake")
+    assert simulate(flywheel_benchmark(), (0.0, 4.0), t_eval=[0.0, 4.0]).share("brake") == full
+
+
+def test_a_smooth_law_is_read_off_the_sign_of_its_velocity():
+    """A body under F cos(omega t) in a stiff bristle law slips forward for half of each period."""
+    law = LuGre(DRY, stiffness=1e5, damping=1e2)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=-1.0),
+        Contact("c", "a", GROUND, law, normal=0.01),
+        Force("a", sine(2 * math.pi, 1.0)),
+    )
+    result = simulate(scene, (0.0, 5.0))
+    share = result.share("c")
+    times = np.linspace(0.0, 5.0, 200_001)
+    forward = np.mean(result.sample(times).velocity("a") > 0)
+    assert share[Mode.FORWARD] == pytest.approx(forward, abs=2e-3)
+    assert sum(share.values()) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_what_cannot_be_told_is_refused():
+    few = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[0.0, 1.0], dense_output=False)
+    with pytest.raises(
+        ValueError, match=r"share of 'brake': .* was not kept; simulate with dense_output=True"
+    ):
+        few.share("brake")
+    with pytest.raises(ValueError, match="no contact is called 'x'"):
+        few.share("x")
