@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["first_root", "may_vanish"]
+__all__ = ["earliest", "first_root", "may_vanish"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -106,3 +106,32 @@ def _bracketed(c: list[float], low: float, high: float) -> float:
             return following
         s = following
     return s
+
+
+def earliest(coefficients: Array) -> Array:
+    """Return from where in [0, 1] on polynomials (power coefficients, a line each) may be 0, inf where nowhere.
+
+    The graph of a polynomial lies in the convex hull of its Bernstein points: it is not 0 before that is.
+    """
+    found = np.full(coefficients.shape[0], np.inf)
+    reach = np.abs(coefficients[:, 1:]).sum(axis=1)
+    close = (coefficients[:, 0] <= reach).nonzero()[0]
+    if not close.size:
+        return found
+    order = coefficients.shape[1] - 1
+    b = coefficients[close] @ _to_bernstein(order).T
+    some = (b.min(axis=1) <= 0).nonzero()[0]
+    if not some.size:
+        return found
+    b = b[some]
+    place = np.arange(order + 1) / order
+    low = b[:, None, :] <= 0
+    high = b[:, :, None] > 0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = b[:, :, None] / (b[:, :, None] - b[:, None, :])
+        crossing = place[:, None] + (place[None, :] - place[:, None]) * part
+    first = np.where(low & high, crossing, np.inf).min(axis=(1, 2))
+    # before the crossing by a few roundoffs; where all are negative at once
+    first = np.where(b[:, 0] <= 0, 0.0, first * (1 - 1e-12))
+    found[close[some]] = np.maximum(first, 0.0)
+    return found

@@ -15,10 +15,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 __all__ = ["Balance"]
 
@@ -62,7 +60,7 @@ class Balance:
     """
 
     def __init__(self, inertia: Array, G: Any, D: Any) -> None:
-        self._inertia, self._is_sparse = inertia, sparse.issparse(G)
+        self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
         self.loop = np.full(self.count, -1)
         if not self.count:
@@ -83,9 +81,9 @@ class Balance:
         self._parting = None
         self._large = []
         n = self._n
-        self.T = sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
-        self.U = sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
-        self._S = sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
+        self.T = scipy.sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
+        self.U = scipy.sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
+        self._S = scipy.sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
         self._finish()
 
     def _finish(self) -> None:
@@ -99,7 +97,7 @@ class Balance:
         self.singular = self._independent[inertia[self._independent] <= 0]
         if self._is_sparse:
             self._TT = T.T.tocsr()
-            reduced = (self._TT @ (sparse.diags_array(inertia) @ T)).tocsr()
+            reduced = (self._TT @ (scipy.sparse.diags_array(inertia) @ T)).tocsr()
             self._reduced = _inverse_of_blocks(reduced, self._independent)
         else:
             some = self._independent
@@ -230,9 +228,9 @@ def _joined(G: Any, rows: Indices) -> list[Indices]:
     if not rows.size:
         return []
     some = G[rows]
-    held = sparse.csr_array((np.ones(some.nnz), some.indices, some.indptr), shape=some.shape)
-    graph = sparse.block_array([[None, held], [held.T, None]], format="csr")
-    label = connected_components(graph, directed=False)[1][: rows.size]
+    held = scipy.sparse.csr_array((np.ones(some.nnz), some.indices, some.indptr), shape=some.shape)
+    graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: rows.size]
     order = np.argsort(label, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
 
@@ -285,9 +283,9 @@ class _Component:
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
-        links = sparse.csr_array(np.abs(null) > _ZERO)
-        graph = sparse.block_array([[None, links.T], [links, None]], format="csr")
-        label = connected_components(graph, directed=False)[1][: null.shape[1]]
+        links = scipy.sparse.csr_array(np.abs(null) > _ZERO)
+        graph = scipy.sparse.block_array([[None, links.T], [links, None]], format="csr")
+        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: null.shape[1]]
         self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
         # forces of unit rows: lambda * scale
         unit = null * scale
@@ -327,8 +325,8 @@ class _Tree:
         two = np.flatnonzero(per_row == 2)
         ends = place[np.stack([G.indices[G.indptr[two]], G.indices[G.indptr[two] + 1]])]
         size = bodies.size
-        graph = sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
-        order, _ = sparse.csgraph.breadth_first_order(graph, root, directed=False)
+        graph = scipy.sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
+        order, _ = scipy.sparse.csgraph.breadth_first_order(graph, root, directed=False)
         rank = np.empty(size, dtype=np.intp)
         rank[order] = np.arange(size)
         # each row belongs to the one of its bodies that is further from the root
@@ -341,7 +339,7 @@ class _Tree:
         rows = row_of[some]
         dependent = bodies[some]
         square = G[rows][:, dependent].tocsc()
-        solver = splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+        solver = scipy.sparse.linalg.splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
         right: list[Array] = []
         if not fixed.size:
             right.append(-G[rows][:, [bodies[root]]].toarray()[:, 0])
@@ -397,7 +395,7 @@ class _Entries:
 
     def matrix(self, shape: tuple[int, int]) -> Any:
         rows, columns, values = (np.concatenate(x) for x in zip(*self._parts, strict=True))
-        return sparse.csr_array((values, (rows, columns)), shape=shape)
+        return scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
 
 
 def _stacked(parts: list[tuple[Indices, Array]], h: int, d: int) -> Any:
@@ -415,8 +413,8 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         values = np.zeros(size)
         safe = some[diagonal[some] > 0]
         values[safe] = 1.0 / diagonal[safe]
-        return sparse.diags_array(values, format="csr")
-    _, label = connected_components(matrix, directed=False)
+        return scipy.sparse.diags_array(values, format="csr")
+    _, label = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     entries = _Entries()
     order = np.argsort(label[some], kind="stable")
     for own in np.split(some[order], np.flatnonzero(np.diff(label[some][order])) + 1):

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
@@ -106,7 +106,7 @@ class ModeEquations:
             friction[rows, columns] = values
             self.friction: Any = friction
         else:
-            self.friction = sparse.csr_array((values, (rows, columns)), shape=(system.m, total))
+            self.friction = scipy.sparse.csr_array((values, (rows, columns)), shape=(system.m, total))
 
     # -- guards ----------------------------------------------------------------------------------------------
 
@@ -314,10 +314,10 @@ class ModeEquations:
             rows[:, :n] = (system.G @ self.balance.T)[self.acting]
             return self.K @ (slopes[:, None] * rows)
         rows = (system.G @ self.balance.T).tocsr()[self.acting]
-        pushed = sparse.csr_array(system.GT)[:, self.acting]
-        forces = -(pushed @ (sparse.diags_array(slopes) @ rows))
+        pushed = scipy.sparse.csr_array(system.GT)[:, self.acting]
+        forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
         return self._spread(
-            sparse.hstack([forces, sparse.csr_array((n, system.size - n))], format="csr"), None
+            scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
         )
 
     def jacobian(self) -> Any:
@@ -325,11 +325,11 @@ class ModeEquations:
         if not self.system.sparse:
             return self.A
         system, balance, n = self.system, self.balance, self.system.n
-        fold = sparse.block_diag([balance.T, sparse.eye_array(system.size - n)], format="csr")
+        fold = scipy.sparse.block_diag([balance.T, scipy.sparse.eye_array(system.size - n)], format="csr")
         found = self._spread((system.C @ fold).tocsr(), balance.T)
         if system.size > system.first_block:
-            lines = sparse.csr_array(system.block_C @ fold)
-            found = sparse.vstack([found[: system.first_block], lines], format="csr")
+            lines = scipy.sparse.csr_array(system.block_C @ fold)
+            found = scipy.sparse.vstack([found[: system.first_block], lines], format="csr")
         return found
 
     def _spread(self, forces: Any, v: Any) -> Any:
@@ -338,13 +338,13 @@ class ModeEquations:
         top = self.balance.accelerations(forces)
         rest = system.size - n
         if not rest:
-            return sparse.csr_array(top)
-        rows = sparse.csr_array((rest, system.size))
+            return scipy.sparse.csr_array(top)
+        rows = scipy.sparse.csr_array((rest, system.size))
         if v is not None and system.moved.size:
-            part = sparse.csr_array(v)[system.moved].tocoo()
+            part = scipy.sparse.csr_array(v)[system.moved].tocoo()
             places = (system.moved_state - n)[part.coords[0]]
-            rows = sparse.csr_array((part.data, (places, part.coords[1])), shape=(rest, system.size))
-        return sparse.vstack([sparse.csr_array(top), rows], format="csr")
+            rows = scipy.sparse.csr_array((part.data, (places, part.coords[1])), shape=(rest, system.size))
+        return scipy.sparse.vstack([scipy.sparse.csr_array(top), rows], format="csr")
 
     # -- what adds up ----------------------------------------------------------------------------------------
 

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
@@ -423,10 +423,12 @@ class Motion:
         some = (equations.respond(dependence.pattern(slopes.shape[0])) != 0)[:size] | (found[:size] != 0)
         places = some.nonzero()
         entries = (found[places], (places[0], dependence.columns[places[1]]))
-        matrix = sparse.csr_array(entries, shape=(size, size))
+        matrix = scipy.sparse.csr_array(entries, shape=(size, size))
         if equations.dependent.size:
-            fold = sparse.block_diag([equations.balance.T, sparse.eye_array(size - n)], format="csr")
-            matrix = sparse.csr_array(matrix @ fold)
+            fold = scipy.sparse.block_diag(
+                [equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr"
+            )
+            matrix = scipy.sparse.csr_array(matrix @ fold)
         return matrix
 
     def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
@@ -438,16 +440,18 @@ class Motion:
         acting = equations.acting[law.bristles]
         sigma = system.coefficients.sigma[acting]
         size, count, n = system.size, places.size, system.n
-        rows = sparse.csr_array((system.G @ equations.balance.T)[acting])
-        rows = sparse.hstack([rows, sparse.csr_array((count, size - n))], format="csr")
-        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        rows = scipy.sparse.csr_array((system.G @ equations.balance.T)[acting])
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
+        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
         units = np.zeros((equations.acting.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed = sparse.csr_array(equations.push(units)[:size])
-        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        pushed = scipy.sparse.csr_array(equations.push(units)[:size])
+        extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ scipy.sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
         return (
-            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+            matrix + extra.toarray()
+            if isinstance(matrix, np.ndarray)
+            else scipy.sparse.csr_array(matrix + extra)
         )
 
     # -- series ----------------------------------------------------------------------------------------------

@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
@@ -245,7 +245,7 @@ class System:
                 np.add.at(dense, (triplets.rows, triplets.columns), triplets.values)
             return dense
         entries = (np.array(triplets.values), (np.array(triplets.rows, int), np.array(triplets.columns, int)))
-        matrix = sparse.coo_array(entries, shape=shape).tocsr()
+        matrix = scipy.sparse.coo_array(entries, shape=shape).tocsr()
         matrix.eliminate_zeros()
         return matrix
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
@@ -152,7 +152,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
 
             left = float(path.taus[k - 1])
             entry = (
-                float(brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
+                float(scipy.optimize.brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
                 if beyond(left) > 0 > beyond(tau)
                 else tau
             )

@@ -34,8 +34,10 @@ def final_scene(trajectory: Trajectory) -> Scene:
         raise ValueError(
             "final_scene: the points between the outputs were not kept; simulate with dense_output=True"
         )
-    system, last = trajectory.system, trajectory.pieces[-1]
-    at = Samples.at_local(trajectory, np.array([len(trajectory.pieces) - 1]), np.array([last.end]))
+    system, number = trajectory.system, np.array([trajectory.starts.size - 1])
+    end, stop = trajectory.ends[-1:], float(trajectory.stops[-1])
+    at = Samples.at_local(trajectory, number, end)
+    inner, shown, since = (table[:, 0] for table in trajectory.modes(number, end))
     elements: list[Element] = []
     for element in system.scene.elements:
         match element:
@@ -49,11 +51,11 @@ def final_scene(trajectory: Trajectory) -> Scene:
                 elements.append(
                     replace(
                         element,
-                        rested=last.stop - float(last.since[j]) if last.labels[j] == 0 else 0.0,
+                        rested=stop - float(since[j]) if shown[j] == 0 else 0.0,
                         deflection=float(at.y[system.bristle_state[j], 0])
                         if j in system.bristle_state
                         else 0.0,
-                        slipping=bool(abs(last.modes[j]) == 1 and not system.hard[j]),
+                        slipping=bool(abs(inner[j]) == 1 and not system.hard[j]),
                     )
                 )
             case Block(name=name) | StateSpace(name=name):

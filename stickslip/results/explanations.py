@@ -209,8 +209,8 @@ def _watched(result: Outcome) -> list[str]:
     """Return which guards were watched in which sets of modes, and for how long."""
     seen: dict[bytes, tuple[NDArray[np.int8], list[float]]] = {}
     trajectory = result.samples.trajectory
-    for piece in trajectory.pieces:
-        seen.setdefault(piece.modes.tobytes(), (piece.modes, []))[1].append(piece.stop - piece.t)
+    for modes, duration in trajectory.each_modes():
+        seen.setdefault(modes.tobytes(), (modes, []))[1].append(duration)
     outcome = "reached the end" if result.success else f"stopped early ({result.message})"
     lines = [f"Simulation: {outcome}; " + ", ".join(f"{k} {v}" for k, v in result.stats.items())]
     lines.append(f"Sets of modes met: {len(seen)}")

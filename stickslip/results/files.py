@@ -22,8 +22,9 @@ from stickslip.model.quantities import output as output_of
 from stickslip.model.scene import Scene
 from stickslip.results.energy import energy
 from stickslip.results.outcome import Event, Outcome
+from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.results.trajectory import Piece, Pieces, Trajectory
 from stickslip.results.units import units as units_of
 
 __all__ = [
@@ -42,7 +43,8 @@ __all__ = [
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
 
-_FORMAT = 2
+_FORMAT = 3
+_READS = (2, 3)
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 
@@ -300,7 +302,8 @@ def save(result: Outcome, path: Target) -> None:
         If the file cannot be written.
     """
     samples = result.samples
-    system, pieces = samples.system, samples.trajectory.pieces
+    system, parts = samples.system, samples.trajectory.parts
+    pieces = [part for part in parts if isinstance(part, Piece)]
     arrays: dict[str, Any] = {"t": samples.t, "y": samples.y, "piece_of": samples.piece_of}
     for name in ("force", "breakaway", "mode"):
         rows = [getattr(samples, name)(row.name) for row in system.rows]
@@ -310,10 +313,14 @@ def save(result: Outcome, path: Target) -> None:
     paths = [piece.path for piece in pieces]
     for name in _OF_PATH:
         arrays |= _packed(f"path.{name}", [None if path is None else getattr(path, name) for path in paths])
+    for k, part in enumerate(parts):
+        if isinstance(part, Patchwork):
+            arrays |= {f"patchwork.{k}.{name}": array for name, array in part.to_arrays().items()}
     start, stop, stepped = samples.trajectory.span
     about = _how_it_ended(result) | {
         "format": _FORMAT,
         "pieces": len(pieces),
+        "patchworks": [k for k, part in enumerate(parts) if isinstance(part, Patchwork)],
         "span": [start, stop],
         "stepped": stepped,
     }
@@ -358,13 +365,17 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
         known = about["format"]
     except (KeyError, ValueError, EOFError) as error:
         raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
-    if known != _FORMAT:
+    if known not in _READS:
         raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
     start, stop = about["span"]
     system = System(_scene_of(about, scene, path))
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
-    trajectory = Trajectory(system, (start, stop, about["stepped"]), _pieces(data, about["pieces"]))
+    parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
+    for k in about.get("patchworks", []):
+        own = {name.split(".", 2)[2]: data[name] for name in data if name.startswith(f"patchwork.{k}.")}
+        parts.insert(k, Patchwork.from_arrays(system, own))
+    trajectory = Trajectory(system, (start, stop, about["stepped"]), Pieces.of(parts))
     samples = Samples(trajectory, data["t"], data["y"], data["piece_of"].astype(np.intp))
     events = [_event_from_dict(row) for row in about["events"]]
     return Kept(samples, events, about["success"], about["status"], about["message"], about["stats"])

@@ -37,6 +37,8 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array) -> Array:
     system = trajectory.system
     if not taus.size:
         return np.zeros((system.n, 0))
+    if (moved := trajectory.moved(piece_of, taus)) is not None:
+        return moved
     # within their pieces: to the ends of all pieces before the last one that is asked for, then to the times
     before = np.arange(int(piece_of.max()))
     numbers = np.concatenate([before, piece_of])
@@ -96,11 +98,11 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     if not times.size:
         return np.zeros((trajectory.system.drives, 0))
     loads = trajectory.loads
-    start, stop = trajectory.pieces[0].t, float(times.max())
+    start, stop = float(trajectory.starts[0]), float(times.max())
     marks = [times, np.array([start, *(b for b in loads.breaks if start < b < stop)])]
     if loads.has_functions:
         # nobody knows how fast functions change but the solver, which had to step accordingly
-        marks += [piece.t + piece.path.taus for piece in trajectory.pieces if piece.path is not None]
+        marks += [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
     if np.isfinite(loads.period):
         marks.append(np.linspace(start, stop, int(np.ceil(_PER_PERIOD * (stop - start) / loads.period)) + 1))
     edges = np.unique(np.concatenate(marks))

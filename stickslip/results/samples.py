@@ -242,16 +242,12 @@ class Samples:
     def _computed(self) -> Tables:
         """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
-        m, count = system.m, self.t.size
+        m = system.m
         q = trajectory.inputs(self.piece_of, self.taus, self.y)
         normals = np.maximum(q[:m], 0.0)
-        inner, shown = np.empty((2, m, count), dtype=np.int8)
         slow = (system.dwell > 0).nonzero()[0]
-        since = np.empty((slow.size, count))
-        for number, chosen in by_piece(self.piece_of):
-            piece = trajectory.pieces[number]
-            inner[:, chosen], shown[:, chosen] = piece.modes[:, None], piece.labels[:, None]
-            since[:, chosen] = piece.since[slow, None]
+        inner, shown, since = trajectory.modes(self.piece_of, self.taus)
+        since = since[slow]
         free = (inner == FREE).any(axis=1).nonzero()[0]
         if free.size:
             w = system.relative_velocity(self.y, q)
@@ -284,13 +280,16 @@ class Samples:
     def _by_modes(self) -> Iterable[tuple[bytes, list[tuple[int, Indices | slice]]]]:
         """Return the pieces of each set of modes: its equations are built once."""
         groups: dict[bytes, list[tuple[int, Indices | slice]]] = {}
-        for number, chosen in by_piece(self.piece_of):
+        for number, chosen in self.trajectory.whole(self.piece_of):
             key = self.trajectory.pieces[number].modes.tobytes()
             groups.setdefault(key, []).append((number, chosen))
         return groups.items()
 
     def _hold(self, q: Array, forces: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
+        for part, some, own in self.trajectory.by_part(self.piece_of):
+            inner, _, _ = part.modes(own, self.t[some])
+            forces[:, some] = np.where(inner == 0, part.forces(own, self.t[some]), forces[:, some])
         system, sets = self.system, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return
@@ -430,11 +429,9 @@ def _gauss(count: int) -> tuple[Array, Array]:
 
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:
     """Return the local times between which a piece is smooth: steps, wanted times, parts of a period."""
-    path = trajectory.pieces[number].path
-    if path is None:
-        raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
-    edges = np.union1d(path.taus, wanted)
-    period, end = trajectory.loads.period, float(path.taus[-1])
+    ends = trajectory.steps(number)
+    edges = np.union1d(ends, wanted)
+    period, end = trajectory.loads.period, float(ends[-1])
     if np.isfinite(period) and end > 0:
         parts = int(np.ceil(_PER_PERIOD * end / period))
         edges = np.union1d(edges, np.linspace(0.0, end, parts + 1))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Trajectory, kind_of
+from stickslip.results.trajectory import Piece, Trajectory, kind_of
 
 __all__ = ["at_steps", "fit_for_plot", "refined"]
 
@@ -43,18 +46,18 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
 
 def at_steps(trajectory: Trajectory) -> Samples:
     """Return a trajectory at the ends of the solver's steps, both limits at every event."""
-    return _of(trajectory, [path.taus for path in _paths(trajectory)])
+    return _of(trajectory, [trajectory.steps(k) for k in range(len(trajectory.pieces))])
 
 
 def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
     """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
-    pieces = trajectory.pieces
-    span = pieces[-1].stop - pieces[0].t if pieces else 0.0
-    least = 16 if 16 * len(pieces) <= points else 1
+    starts, stops = trajectory.starts, trajectory.stops
+    span = stops[-1] - starts[0] if starts.size else 0.0
+    least = 16 if 16 * starts.size <= points else 1
     taus = []
-    for piece, fit in zip(pieces, _fit(trajectory), strict=True):
-        count = max(least, round(points * (piece.stop - piece.t) / span)) if span else least
-        taus.append(np.union1d(fit, np.linspace(0.0, piece.end, count + 1)))
+    for start, stop, fit in zip(starts.tolist(), stops.tolist(), _fit(trajectory), strict=True):
+        count = max(least, round(points * (stop - start) / span)) if span else least
+        taus.append(np.union1d(fit, np.linspace(0.0, fit[-1], count + 1)))
     return _of(trajectory, taus)
 
 
@@ -65,34 +68,66 @@ def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
 
 def _fit(trajectory: Trajectory) -> list[Array]:
     """Return for each piece the local times fit for a plot."""
-    paths = _paths(trajectory)
-    if not paths:
+    stored = [part for part in trajectory.parts if isinstance(part, Patchwork) or part.path is not None]
+    if not stored:
         return []
-    parts = _parts(trajectory.system.n, paths)
+    paths = [part.path for part in stored if isinstance(part, Piece) and part.path is not None]
+    patchworks = [part for part in stored if isinstance(part, Patchwork)]
+    bends, allowed = _bends(trajectory.system, stored, paths, patchworks)
+    parts = _clipped((bends / allowed).max(axis=1, initial=0.0))
     firsts = np.cumsum([0, *(path.taus.size - 1 for path in paths)]).tolist()
-    taus = []
-    for path, first in zip(paths, firsts, strict=False):
-        ends, count = path.taus, parts[first : first + path.taus.size - 1]
-        if not count.size or count.max() == 1:
-            taus.append(ends)
+    taus: list[Array] = []
+    done = 0
+    for part in stored:
+        if isinstance(part, Patchwork):
+            taus += _of_patchwork(part, trajectory.system, allowed)
             continue
-        step = np.repeat(np.arange(count.size), count)
-        inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
-        within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
-        taus.append(np.append(within, ends[-1]))
+        path, first = paths[done], firsts[done]
+        done += 1
+        taus.append(_cut(path.taus, parts[first : first + path.taus.size - 1]))
     return taus
 
 
-def _paths(trajectory: Trajectory) -> list[Path]:
-    return [piece.path for piece in trajectory.pieces if piece.path is not None]
+def _cut(ends: Array, count: Indices) -> Array:
+    """Return the ends of steps, and evenly spaced times within each."""
+    if not count.size or count.max() == 1:
+        return ends
+    step = np.repeat(np.arange(count.size), count)
+    inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
+    within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
+    return np.append(within, ends[-1])
 
 
-def _parts(n: int, paths: list[Path]) -> Indices:
-    """Return into how many parts each step of all paths is cut."""
-    size = paths[0].last.size
+def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> list[Array]:
+    """Return for each piece of what is known part by part the local times fit for a plot."""
+    n = system.n
+    distance = allowed[system.size :].copy()
+    np.minimum.at(distance, system.moved, allowed[system.moved_state])
+    counts = _clipped(part.worst(allowed[:n], distance))
+    begins, piece = part.steps
+    found = []
+    cuts = np.searchsorted(piece, np.arange(part.starts.size + 1))
+    for k, (first, last) in enumerate(pairwise(cuts.tolist())):
+        ends = np.append(begins[first:last], part.stops[k]) - part.starts[k]
+        found.append(_cut(ends, counts[first:last]))
+    return found
+
+
+def _clipped(worst: Array) -> Indices:
+    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
+
+
+def _bends(
+    system: System, stored: Sequence[Piece | Patchwork], paths: list[Path], patchworks: list[Patchwork]
+) -> tuple[Array, Array]:
+    """Return bounds of the second derivatives in each step of all paths, and what is allowed of each quantity.
+
+    Quantities are the states, then the positions of all bodies.
+    """
+    n, size = system.n, system.size
     first = np.cumsum([0, *(path.taus.size - 1 for path in paths)])
     bends, moved = np.empty((first[-1], size + n)), np.empty((first[-1], n))
-    lows, highs = [], []
+    low, high = np.full(size + n, np.inf), np.full(size + n, -np.inf)
     for block in _blocks(paths):
         steps = np.concatenate([np.arange(first[k], first[k + 1]) for k in block])
         c = np.concatenate([paths[k].coefficients for k in block])
@@ -100,23 +135,40 @@ def _parts(n: int, paths: list[Path]) -> Indices:
         values_and_integral, derivatives = _weights(*kind_of(paths[block[0]]))
         values = values_and_integral @ c
         moved[steps] = values[:, -1, :n] * h
-        lows.append(values[:, :-1].min(axis=(0, 1)))
-        highs.append(values[:, :-1].max(axis=(0, 1)))
+        low[:size] = np.minimum(low[:size], values[:, :-1].min(axis=(0, 1)))
+        high[:size] = np.maximum(high[:size], values[:, :-1].max(axis=(0, 1)))
         sizes = derivatives @ np.abs(c, out=c)
         bends[steps, :size] = sizes[:, 0]
         bends[steps, size:] = sizes[:, 1, :n] * h
-    if not lows:
-        return np.empty(0, dtype=np.intp)
-    travel = np.cumsum(moved, axis=0)
-    low = np.concatenate([np.min(lows, axis=0), np.minimum(travel.min(axis=0), 0.0)])
-    high = np.concatenate([np.max(highs, axis=0), np.maximum(travel.max(axis=0), 0.0)])
-    ranges = high - low
+    for part in patchworks:
+        (slow, near), (fast, far) = part.ranges()
+        low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
+        low[system.moved_state] = np.minimum(low[system.moved_state], near[system.moved])
+        high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
+    travel = _travel(n, stored, moved, first)
+    low[size:], high[size:] = travel.min(axis=0), travel.max(axis=0)
+    ranges = np.where(high >= low, high - low, 0.0)
+    low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
     for group in (slice(0, n), slice(n, size), slice(size, None)):
         largest = np.maximum(np.abs(low[group]), np.abs(high[group])).max(initial=0.0)
         ranges[group] = np.maximum(ranges[group], _NOTHING * largest)
-    allowed = np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
-    worst = (bends / allowed).max(axis=1, initial=0.0)
-    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
+    return bends, np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
+
+
+def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: Indices) -> Array:
+    """Return how far the bodies have come by the ends of steps and at the extremes of other parts, a line each."""
+    found, base, done = [np.zeros((1, n))], np.zeros(n), 0
+    for part in stored:
+        if isinstance(part, Patchwork):
+            (_, near), (_, far) = part.ranges()
+            found.append(base + np.array([near - part.begin, far - part.begin]))
+            base = base + part.moved(np.array([part.starts.size - 1]), np.array([part.stop]))[:, 0]
+        else:
+            own = base + np.cumsum(moved[first[done] : first[done + 1]], axis=0)
+            found.append(own)
+            base = own[-1] if own.size else base
+            done += 1
+    return np.concatenate(found)
 
 
 def _blocks(paths: list[Path]) -> Iterator[list[int]]:

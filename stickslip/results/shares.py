@@ -37,11 +37,12 @@ def share(result: Outcome, row: str) -> dict[Mode, float]:
             f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"
         )
     smooth = []
-    for number, piece in enumerate(trajectory.pieces):
-        if piece.modes[j] == FREE:
+    durations = (trajectory.stops - trajectory.starts).tolist()
+    for number, ((inner, shown), duration) in enumerate(zip(trajectory.modes_of(j), durations, strict=True)):
+        if inner == FREE:
             smooth.append(number)
         else:
-            times[Mode(int(piece.labels[j]))] += piece.stop - piece.t
+            times[Mode(shown)] += duration
     for number in smooth:
         path = trajectory.pieces[number].path
         assert path is not None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
+from stickslip.results.patchwork import Patchwork
 
-__all__ = ["Piece", "Trajectory", "balances_kept", "by_piece", "kind_of"]
+__all__ = ["Piece", "Pieces", "Trajectory", "balances_kept", "by_piece", "kind_of"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -65,6 +66,63 @@ class Piece:
         """Local time in s of the end."""
         return self.stop - self.t if self.path is None else float(self.path.taus[-1])
 
+    @classmethod
+    def of(cls, patchwork: Patchwork, k: int, path: Path | None) -> Piece:
+        """Return a piece of what is known part by part."""
+        at, t = np.array([k]), patchwork.starts[k : k + 1]
+        inner, shown, since = patchwork.modes(at, t)
+        y = patchwork.states(at, t)[:, 0]
+        return cls(float(t[0]), float(patchwork.stops[k]), y, inner[:, 0], shown[:, 0], since[:, 0], path)
+
+
+@dataclass(frozen=True)
+class Pieces(Sequence[Piece]):
+    """Pieces in order, some of them put together from parts when they are asked for."""
+
+    parts: tuple[Piece | Patchwork, ...] = field(repr=False)
+
+    @classmethod
+    def of(cls, parts: Sequence[Piece | Patchwork]) -> Sequence[Piece]:
+        """Return the pieces that parts hold, in order."""
+        plain = tuple(part for part in parts if isinstance(part, Piece))
+        return plain if len(plain) == len(parts) else cls(tuple(parts))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what follows from the rest."""
+        return {"parts": self.parts}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+
+    @cached_property
+    def firsts(self) -> Indices:
+        """The number of the first piece of each part, and that of all."""
+        sizes = [part.starts.size if isinstance(part, Patchwork) else 1 for part in self.parts]
+        return np.cumsum([0, *sizes])
+
+    def __len__(self) -> int:
+        return int(self.firsts[-1])
+
+    @overload
+    def __getitem__(self, number: int) -> Piece: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[Piece]: ...
+
+    def __getitem__(self, number: int | slice) -> Piece | Sequence[Piece]:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
+        if number < 0:
+            number += len(self)
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        place = int(np.searchsorted(self.firsts, number, side="right")) - 1
+        part = self.parts[place]
+        if isinstance(part, Piece):
+            return part
+        k = number - int(self.firsts[place])
+        return Piece.of(part, k, part.path(k))
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -91,17 +149,27 @@ class Trajectory:
     @cached_property
     def starts(self) -> Array:
         """Start of each piece in s."""
-        return np.array([piece.t for piece in self.pieces])
+        return self._joined(lambda piece: piece.t, lambda part: part.starts)
 
     @cached_property
     def stops(self) -> Array:
         """End of each piece in s."""
-        return np.array([piece.stop for piece in self.pieces])
+        return self._joined(lambda piece: piece.stop, lambda part: part.stops)
+
+    @property
+    def parts(self) -> Sequence[Piece | Patchwork]:
+        """What is stored, in order."""
+        return self.pieces.parts if isinstance(self.pieces, Pieces) else self.pieces
+
+    def _joined(self, of_piece: Callable[[Piece], float], of_part: Callable[[Patchwork], Array]) -> Array:
+        found = [np.array([of_piece(x)]) if isinstance(x, Piece) else of_part(x) for x in self.parts]
+        return np.concatenate([np.empty(0), *found])
 
     @cached_property
     def is_dense(self) -> bool:
         """Whether the states are known at all times."""
-        return bool(self.pieces) and all(piece.path is not None for piece in self.pieces)
+        parts = self.parts
+        return bool(parts) and all(isinstance(x, Patchwork) or x.path is not None for x in parts)
 
     def motion(self, number: int) -> Motion:
         """Return the motion of a piece, built again."""
@@ -123,7 +191,7 @@ class Trajectory:
             raise ValueError("nothing was computed, the simulation failed at its start")
         if not self.is_dense:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
-        start, stop = self.pieces[0].t, self.pieces[-1].stop
+        start, stop = self.starts[0], self.stops[-1]
         if not (times.min() >= start and times.max() <= stop):
             raise ValueError(
                 f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}"
@@ -136,13 +204,88 @@ class Trajectory:
 
     def order(self, number: int) -> int:
         """Return the degree of the polynomials of a piece."""
-        path = self.pieces[number].path
+        part, _ = self.part(number)
+        if isinstance(part, Patchwork):
+            return part.bodies.terms.shape[1]
+        path = part.path
         return 0 if path is None or not path.taus[1:].size else path.coefficients.shape[1] - 1
 
     @cached_property
     def ends(self) -> Array:
         """Local time in s of the end of each piece."""
-        return np.array([piece.end for piece in self.pieces])
+        return self._joined(lambda piece: piece.end, lambda part: part.stops - part.starts)
+
+    def part(self, number: int) -> tuple[Piece | Patchwork, int]:
+        """Return what holds a piece, and its number there."""
+        if not isinstance(self.pieces, Pieces):
+            return self.pieces[number], 0
+        firsts = self.pieces.firsts
+        place = int(np.searchsorted(firsts, number, side="right")) - 1
+        return self.pieces.parts[place], number - int(firsts[place])
+
+    def modes_of(self, row: int) -> Iterator[tuple[int, int]]:
+        """Yield for each piece the mode of a row as the equations know it, and the one it shows."""
+        for part in self.parts:
+            if isinstance(part, Patchwork):
+                yield from part.modes_of(row)
+            else:
+                yield int(part.modes[row]), int(part.labels[row])
+
+    def each_modes(self) -> Iterator[tuple[Modes, float]]:
+        """Yield the modes of each piece as the equations know them, and how long it lasts in s."""
+        count = max(_AT_ONCE // max(self.system.m, 1), 1)
+        for first in range(0, self.starts.size, count):
+            numbers = np.arange(first, min(first + count, self.starts.size))
+            inner = self.modes(numbers, np.zeros(numbers.size))[0]
+            durations = self.stops[numbers] - self.starts[numbers]
+            for k, duration in enumerate(durations.tolist()):
+                yield np.ascontiguousarray(inner[:, k]), duration
+
+    def steps(self, number: int) -> Array:
+        """Return the local times at which steps of a piece end, its start among them.
+
+        Raises
+        ------
+        ValueError
+            If only the requested outputs were kept.
+        """
+        part, k = self.part(number)
+        if isinstance(part, Patchwork):
+            return part.ends(k) - part.starts[k]
+        if part.path is None:
+            raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
+        return part.path.taus
+
+    def by_part(self, piece_of: Indices) -> Iterator[tuple[Patchwork, Indices, Indices]]:
+        """Yield what is known part by part: the patchwork, which times it holds, and its pieces there."""
+        if isinstance(self.pieces, Pieces):
+            firsts = self.pieces.firsts
+            place = np.searchsorted(firsts, piece_of, side="right") - 1
+            for one in np.unique(place).tolist():
+                part = self.pieces.parts[one]
+                if isinstance(part, Patchwork):
+                    chosen = (place == one).nonzero()[0]
+                    yield part, chosen, piece_of[chosen] - firsts[one]
+
+    def whole(self, piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
+        """Yield each piece that is stored as a whole and holds times, and which times."""
+        for number, chosen in by_piece(piece_of):
+            if isinstance(self.part(number)[0], Piece):
+                yield number, chosen
+
+    def modes(self, piece_of: Indices, taus: Array) -> tuple[Modes, Modes, Array]:
+        """Return at local times of pieces the modes of the equations, those shown, and since when rows rest."""
+        m = self.system.m
+        inner, shown = np.empty((2, m, piece_of.size), dtype=np.int8)
+        since = np.empty((m, piece_of.size))
+        for number, chosen in self.whole(piece_of):
+            piece = self.pieces[number]
+            inner[:, chosen], shown[:, chosen] = piece.modes[:, None], piece.labels[:, None]
+            since[:, chosen] = piece.since[:, None]
+        for part, some, own in self.by_part(piece_of):
+            times = part.starts[own] + taus[some]
+            inner[:, some], shown[:, some], since[:, some] = part.modes(own, times)
+        return inner, shown, since
 
     def states(self, piece_of: Indices, taus: Array) -> Array:
         """Return the states at local times of pieces, one column each.
@@ -172,13 +315,19 @@ class Trajectory:
         taus : array (k,)
             Times in s since its start.
         change : callable, optional
-            What to make of a path first, and of the number of velocities.
+            What to make of a path first, and of the number of velocities: integrals of these.
         """
         n = self.system.n
         found = np.empty((self.system.size if change is None else n, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
         entries: dict[tuple[int, bool], int] = {}
-        for number, chosen in by_piece(piece_of):
+        for part, some, own in self.by_part(piece_of):
+            times = part.starts[own] + taus[some]
+            if change is None:
+                found[:, some] = part.states(own, times)
+            else:
+                found[:, some] = (part.moved(own, times) - part.moved(own, part.starts[own]))[:n]
+        for number, chosen in self.whole(piece_of):
             path = self.pieces[number].path
             assert path is not None
             if change is not None:
@@ -191,6 +340,23 @@ class Trajectory:
                 entries[kind] = 0
         for block in blocks.values():
             _evaluate(block, taus, found)
+        return found
+
+    def moved(self, piece_of: Indices, taus: Array) -> Array | None:
+        """Return how far bodies have come at local times, None where that is not known by itself."""
+        parts = self.parts
+        if not isinstance(self.pieces, Pieces) or not all(isinstance(part, Patchwork) for part in parts):
+            return None
+        firsts, n = self.pieces.firsts, self.system.n
+        found, base = np.empty((n, taus.size)), np.zeros(n)
+        place = np.searchsorted(firsts, piece_of, side="right") - 1
+        for number, part in enumerate(parts):
+            assert isinstance(part, Patchwork)
+            some = (place == number).nonzero()[0]
+            own = piece_of[some] - firsts[number]
+            found[:, some] = base[:, None] + part.moved(own, part.starts[own] + taus[some])
+            last = np.array([part.starts.size - 1])
+            base = base + part.moved(last, np.array([part.stop]))[:, 0]
         return found
 
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
@@ -242,7 +408,7 @@ class Trajectory:
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
         groups: dict[bytes, list[Indices | slice]] = {}
-        for number, chosen in by_piece(piece_of):
+        for number, chosen in self.whole(piece_of):
             held = (self.pieces[number].modes == 0) & self.system.hard
             if held.any():
                 groups.setdefault(held.tobytes(), []).append(chosen)

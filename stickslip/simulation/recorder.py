@@ -13,8 +13,9 @@ from stickslip.equations.system import System
 from stickslip.events.settle import Settled
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
+from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Trajectory, balances_kept
+from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
 from stickslip.simulation.result import Result
 
 __all__ = ["Recorder"]
@@ -46,10 +47,10 @@ class Recorder:
         self, system: System, span: tuple[float, float, bool], outputs: Array | None, dense: bool
     ) -> None:
         self._system, self._span, self._outputs = system, span, outputs
-        self._keeps_paths = dense or outputs is None
+        self.keeps_paths = dense or outputs is None
         self.events: list[Event] = []
         self.fewest_states = system.size
-        self._pieces: list[Piece] = []
+        self._pieces: list[Piece | Patchwork] = []
         self._balances: dict[bytes, Balance] = {}
         self._most_balances = balances_kept(system)
         self._done = 0
@@ -60,7 +61,7 @@ class Recorder:
         """Keep the path of a motion that ends at `stop`."""
         motion = now.motion
         self.fewest_states = min(self.fewest_states, self._system.size - motion.equations.dependent.size)
-        if self._keeps_paths:
+        if self.keeps_paths:
             self._pieces.append(self._piece(now, stop, path))
         if len(self._balances) < self._most_balances:
             equations = motion.equations
@@ -69,12 +70,30 @@ class Recorder:
             return
         first = self._done
         self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
-        if self._keeps_paths or self._done == first:
+        if self.keeps_paths or self._done == first:
             return
         taus = np.clip(self._outputs[first : self._done] - motion.t, 0.0, path.taus[-1])
         self._states.append(motion.exact(taus, path.at(taus).T))
         self._counts.append(taus.size)
         self._pieces.append(self._piece(now, stop, None))
+
+    def keep_patchwork(self, patchwork: Patchwork, held: int) -> None:
+        """Keep a motion that is known part by part; at most so many rows of it were held at once."""
+        self.fewest_states = min(self.fewest_states, self._system.size - held)
+        if self.keeps_paths:
+            self._pieces.append(patchwork)
+        if self._outputs is None:
+            return
+        first, stop = self._done, patchwork.stop
+        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
+        if self.keeps_paths or self._done == first:
+            return
+        times = self._outputs[first : self._done]
+        piece = np.searchsorted(patchwork.starts, times, side="right") - 1
+        self._states.append(patchwork.states(piece, times))
+        numbers, counts = np.unique(piece, return_counts=True)
+        self._counts += counts.tolist()
+        self._pieces += [Piece.of(patchwork, k, None) for k in numbers.tolist()]
 
     @staticmethod
     def _piece(now: Settled, stop: float, path: Path | None) -> Piece:
@@ -87,13 +106,13 @@ class Recorder:
 
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""
-        trajectory = Trajectory(self._system, self._span, tuple(self._pieces), self._balances)
+        trajectory = Trajectory(self._system, self._span, Pieces.of(self._pieces), self._balances)
         events = sorted(self.events, key=lambda event: event.t)
         stats = stats | {"events": len(events)}
         at: Samples | Array | None = None
         if self._outputs is not None:
             times = self._outputs[: self._done]
-            at = times if self._keeps_paths else self._kept(trajectory, times)
+            at = times if self.keeps_paths else self._kept(trajectory, times)
         return Result(self._system.scene, events, status == 0, status, message, stats, trajectory, at)
 
     def _kept(self, trajectory: Trajectory, times: Array) -> Samples:

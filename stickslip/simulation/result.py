@@ -336,7 +336,7 @@ class Result:
                 raise ValueError(f"sample: give at least 2 times, got {times}")
             if not self.trajectory.pieces:
                 raise ValueError("sample: nothing was computed")
-            times = np.linspace(self.trajectory.pieces[0].t, self.trajectory.pieces[-1].stop, int(times))
+            times = np.linspace(self.trajectory.starts[0], self.trajectory.stops[-1], int(times))
         try:
             wanted = np.array(times, dtype=float)
         except (TypeError, ValueError):

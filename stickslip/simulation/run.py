@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,6 +18,7 @@ from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.elements import Sampled
+from stickslip.simulation.local import Local
 
 __all__ = ["Engine", "Run"]
 
@@ -87,6 +89,8 @@ class Run:
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
+        self.local: Local | None = None
+        self._is_whole = False
 
     def begin(self) -> None:
         """Settle the modes at the start."""
@@ -120,6 +124,10 @@ class Run:
         assert now is not None
         motion = now.motion
         self.most_guards = max(self.most_guards, now.guards.armed)
+        if self.local is not None and not self._is_whole and self.local.takes(now):
+            self._follow(now, self.local)
+            return
+        self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
         # to the bit, also where a solver has integrated a rate of 0
         path.last[self.system.clocked] = motion.y[self.system.clocked]
@@ -132,13 +140,39 @@ class Run:
         self.keeper.keep(now, path, t)
         self._go_on(now, path, t, ones)
 
+    def _follow(self, now: Settled, local: Local) -> None:
+        """Follow a motion and all events that can be settled where they are, up to one that cannot."""
+        motion = now.motion
+        ending = local.follow(now)
+        self.most_guards = max(self.most_guards, local.most_guards)
+        t, hit = ending.t, bool(ending.fired.any())
+        self.now = replace(now, labels=ending.labels)
+        self._watch_progress(t, hit)
+        if t >= self._stop or local.is_interrupted:
+            return
+        self.restarts += 1
+        self._is_whole = ending.is_whole
+        path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
+        parted, y = jumped(motion, self.loads, path, t)
+        touching = ending.touching | ((ending.labels == 0) & ~parted)
+        before = ending.labels
+        self._settle(
+            Situation(t, y, before, ending.since, touching, ending.fired, ending.largest), before, []
+        )
+
+    def watch(self, t: float, j: int) -> None:
+        """Go on to an event of a row."""
+        self._recent = [*self._recent[-19:], j]
+        self._watch_progress(t, True)
+        self.restarts += 1
+
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
-        motion, system = now.motion, self.system
+        motion = now.motion
         self._watch_progress(t, path.hit)
         if t >= self._stop:
             return
         self.restarts += 1
-        held = self._sampled(motion, path, t)
+        system, held = self.system, self._sampled(motion, path, t)
         if not (path.hit or ones) and self.loads.goes_on(t):
             y = np.concatenate([path.last[: system.first_block], held])
             following = carried_on(now, self.loads.after(t), t, y)
@@ -153,8 +187,12 @@ class Run:
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
         since = np.where(before == 0, motion.since, t)
-        situation = Situation(t, y, before, since, touching, fired, path.largest, let_go)
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self._settle(Situation(t, y, before, since, touching, fired, path.largest, let_go), before, ones)
+
+    def _settle(self, situation: Situation, before: Modes, ones: list[int]) -> None:
+        """Settle the whole scene, and note what has changed."""
+        t, fired = situation.t, situation.fired
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in changed.nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
+from stickslip.equations.forest import Forest
 from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
@@ -16,6 +17,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
 from stickslip.simulation.choice import ENGINES, choose
+from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Engine, Run
@@ -120,10 +122,24 @@ def simulate(
     blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
     recorder = Recorder(system, span, outputs, dense_output)
     run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
+        run.local = Local(
+            forest,
+            engine.work,
+            interruption,
+            recorder.keep_patchwork,
+            recorder.note,
+            run.watch,
+            not recorder.keeps_paths,
+        )
     simulation = _Simulation(run, recorder, interruption, (start, stop), name, formulation == "merged")
     return simulation.to_end(progress)
 
 
+_MANY = 16
+"""Bodies from which events are followed one by one where they are."""
+
+_FORESTS: weakref.WeakKeyDictionary[System, Forest] = weakref.WeakKeyDictionary()
 _COMPILED: dict[int, System] = {}
 
 
@@ -135,6 +151,15 @@ def compiled(scene: Scene) -> System:
         # the entry of a scene that nobody holds would keep it alive
         weakref.finalize(scene, _COMPILED.pop, id(scene), None)
     return known
+
+
+def _forest(system: System, loads: Loads) -> Forest | None:
+    """Return which bodies reach which where events can be followed one by one, built once for each system."""
+    if system.n < _MANY or Forest.why_not(system, loads) is not None:
+        return None
+    if system not in _FORESTS:
+        _FORESTS[system] = Forest(system)
+    return _FORESTS[system]
 
 
 def _engine(

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from stickslip.equations.guards import NEVER, Guards
 from stickslip.equations.loads import Loads, Stretch
@@ -660,7 +660,9 @@ class Variation:
                 return float(guards.values(tau, y)[i])
 
             bounds = (taus[at], taus[at + 2])
-            found = minimize_scalar(value, bounds=bounds, method="bounded", options={"xatol": 1e-12})
+            found = scipy.optimize.minimize_scalar(
+                value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
+            )
             if found.fun <= _TOUCH * size[i, 0]:
                 self._touched(number, motion, guards, int(i), float(found.x))
 

@@ -123,3 +123,17 @@ def test_deflection_and_slip_state_are_checked() -> None:
         Contact("rub", "a", GROUND, LAW, normal=1.0, slipping="yes")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="deflection must be finite"):
         Contact("rub", "a", GROUND, LAW, normal=1.0, deflection=float("inf"))
+
+
+def test_a_scene_that_is_followed_part_by_part_goes_on() -> None:
+    law = DryFriction(0.5, 0.3, dwell=0.1)
+    scene = Scene(
+        *(Body(f"b{k}", inertia=1.0, position=0.01 * k * k) for k in range(20)),
+        *(Spring(f"b{k}", f"b{k + 1}", stiffness=5.0) for k in range(19)),
+        Drive("belt", velocity=0.1),
+        *(Contact(f"c{k}", f"b{k}", "belt", law, normal=1.0) for k in range(20)),
+        Spring("b0", GROUND, stiffness=2.0),
+    )
+    whole = simulate(scene, (0.0, 6.0))
+    assert len(whole.events) > 20
+    same_events(whole, cut(scene, [0.0, 1.3, 2.7, 6.0]), 1e-10)

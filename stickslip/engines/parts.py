@@ -1,0 +1,668 @@
+"""The series of a scene part by part: every body and row has its own, from the last event that reached it on.
+
+Bodies that held rows join are a group: one velocity. A change is expanded anew on a `Patch`, the groups that it
+reaches within the time for which series hold; the series of all others go on.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from stickslip.engines.roots import earliest, first_root
+from stickslip.engines.work import Work
+from stickslip.equations.forest import Forest
+from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.motion import Motion
+
+__all__ = ["FREE", "GROUND", "Parts", "Patch"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Modes = NDArray[np.int8]
+
+FREE, GROUND = -2, -1
+"""What leads a group: nothing, the ground, or the drive of that number."""
+
+_MANY = 120
+"""Bodies in a patch from which its matrices are sparse."""
+
+_DWELL_OVER = 40.0
+_WORTH = 0.3
+_AT_REST = 1e-12
+_TINY = np.finfo(float).tiny
+
+
+class Patch(NamedTuple):
+    """Bodies that an event reaches, and what they feel of all others.
+
+    Attributes
+    ----------
+    t : float
+    bodies : array (k,) of int
+    v, x : array (k,)
+        Their velocities and positions at `t`.
+    coupling : array (k,)
+        Force of springs and dampers on each at `t`.
+    stiffness, damping : array or sparse (k, k)
+        From positions and velocities within.
+    outer : array (k, order + 1)
+        Series of the force from bodies without.
+    """
+
+    t: float
+    bodies: Indices
+    v: Array
+    x: Array
+    coupling: Array
+    stiffness: Any
+    damping: Any
+    outer: Array
+
+
+class Parts:
+    """All series of a scene between two breaks of its loads.
+
+    Parameters
+    ----------
+    forest : Forest
+    motion : Motion
+        Where to begin; its inputs must be straight.
+    labels : array (m,)
+        Modes that open rows show.
+    started : array (m,) of bool
+        Moving rows that start from rest.
+    work : Work
+
+    Attributes
+    ----------
+    velocity : array (n, order + 1)
+        Taylor coefficients of each body's velocity, in powers of the time since `origin` over `unit`.
+    position, origin : array (n,)
+        Position and time at which they begin.
+    watched : array (m, order + 1)
+        The same of what a row watches: the force of a held one, the relative velocity of any other.
+    due : array (m,)
+        No guard of a row comes to 0 before; does so then, where `is_root`.
+    """
+
+    def __init__(
+        self, forest: Forest, motion: Motion, labels: Modes, started: NDArray[np.bool_], work: Work
+    ) -> None:
+        self.forest, self.work, self._system = forest, work, motion.system
+        system, n, m = motion.system, forest.n, forest.m
+        self.t0, self.stop = motion.t, motion.stretch.stop
+        self.unit = forest.unit if forest.is_coupled else self.stop - self.t0
+        self.is_coupled = forest.is_coupled
+        self.inertia = system.inertia
+        count = forest.order + 1
+        self._inverse = 1.0 / np.arange(1, count + 2)
+        q, slope = motion.stretch.at(motion.t), motion.stretch.slope
+        self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
+        self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
+        self._push(motion, q, slope)
+        self.mode, self.label, self.since = motion.equations.modes.copy(), labels.copy(), motion.since.copy()
+        self.started = started.copy()
+        self.mu = system.mu_c
+        self.force = self._given.copy()
+        self._place = np.full(n, -1)
+        self.velocity, self.watched = np.zeros((n, count)), np.zeros((m, count))
+        self.position, self.origin = np.zeros(n), np.full(n, motion.t)
+        self.velocity[:, 0] = motion.y[:n]
+        self.position[system.moved] = motion.y[system.moved_state]
+        self.row_origin, self.due = np.full(m, motion.t), np.full(m, math.inf)
+        self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+        self.direction = np.zeros(m, dtype=np.int8)
+        self.end = self.stop
+        self.drive_start = np.zeros(system.drives)
+        self.drive_start[system.carried] = motion.y[system.carried_state]
+        self.ended = motion.t
+        self.opens = bool((self.mode == OPEN).any())
+        self._dwells = system.rise.max(axis=0, initial=0.0) > 0
+        self.speed = np.abs(motion.y[:n])
+        self._group()
+        self.rub(np.arange(n))
+
+    def _push(self, motion: Motion, q: Array, slope: Array) -> None:
+        """Forces from loads and drives on the bodies, in powers of the time since the start."""
+        system = motion.system
+        given = np.zeros((system.n, 3))
+        given[:, 0], given[:, 1] = system.Q @ q[: system.inputs], system.Q @ slope[: system.inputs]
+        if system.carried.size:
+            pulls = system.C[:, system.carried_state]
+            given[:, 0] += pulls @ motion.y[system.carried_state]
+            given[:, 1] += pulls @ self.drive[system.carried, 0]
+            given[:, 2] += pulls @ (0.5 * self.drive[system.carried, 1])
+        self._given = given
+
+    # -- groups ----------------------------------------------------------------------------------------------
+
+    def _group(self) -> None:
+        """Form the groups of bodies that held rows join; a body alone is the group of its own number."""
+        forest, n = self.forest, self.forest.n
+        held = (self.mode == 0).nonzero()[0]
+        inner = held[forest.parent[held] >= 0]
+        self.group = np.arange(n)
+        self.members: dict[int, Indices] = {}
+        self.inside: dict[int, Indices] = {}
+        self.leads: dict[int, int] = {}
+        self._next = n
+        if inner.size:
+            graph = sparse.coo_array(
+                (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
+            )
+            label = sparse.csgraph.connected_components(graph, directed=False)[1]
+            order = np.argsort(label[forest.body_at], kind="stable")
+            bodies = forest.body_at[order]
+            cuts = np.flatnonzero(np.diff(label[bodies])) + 1
+            rows = held[np.argsort(label[forest.child[held]], kind="stable")]
+            row_label = label[forest.child[rows]]
+            for own in np.split(bodies, cuts):
+                if own.size > 1:
+                    low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
+                    self.join(own, rows[low:high], FREE)
+        led = held[forest.parent[held] < 0]
+        for j, i in zip(led.tolist(), forest.child[led].tolist(), strict=True):
+            self.leads[int(self.group[i])] = int(forest.drive[j])
+            if self.group[i] == i:
+                self.inside[i] = np.array([j])
+        self.is_free = np.ones(n, dtype=bool)
+        for g in self.leads:
+            self.is_free[self.bodies_of(g)] = False
+
+    def bodies_of(self, g: int) -> Indices:
+        """Return the bodies of a group in order of their places."""
+        return self.members[g] if g >= self.forest.n else np.array([g])
+
+    def join(self, bodies: Indices, rows: Indices, lead: int) -> int:
+        """Make bodies one group, held together by rows; return its number."""
+        if bodies.size == 1:
+            g = int(bodies[0])
+        else:
+            g = self._next
+            self._next += 1
+            self.members[g] = bodies
+        self.group[bodies] = g
+        if rows.size:
+            self.inside[g] = rows
+        if lead != FREE:
+            self.leads[g] = lead
+        return g
+
+    def part(self, g: int) -> None:
+        """Forget a group."""
+        self.members.pop(g, None)
+        self.inside.pop(g, None)
+        self.leads.pop(g, None)
+
+    def rub(self, bodies: Indices) -> None:
+        """Enter the friction of moving rows among the forces on some bodies."""
+        forest = self.forest
+        self.force[bodies] = self._given[bodies]
+        rows = np.unique(self.rows_at(bodies))
+        rows = rows[np.abs(self.mode[rows]) == 1]
+        if not rows.size:
+            return
+        mode = self.mode[rows]
+        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * self.normal[
+            rows
+        ]
+        wanted = self._place
+        wanted[bodies] = 0
+        child, parent = forest.child[rows], forest.parent[rows]
+        own, other = wanted[child] >= 0, (parent >= 0) & (wanted[parent] >= 0)
+        wanted[bodies] = -1
+        np.subtract.at(self.force[:, :2], child[own], push[own])
+        np.add.at(self.force[:, :2], parent[other], push[other])
+
+    def rows_at(self, bodies: Indices) -> Indices:
+        """Return the rows of some bodies; a row between two of them stands twice."""
+        forest = self.forest
+        return forest.rows[_spans(forest.rows_from, bodies)]
+
+    # -- values ----------------------------------------------------------------------------------------------
+
+    def at(self, bodies: Indices, t: float) -> tuple[Array, Array]:
+        """Return velocities and positions of some bodies at time `t`."""
+        s = (t - self.origin[bodies]) / self.unit
+        terms = _powers(s, self.velocity.shape[1])
+        terms *= self.velocity[bodies]
+        return terms.sum(axis=1), self.position[bodies] + self.unit * s * (terms @ self._inverse[:-1])
+
+    def forces_at(self, bodies: Indices, t: float) -> Array:
+        """Return the series of loads and friction on some bodies from time `t` on, three terms."""
+        d, unit = t - self.t0, self.unit
+        f = self.force[bodies]
+        f[:, 0] += d * (f[:, 1] + d * f[:, 2])
+        f[:, 1] = unit * (f[:, 1] + 2 * d * f[:, 2])
+        f[:, 2] *= unit * unit
+        return f
+
+    def levels(self, rows: Indices, side: Indices | int, t: float) -> Array:
+        """Return breakaway levels at time `t`, forward (0) or backward (1)."""
+        system = self._system
+        normal = self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1]
+        mu = system.mu_s[side, rows]
+        if self._dwells[rows].any():
+            dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
+            mu = mu - system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
+        return np.asarray(mu * normal)
+
+    def state(self, t: float) -> Array:
+        """Return the state of the whole scene at time `t`."""
+        system, d = self._system, t - self.t0
+        y = np.empty(system.size)
+        v, x = self.at(np.arange(self.forest.n), t)
+        y[: system.n] = v
+        y[system.moved_state] = x[system.moved]
+        if system.carried.size:
+            u = self.drive[system.carried]
+            y[system.carried_state] = self.drive_start[system.carried] + d * (u[:, 0] + 0.5 * d * u[:, 1])
+        return y
+
+    # -- patches ---------------------------------------------------------------------------------------------
+
+    def reach(self, groups: list[int]) -> Indices:
+        """Return the bodies of some groups and of all that these reach."""
+        if not self.is_coupled:
+            return np.concatenate([self.bodies_of(g) for g in groups])
+        near, group, leads = self.forest.neighbours, self.group, self.leads
+        seen = dict.fromkeys(groups)
+        edge = groups
+        for depth in range(self.forest.hops):
+            following: list[int] = []
+            for g in edge:
+                if depth and g in leads:
+                    # what ground or drives lead hands nothing on
+                    continue
+                for i in (g,) if g < self.forest.n else self.members[g].tolist():
+                    for k in near[i]:
+                        other = int(group[k])
+                        if other not in seen:
+                            seen[other] = None
+                            following.append(other)
+            edge = following
+            if not edge:
+                break
+        if max(seen) < self.forest.n:
+            return np.array(list(seen))
+        return np.concatenate([self.bodies_of(g) for g in seen])
+
+    def patch(self, bodies: Indices, t: float) -> Patch:
+        """Return what decides how some bodies go on at time `t`."""
+        count = self.velocity.shape[1]
+        if not self.is_coupled:
+            v, x = self.at(bodies, t)
+            none = np.zeros(bodies.size)
+            return Patch(t, bodies, v, x, none, None, None, np.zeros((bodies.size, 0)))
+        forest, k = self.forest, bodies.size
+        places = _spans(forest.near_from, bodies)
+        row = np.repeat(np.arange(k), forest.near_from[bodies + 1] - forest.near_from[bodies])
+        near = forest.near[places]
+        place = self._place
+        place[bodies] = np.arange(k)
+        column = place[near]
+        place[bodies] = -1
+        stiffness, damping = forest.stiffness[places], forest.damping[places]
+        out = (column < 0).nonzero()[0]
+        v, x = self.at(bodies, t)
+        outer = np.zeros((k, count))
+        if out.size:
+            beyond, which = np.unique(near[out], return_inverse=True)
+            vs, xs = self._shifted(beyond, t)
+            np.add.at(outer, row[out], stiffness[out, None] * xs[which] + damping[out, None] * vs[which])
+            within = (column >= 0).nonzero()[0]
+            row, column, stiffness, damping = row[within], column[within], stiffness[within], damping[within]
+        K, D = (_matrix(values, row, column, k) for values in (stiffness, damping))
+        return Patch(t, bodies, v, x, K @ x + D @ v + outer[:, 0], K, D, outer)
+
+    def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
+        """Return the series of velocities and positions of some bodies about another time."""
+        s = (t - self.origin[bodies]) / self.unit
+        v = _shifted(self.velocity[bodies], s)
+        x = np.empty_like(v)
+        x[:, 1:] = self.unit * v[:, :-1] * self._inverse[: v.shape[1] - 1]
+        x[:, 0] = self.at(bodies, t)[1]
+        return v, x
+
+    def expand(self, patch: Patch, v: Array) -> tuple[Indices, Array]:
+        """Expand the bodies of a patch anew from velocities `v`, and what their rows watch; return the rows with them.
+
+        Returns
+        -------
+        rows : array of int
+            All rows of these bodies.
+        """
+        bodies, t = patch.bodies, patch.t
+        groups, own = np.unique(self.group[bodies], return_inverse=True)
+        lead = np.array([self.leads.get(g, FREE) for g in groups.tolist()])
+        size = np.bincount(own, self.inertia[bodies])
+        push = self.forces_at(bodies, t)
+        series = np.zeros((groups.size, self.velocity.shape[1]))
+        series[own, 0] = v
+        led = (lead != FREE).nonzero()[0]
+        driven = led[lead[led] >= 0]
+        series[led, 0] = 0.0
+        if driven.size:
+            u = self.drive[lead[driven]]
+            series[driven, 0] = u[:, 0] + (t - self.t0) * u[:, 1]
+            series[driven, 1] = self.unit * u[:, 1]
+        share = np.where(lead == FREE, 1.0 / size, 0.0)
+        if self.is_coupled:
+            force = self._coupled(patch, own, groups.size, share, push, series)
+        else:
+            force = push
+            total = np.stack([np.bincount(own, push[:, k]) for k in range(3)], axis=1)
+            series[:, 1:4] += self.unit * share[:, None] * total * self._inverse[:3]
+        self.work.steps += 1
+        self.work.rate_calls += series.shape[1] - 1
+        self.velocity[bodies], self.position[bodies], self.origin[bodies] = series[own], patch.x, t
+        self.speed[bodies] = np.maximum(self.speed[bodies], np.abs(v))
+        rest = force - (self.inertia[bodies, None] * self.velocity[bodies, 1 : force.shape[1] + 1]) * (
+            np.arange(1, force.shape[1] + 1) / self.unit
+        )
+        return self._watch(patch, rest, groups)
+
+    def _coupled(
+        self, patch: Patch, own: Indices, count: int, share: Array, push: Array, series: Array
+    ) -> Array:
+        """Fill in the series of the groups' velocities; return those of the forces on the bodies."""
+        k, unit = patch.bodies.size, self.unit
+        K, D = patch.stiffness, patch.damping
+        order = series.shape[1] - 1
+        is_many = sparse.issparse(K)
+        if is_many:
+            T = sparse.csr_array((np.ones(k), (np.arange(k), own)), shape=(k, count))
+            both = sparse.hstack([D @ T, K], format="csr")
+            top = sparse.diags_array(share) @ (T.T @ both)
+            step = sparse.vstack([top, sparse.hstack([T, sparse.csr_array((k, k))])], format="csr") * unit
+            gather = (sparse.diags_array(share) @ T.T).tocsr()
+        else:
+            T = np.zeros((k, count))
+            T[np.arange(k), own] = 1.0
+            both = np.concatenate([D @ T, K], axis=1)
+            gather = share[:, None] * T.T
+            step = np.zeros((count + k, count + k))
+            step[:count], step[count:, :count] = gather @ both, T
+            step *= unit
+        fixed = patch.outer
+        fixed[:, :3] += push
+        given = unit * (gather @ fixed)
+        z = np.zeros((order + 1, count + k))
+        z[0, :count], z[0, count:] = series[:, 0], patch.x
+        driven = series[:, 1].copy()
+        inverse = self._inverse
+        for i in range(order):
+            following = z[i + 1]
+            if is_many:
+                following[:] = step @ z[i]
+            else:
+                np.dot(step, z[i], out=following)
+            following[:count] += given[:, i]
+            following *= inverse[i]
+            if i == 0:
+                following[:count] += driven
+        series[:] = z[:, :count].T
+        fixed[:, :order] += both @ z[:order].T
+        return fixed[:, :order]
+
+    def _watch(self, patch: Patch, rest: Array, groups: Indices) -> tuple[Indices, Array]:
+        """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
+        forest, t, bodies = self.forest, patch.t, patch.bodies
+        rows = np.unique(self.rows_at(bodies))
+        place = self._place
+        place[bodies] = np.arange(bodies.size)
+        is_held = self.mode[rows] == 0
+        held, loose = rows[is_held], rows[~is_held]
+        self.watched[rows] = 0.0
+        if held.size:
+            child = forest.child[held]
+            alone = self.group[child] < forest.n
+            single = held[alone]
+            self.watched[single, : rest.shape[1]] = forest.sign[single, None] * rest[place[child[alone]]]
+            for g in groups[groups >= forest.n].tolist():
+                members, inside = self.members[g], self.inside[g]
+                sums = np.zeros((members.size + 1, rest.shape[1]))
+                np.cumsum(rest[place[members]], axis=0, out=sums[1:])
+                at = forest.first[members]
+                child = forest.child[inside]
+                low = np.searchsorted(at, forest.first[child])
+                high = np.searchsorted(at, forest.last[child], side="right")
+                self.watched[inside, : rest.shape[1]] = forest.sign[inside, None] * (sums[high] - sums[low])
+        if loose.size:
+            child, parent = forest.child[loose], forest.parent[loose]
+            w = self._about(child, t)
+            has = (parent >= 0).nonzero()[0]
+            if has.size:
+                w[has] -= self._about(parent[has], t)
+            on = ((parent < 0) & (forest.drive[loose] >= 0)).nonzero()[0]
+            if on.size:
+                u = self.drive[forest.drive[loose[on]]]
+                w[on, 0] -= u[:, 0] + (t - self.t0) * u[:, 1]
+                w[on, 1] -= self.unit * u[:, 1]
+            self.watched[loose] = forest.sign[loose, None] * w
+        place[bodies] = -1
+        self.row_origin[rows] = t
+        return rows, held
+
+    def _about(self, bodies: Indices, t: float) -> Array:
+        """Return the velocities of bodies as series about `t`; those just expanded are."""
+        v = self.velocity[bodies]
+        s = (t - self.origin[bodies]) / self.unit
+        moved = s.nonzero()[0]
+        if moved.size:
+            v[moved] = _shifted(v[moved], s[moved])
+        return v
+
+    def live_rows(self, patch: Patch, rows: Indices) -> NDArray[np.bool_]:
+        """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
+        found = np.zeros(rows.size, dtype=bool)
+        if not self.is_coupled:
+            return found
+        forest, bodies = self.forest, patch.bodies
+        live = self.is_free.copy()
+        row = np.repeat(bodies, forest.near_from[bodies + 1] - forest.near_from[bodies])
+        live[row[self.is_free[forest.near[_spans(forest.near_from, bodies)]]]] = True
+        groups = np.unique(self.group[bodies[live[bodies]]])
+        for g in groups[groups >= forest.n].tolist():
+            live[self.members[g]] = True
+        parent = forest.parent[rows]
+        return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))
+
+    # -- guards ----------------------------------------------------------------------------------------------
+
+    def look(self, rows: Indices, t: float, is_passive: bool) -> Indices:
+        """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
+
+        Parameters
+        ----------
+        rows : array of int
+        t : float
+            From when on.
+        is_passive : bool
+            Whether their series hold to the end of the stretch.
+        """
+        until = self.stop if is_passive else self.end
+        self.is_bounded[rows] = not is_passive
+        self.is_root[rows] = False
+        self.due[rows] = math.inf
+        span = until - t
+        if span <= 0 or not rows.size:
+            return rows[:0]
+        held = self.mode[rows] == 0
+        own = [rows[~held], rows[held], rows[held]]
+        turn = [self.label[own[0]].astype(float), -np.ones(own[1].size), np.ones(own[1].size)]
+        which = np.concatenate(own)
+        g = self._guards(which, np.concatenate(turn), own[0].size, own[1].size, t)
+        late = self.started[own[0]].nonzero()[0]
+        if late.size:
+            # what starts from rest: the zero is divided out
+            g[late, :-1], g[late, -1] = g[late, 1:], 0.0
+        bad = which[g[:, 0] <= 0]
+        if span != self.unit:
+            g *= _powers(np.full(1, span / self.unit), g.shape[1])
+        when = earliest(g)
+        self.work.guards_excluded += int(np.count_nonzero(np.isinf(when)))
+        with np.errstate(invalid="ignore"):
+            np.minimum.at(self.due, which, t + span * when)
+        return bad
+
+    def _guards(self, which: Indices, turn: Array, loose: int, held: int, t: float) -> Array:
+        """Return guards as series about `t`; levels that still rise count as they are now."""
+        g = self._moved(which, t)
+        g *= turn[:, None]
+        if held:
+            system = self._system
+            for side in (0, 1):
+                part = slice(loose + side * held, loose + (side + 1) * held)
+                rows = which[part]
+                g[part, 0] += self.levels(rows, side, t)
+                mu = system.mu_s[side, rows]
+                if self._dwells[rows].any():
+                    dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
+                    mu = mu - system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
+                g[part, 1] += self.unit * mu * self.normal[rows, 1]
+        return g
+
+    def _moved(self, rows: Indices, t: float) -> Array:
+        g = self.watched[rows]
+        s = (t - self.row_origin[rows]) / self.unit
+        if s.any():
+            g = _shifted(g, s)
+        return g
+
+    def refine(self, j: int) -> bool:
+        """Find the first root of a row's guards from when it is due on; tell whether it has changed.
+
+        A level that rises with its dwell is followed for as long as its series holds.
+        """
+        t = max(float(self.due[j]), float(self.row_origin[j]))
+        until = self.end if self.is_bounded[j] else self.stop
+        mode = int(self.mode[j])
+        self.due[j] = math.inf
+        if t >= until:
+            return False
+        row = np.array([j])
+        c = self._moved(row, t)[0]
+        system, unit = self._system, self.unit
+        floor = self._floor(j, t)
+        if mode != 0:
+            g = self.label[j] * c
+            if self.started[j] and t == self.row_origin[j]:
+                g = np.append(g[1:], 0.0)
+            g = g * ((until - t) / unit) ** np.arange(g.size)
+            self._enter(j, self._root(g, t, until, floor), 0)
+            return True
+        age = math.inf
+        if self._dwells[j]:
+            age = (t - self.since[j]) / float(system.dwell[j])
+        rising = age < _DWELL_OVER
+        if rising:
+            until = min(until, t + _WORTH * float(system.dwell[j]))
+        n0 = float(self.normal[j, 0] + (t - self.t0) * self.normal[j, 1])
+        c = c * ((until - t) / unit) ** np.arange(c.size)
+        n1 = (until - t) * float(self.normal[j, 1])
+        for side, sign in ((0, -1), (1, 1)):
+            g = sign * c
+            mu, rise = float(system.mu_s[side, j]), float(system.rise[side, j])
+            g[0] += mu * n0
+            g[1] += mu * n1
+            if rising and rise:
+                g = _risen(g, rise, math.exp(-age), (until - t) / float(system.dwell[j]), n0, n1)
+            self._enter(j, self._root(g, t, until, floor), -sign)
+        if rising and math.isinf(self.due[j]):
+            # not up to there: look again
+            self.due[j], self.is_root[j] = until, False
+            if until >= (self.end if self.is_bounded[j] else self.stop):
+                self.due[j] = math.inf
+            else:
+                self._relook(j, until)
+        return True
+
+    def _relook(self, j: int, t: float) -> None:
+        """Look from `t` on with the level as it is then: a level that rises is never below it."""
+        until = self.end if self.is_bounded[j] else self.stop
+        row = np.array([j, j])
+        g = self._guards(row, np.array([-1.0, 1.0]), 0, 1, t)
+        g *= _powers(np.full(1, (until - t) / self.unit), g.shape[1])
+        self.due[j] = t + (until - t) * float(earliest(g).min())
+
+    def _root(self, g: Array, t: float, until: float, floor: float) -> float:
+        self.work.guards_isolated += 1
+        root = first_root(g, floor)
+        return math.inf if root is None else t + (until - t) * root
+
+    def _enter(self, j: int, t: float, direction: int) -> None:
+        if t < self.due[j]:
+            self.due[j], self.is_root[j], self.direction[j] = t, True, direction
+
+    def _floor(self, j: int, t: float) -> float:
+        forest = self.forest
+        if self.mode[j] == 0:
+            return float(self.levels(np.array([j]), 0, t)[0])
+        total = float(self.speed[forest.child[j]])
+        if forest.parent[j] >= 0:
+            total += float(self.speed[forest.parent[j]])
+        elif forest.drive[j] >= 0:
+            total += abs(float(self.drive[forest.drive[j], 0]))
+        return total
+
+
+def _risen(g: Array, rise: float, lag: float, rate: float, n0: float, n1: float) -> Array:
+    """Return a guard less what its level lacks: ``rise exp(-age - rate s) (n0 + n1 s)``, more terms where needed."""
+    count = max(g.size, 20)
+    found = np.zeros(count)
+    found[: g.size] = g
+    e = lag
+    for k in range(count):
+        found[k] -= rise * n0 * e
+        if k + 1 < count:
+            found[k + 1] -= rise * n1 * e
+        e *= -rate / (k + 1)
+    return found
+
+
+def _spans(starts: Indices, some: Indices) -> Indices:
+    """Return the numbers from ``starts[i]`` up to ``starts[i + 1]`` for some i, one after another."""
+    first = starts[some]
+    count = starts[some + 1] - first
+    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+
+
+def _matrix(values: Array, row: Indices, column: Indices, size: int) -> Any:
+    if size > _MANY:
+        return sparse.csr_array((values, (row, column)), shape=(size, size))
+    found = np.zeros((size, size))
+    found[row, column] = values
+    return found
+
+
+def _powers(s: Array, count: int) -> Array:
+    """Return the powers of each number, a line each."""
+    found = np.empty((s.size, count))
+    found[:, 0] = 1.0
+    found[:, 1:] = s[:, None]
+    return np.multiply.accumulate(found, axis=1, out=found)
+
+
+@lru_cache(maxsize=8)
+def _binomials(count: int) -> tuple[Array, Indices]:
+    """Return binomial coefficients ``(j over k)`` at [k, j], and ``j - k`` where that is not negative."""
+    k, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
+    factor = np.array([[float(math.comb(b, a)) for b in range(count)] for a in range(count)])
+    return factor, np.maximum(j - k, 0)
+
+
+def _shifted(c: Array, s: Array) -> Array:
+    """Return polynomials (a line each) about `s`."""
+    if not c[:, 2:].any():
+        c[:, 0] += s * c[:, 1]
+        return c
+    factor, power = _binomials(c.shape[1])
+    found: Array = ((factor * _powers(s, c.shape[1])[:, power]) @ c[:, :, None])[:, :, 0]
+    return found

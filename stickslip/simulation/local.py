@@ -1,0 +1,377 @@
+"""The main loop where events are many and reach little: what an event changes, and nothing else, is followed anew.
+
+`Run` settles the whole scene at every event. Here the scene is settled as a whole at the start, at breaks of the loads
+and where several rows are at their limits at once; every other event is settled among the rows that held rows join to
+it, and only the bodies that it reaches are expanded anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.parts import FREE, Parts, Patch
+from stickslip.engines.work import Interruption, Work
+from stickslip.equations.forest import Forest
+from stickslip.equations.mode_equations import OPEN
+from stickslip.events.settle import Settled
+from stickslip.events.trees import Outcome, Tree, settle_tree
+from stickslip.results.patchwork import Patches, Patchwork
+
+__all__ = ["Ending", "Local"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Note = Callable[[float, int, int, int, str], None]
+
+_TIE = 1e-11
+"""Events that come this near to each other, in units of time of the series, are settled together."""
+
+_FLUSH = 50
+"""Entries for each state after which a run that keeps only outputs hands over what it has."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Where the whole scene is to be settled.
+
+    Attributes
+    ----------
+    t : float
+    y : array (size,)
+    labels, since : array (m,)
+    touching, fired : array (m,) of bool
+        Rows whose relative velocity, and whose guard, has come to 0.
+    largest : array (size,)
+        A bound of the sizes of the states before.
+    is_whole : bool
+        Whether the motion from there on is to be followed as a whole.
+    """
+
+    t: float
+    y: Array
+    labels: NDArray[np.int8]
+    since: Array
+    touching: Mask
+    fired: Mask
+    largest: Array
+    is_whole: bool
+
+
+class Local:
+    """Follows the motion of a scene part by part.
+
+    Parameters
+    ----------
+    forest : Forest
+    work : Work
+    interruption : Interruption
+    keep : callable
+        Takes a `Patchwork`.
+    note : callable
+        Takes an event: time, row, mode before and after, cause.
+    watch : callable
+        Takes the time of every event; raises where time stands still.
+    flushes : bool
+        Whether what is known is handed over as it comes, to be forgotten.
+    """
+
+    def __init__(
+        self,
+        forest: Forest,
+        work: Work,
+        interruption: Interruption,
+        keep: Callable[[Patchwork, int], None],
+        note: Note,
+        watch: Callable[[float, int], None],
+        flushes: bool,
+    ) -> None:
+        self._forest, self._work, self._interruption = forest, work, interruption
+        self._keep, self._note, self._watch, self._flushes = keep, note, watch, flushes
+        self.most_guards = self._held = self._most_held = self._closed = 0
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._interruption.pressed
+
+    def takes(self, now: Settled) -> bool:
+        """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
+        guards, motion = now.guards, now.motion
+        order = guards.order
+        plain = (order == 0) | ((order == 1) & guards.is_velocity)
+        return bool(motion.stretch.is_straight and plain.all() and motion.horizon > 0)
+
+    def follow(self, now: Settled) -> Ending:
+        """Follow a motion and all its events to where the whole scene is to be settled."""
+        motion, guards = now.motion, now.guards
+        self._now = now
+        started = np.zeros(motion.system.m, dtype=bool)
+        started[guards.row[guards.order == 1]] = True
+        parts = self._parts = Parts(self._forest, motion, now.labels, started, self._work)
+        self._work.starts += 1
+        self._began = motion.t
+        everything = np.arange(self._forest.n)
+        self._held = int(np.count_nonzero(parts.mode == 0))
+        self._closed = int(np.count_nonzero(parts.mode != OPEN))
+        self._begin(motion.t)
+        self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t)
+        if self._bad.size:
+            return self._ending(motion.t, self._bad, True)
+        return self._loop()
+
+    # -- the loop --------------------------------------------------------------------------------------------
+
+    def _loop(self) -> Ending:
+        parts = self._parts
+        due, is_root = parts.due, parts.is_root
+        tie = _TIE * parts.unit
+        none = np.empty(0, dtype=np.intp)
+        while not self._interruption.pressed:
+            j = int(due.argmin()) if due.size else 0
+            t = float(due[j]) if due.size else parts.stop
+            if t >= parts.end:
+                if parts.end >= parts.stop:
+                    return self._ending(parts.stop, none, False)
+                self._renew(parts.end)
+                if self._bad.size:
+                    return self._ending(parts.ended, self._bad, False)
+                continue
+            if not is_root[j]:
+                parts.refine(j)
+                continue
+            near = (due <= t + tie).nonzero()[0]
+            if near.size > 1:
+                rough = near[~is_root[near]]
+                for k in rough.tolist():
+                    parts.refine(k)
+                if rough.size:
+                    continue
+                return self._ending(t, near, False)
+            if not self._event(j, t):
+                return self._ending(t, near, False)
+            if self._bad.size:
+                return self._ending(t, self._bad, True)
+        return self._ending(self._last, none, False)
+
+    def _renew(self, t: float) -> None:
+        """Expand all anew whose series end at `t`."""
+        parts, forest = self._parts, self._forest
+        parts.ended = t
+        live = parts.is_free.copy()
+        row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
+        live[row[parts.is_free[forest.near]]] = True
+        live[forest.child[parts.is_bounded]] = True
+        flagged = np.zeros(parts._next, dtype=bool)
+        flagged[parts.group[live]] = True
+        bodies = flagged[parts.group].nonzero()[0]
+        parts.end = parts.stop
+        self._bad = np.empty(0, dtype=np.intp)
+        if bodies.size:
+            parts.started[parts.rows_at(bodies)] = False
+            patch = parts.patch(bodies, t)
+            self._tick(t, False)
+            self._expand(patch, patch.v, t)
+
+    def _expand(self, patch: Patch, v: Array, t: float, changed: Indices | None = None) -> None:
+        """Expand a patch, enter it among the results, and look at its guards."""
+        parts = self._parts
+        rows, held = parts.expand(patch, v)
+        self._enter_bodies(patch.bodies)
+        if changed is not None:
+            self._enter_rows(np.union1d(held, changed))
+        else:
+            self._enter_rows(held)
+        live = parts.live_rows(patch, rows)
+        if parts.is_coupled and parts.end >= parts.stop and parts.is_free[patch.bodies].any():
+            parts.end = min(parts.stop, t + parts.unit)
+        bad = parts.look(rows[live], t, False)
+        self._bad = np.concatenate([bad, parts.look(rows[~live], t, True)])
+
+    # -- one event -------------------------------------------------------------------------------------------
+
+    def _event(self, j: int, t: float) -> bool:
+        """Settle what one row at its limit changes, and go on; False where the whole scene is to be settled."""
+        parts, forest = self._parts, self._forest
+        groups = [int(parts.group[forest.child[j]])]
+        if forest.parent[j] >= 0 and (other := int(parts.group[forest.parent[j]])) != groups[0]:
+            groups.append(other)
+        before = int(parts.mode[j])
+        if before == OPEN:
+            return False
+        reached = parts.reach(groups)
+        if parts.opens:
+            rows = parts.rows_at(reached)
+            if np.any((parts.mode[rows] == OPEN) & (parts.label[rows] == 0)):
+                return False
+        patch = parts.patch(reached, t)
+        since = float(parts.since[j])
+        if before:
+            parts.since[j] = t
+        tree, where = self._tree(j, groups, patch, before)
+        outcome = settle_tree(forest, tree, int(parts.direction[j]) if before == 0 else 0)
+        if outcome is None or outcome.mode[0] == before:
+            parts.since[j] = since
+            return False
+        self._watch(t, j)
+        self._change(t, tree, outcome, groups, patch, where, before)
+        return True
+
+    def _tree(self, j: int, groups: list[int], patch: Patch, before: int) -> tuple[Tree, Indices]:
+        """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
+        parts, forest, t = self._parts, self._forest, patch.t
+        bodies = np.concatenate([parts.bodies_of(g) for g in groups])
+        if len(groups) > 1:
+            bodies = bodies[np.argsort(forest.first[bodies])]
+        inside = [parts.inside[g] for g in groups if g in parts.inside]
+        rows = np.concatenate(inside) if inside else np.empty(0, dtype=np.intp)
+        rows = np.concatenate([[j], rows[rows != j]])
+        place = parts._place
+        place[patch.bodies] = np.arange(patch.bodies.size)
+        where = place[bodies]
+        place[patch.bodies] = -1
+        force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
+        normal = parts.normal[rows, 0] + (t - parts.t0) * parts.normal[rows, 1]
+        forward, backward = parts.mu[0, rows] * normal, parts.mu[1, rows] * normal
+        if before:
+            friction = forest.sign[j] * before * (forward[0] if before > 0 else backward[0])
+            force[bodies == forest.child[j]] += friction
+            if forest.parent[j] >= 0:
+                force[bodies == forest.parent[j]] -= friction
+        led = rows[forest.parent[rows] < 0]
+        lead = None
+        if led.size:
+            k = int(forest.drive[led[0]])
+            lead = float(parts.drive[k, 1]) if k >= 0 else 0.0
+        tree = Tree(
+            bodies,
+            parts.inertia[bodies],
+            force,
+            rows,
+            parts.levels(rows, 0, t),
+            parts.levels(rows, 1, t),
+            forward,
+            backward,
+            lead,
+        )
+        return tree, where
+
+    def _change(
+        self,
+        t: float,
+        tree: Tree,
+        outcome: Outcome,
+        groups: list[int],
+        patch: Patch,
+        where: Indices,
+        before: int,
+    ) -> None:
+        """Put new modes in force, and expand what they reach."""
+        parts, forest = self._parts, self._forest
+        rows, mode = tree.rows, outcome.mode
+        v = patch.v
+        if before:
+            # equal velocities, momentum conserved
+            v[where] = v[where] @ tree.inertia / tree.inertia.sum()
+            held = rows[(mode == 0) & (forest.parent[rows] < 0)]
+            if tree.lead is not None and not held.size:
+                k = int(forest.drive[rows[forest.parent[rows] < 0][0]])
+                v[where] = 0.0 if k < 0 else parts.drive[k, 0] + (t - parts.t0) * parts.drive[k, 1]
+        for g in groups:
+            parts.part(g)
+        label = outcome.label
+        place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
+        for one in np.unique(label).tolist():
+            bodies = tree.bodies[label == one]
+            own = rows[(mode == 0) & (label[place] == one)]
+            led = own[forest.parent[own] < 0]
+            lead = int(forest.drive[led[0]]) if led.size else FREE
+            parts.join(bodies, own, lead)
+            parts.is_free[bodies] = lead == FREE
+        old = parts.mode[rows]
+        changed = (mode != old).nonzero()[0]
+        which = rows[changed]
+        parts.started[parts.rows_at(patch.bodies)] = False
+        parts.mode[which] = parts.label[which] = mode[changed]
+        parts.started[which] = mode[changed] != 0
+        parts.since[which] = t
+        ends = np.concatenate([forest.child[which], forest.parent[which]])
+        parts.rub(np.unique(ends[ends >= 0]))
+        self._tick(t, True)
+        self._expand(patch, v, t, which)
+        self._held += int(np.count_nonzero(mode[changed] == 0)) - int(np.count_nonzero(old[changed] == 0))
+        self._most_held = max(self._most_held, self._held)
+        self.most_guards = max(self.most_guards, self._closed + self._held)
+        for j, a, b in sorted(
+            zip(which.tolist(), old[changed].tolist(), mode[changed].tolist(), strict=True)
+        ):
+            fired = j == rows[0]
+            if a == 0:
+                cause = "breakaway" if fired else "breakaway with another event"
+            elif b == 0:
+                cause = "relative velocity 0" if fired else "stuck with another event"
+            else:
+                cause = "reversal"
+            self._note(t, j, a, b, cause)
+
+    # -- results ---------------------------------------------------------------------------------------------
+
+    def _begin(self, t: float) -> None:
+        parts = self._parts
+        drives = (parts.drive_start, parts.drive)
+        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.label, drives, parts.t0)
+        self._most_held = self._held
+        self._last = t
+        self._patches.tick(t, False)
+        rows = np.arange(self._forest.m)
+        self._patches.rows(
+            rows, parts.row_origin.copy(), parts.mode.copy(), parts.since.copy(), np.zeros((rows.size, 0))
+        )
+
+    def _tick(self, t: float, is_event: bool) -> None:
+        parts = self._parts
+        self._last = t
+        if (
+            self._flushes
+            and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]
+        ):
+            self._keep(self._patches.until(t), self._most_held)
+            self._begin(t)
+            self._enter_bodies(np.arange(self._forest.n))
+            self._enter_rows((parts.mode == 0).nonzero()[0])
+            return
+        self._patches.tick(t, is_event)
+
+    def _enter_bodies(self, bodies: Indices) -> None:
+        parts = self._parts
+        velocity = parts.velocity[bodies]
+        lead = np.full(bodies.size, float(FREE))
+        led = (~parts.is_free[bodies]).nonzero()[0]
+        if led.size:
+            lead[led] = [parts.leads[g] for g in parts.group[bodies[led]].tolist()]
+        self._patches.bodies(bodies, parts.origin[bodies], parts.position[bodies], velocity, lead)
+
+    def _enter_rows(self, rows: NDArray[Any]) -> None:
+        parts = self._parts
+        self._patches.rows(
+            rows, parts.row_origin[rows], parts.mode[rows], parts.since[rows], parts.watched[rows]
+        )
+
+    def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> Ending:
+        """Hand over what is known, and say where the whole scene is to be settled."""
+        parts, system = self._parts, self._now.motion.system
+        self._keep(self._patches.until(t), self._most_held)
+        fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
+        if not is_whole:
+            fired[fired_rows] = True
+            touching[fired_rows] = parts.mode[fired_rows] != 0
+        y = parts.state(t)
+        largest = np.abs(y)
+        largest[: system.n] = np.maximum(largest[: system.n], parts.speed)
+        since = np.where(parts.label == 0, parts.since, t)
+        return Ending(t, y, parts.label.copy(), since, touching, fired, largest, is_whole)
