@@ -34,6 +34,7 @@ from stickslip.model.quantities import (
 )
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.model.when import When
 from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
@@ -75,6 +76,7 @@ __all__ = [
     "Spring",
     "StateSpace",
     "Tie",
+    "When",
     "explain",
     "feedback",
     "load",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
@@ -57,9 +57,10 @@ class Coupling:
 
 
 class Book:
-    """The entries of a scene."""
+    """The entries of a scene, and quantities that are watched without acting on anything."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
+        self.watched = list(watched)
         self.bodies: list[Body] = []
         self.drives: list[Drive] = []
         self.rows: list[Row] = []
@@ -115,7 +116,7 @@ class Book:
         """Return all loads that may depend on the state."""
         forces = [load for _, load, _ in self.forces]
         normals = [row.normal for row in self.rows]
-        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs)]
+        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}

@@ -8,7 +8,7 @@ or whose position is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
-from stickslip.equations.dependence import BlockPlace, Dependence, Key, Part, Reader
+from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
 from stickslip.equations.loads import Loads
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.laws.dry_friction import DryFriction
@@ -44,6 +44,8 @@ class System:
     Parameters
     ----------
     scene : Scene
+    watched : sequence of Quantity
+        Quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
@@ -63,9 +65,9 @@ class System:
         Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        book = Book(scene)
+    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
+        self.scene, self.watched = scene, tuple(watched)
+        book = Book(scene, watched)
         self.index, self.rows = book.index, book.rows
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -127,6 +129,8 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
+        acting = len(reader.nodes)
+        seen = [reader.form(load, "a watched quantity") for load in book.watched]
         first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
@@ -159,8 +163,10 @@ class System:
         clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
         self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
         self.samples = 0
-        depends = reader.nodes or normals
-        self.dependence = Dependence(reader.nodes, first_node, normals, place) if depends else None
+        nodes = reader.nodes[:acting]
+        self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
+        self._seen = Part.of(seen, place)
+        self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
 
     def _place_laws(self, book: Book) -> None:
         c = self.coefficients
@@ -294,6 +300,13 @@ class System:
                 ) from error
         return after
 
+    def watched_values(
+        self, q: Array, y: Array, t: Array, taus: Array, motion: Friction
+    ) -> tuple[Array, Array]:
+        """Return the watched quantities at many times, a line each, and what adds up in them."""
+        self._only_seen.fill(q, y, t, taus, motion)
+        return self._seen.at(y, q), self._seen.sizes(np.abs(y), np.abs(q))
+
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
         """Return the outputs of a block that is not sampled, a line each, at many times."""
         block, reader = place.block, self.reader
@@ -355,7 +368,7 @@ class System:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
-        return System, (self.scene,)
+        return System, (self.scene, self.watched)
 
 
 class _Triplets:

@@ -277,11 +277,16 @@ def _event_sentences(result: Outcome) -> list[str]:
         return ["Events: none"]
     unit = units(samples.system.scene)
     lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
-    rows = [samples.row(event.contact) for event in events]
-    limits = _limits(samples, events, rows) if samples.trajectory.is_dense else [None] * len(events)
-    for event, j, around in zip(events, rows, limits, strict=True):
-        law = samples.system.rows[j].law
-        reason = event.cause if around is None else _reason(event, law, around)
+    names = {row.name: j for j, row in enumerate(samples.system.rows)}
+    of_rows = [event for event in events if event.contact in names]
+    rows = [names[event.contact] for event in of_rows]
+    dense = bool(of_rows) and samples.trajectory.is_dense
+    around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
+    for event in events:
+        at = around.get(id(event))
+        reason = (
+            event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
+        )
         change = f"{event.before.name} -> {event.after.name}"
         lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}")
     return lines

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
-from stickslip.model.quantities import Quantity
+from stickslip.model.quantities import Quantity, position
 from stickslip.model.quantities import output as output_of
 from stickslip.model.scene import Scene
 from stickslip.results.energy import energy
@@ -324,6 +324,8 @@ def save(result: Outcome, path: Target) -> None:
         "span": [start, stop],
         "stepped": stepped,
     }
+    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
+    about["positions"] = [moving[i] for i in system.placed] if system.watched else []
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
     with Path(path).open("wb") as file:
@@ -368,7 +370,9 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
     if known not in _READS:
         raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
     start, stop = about["span"]
-    system = System(_scene_of(about, scene, path))
+    simulated = _scene_of(about, scene, path)
+    known = {name for name in about.get("positions", ()) if name in System(simulated).index}
+    system = System(simulated, [position(name) for name in sorted(known)])
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))

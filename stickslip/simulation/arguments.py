@@ -16,6 +16,7 @@ from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
 from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
+from stickslip.model.when import When
 
 __all__ = [
     "FIXED",
@@ -28,6 +29,7 @@ __all__ = [
     "outputs",
     "span",
     "step_length",
+    "user_events",
 ]
 
 FIXED = ("RK4", "Euler")
@@ -145,6 +147,27 @@ def _check_drives(system: System) -> None:
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
+
+
+def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
+    """Return the user's events, with names of their own and quantities that the scene knows."""
+    if isinstance(events, When):
+        events = [events]
+    try:
+        listed = list(events)
+    except TypeError:
+        raise TypeError(f"simulate: events must be a sequence of When(...), got {events!r}") from None
+    taken = {row.name for row in scene.rows}
+    for event in listed:
+        if not isinstance(event, When):
+            raise TypeError(f"simulate: events must be When(...), got {event!r}")
+        if event.name in taken:
+            raise ValueError(
+                f"simulate: {event.label} has the name of another event or of a contact; rename it"
+            )
+        taken.add(event.name)
+        scene.check_quantities(event.quantity, event.label)
+    return listed
 
 
 def check_bristles(scene: Scene, start: float, stop: float) -> None:

@@ -19,6 +19,7 @@ from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.elements import Sampled
 from stickslip.simulation.local import Local
+from stickslip.simulation.watching import Watch
 
 __all__ = ["Engine", "Run"]
 
@@ -48,6 +49,10 @@ class Keeper(Protocol):
 
     def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
         """Keep an event."""
+        ...
+
+    def note_user(self, t: float, name: str, sign: int) -> None:
+        """Keep an event of the user."""
         ...
 
 
@@ -89,6 +94,8 @@ class Run:
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
+        self.watch_events: Watch | None = None
+        self.stopped: str | None = None
         self.local: Local | None = None
         self._is_whole = False
 
@@ -137,8 +144,25 @@ class Run:
         if tau >= motion.horizon and not (path.hit or ones):
             # the break itself: what was added up to it has been rounded
             t = motion.stretch.stop
+        if self.watch_events is not None:
+            path, t = self._note_crossings(motion, path, t, self.watch_events)
         self.keeper.keep(now, path, t)
+        if self.stopped is not None:
+            self.t = t
+            return
         self._go_on(now, path, t, ones)
+
+    def _note_crossings(self, motion: Motion, path: Path, t: float, watch: Watch) -> tuple[Path, float]:
+        """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
+        for one in watch.crossings(motion, path):
+            at = t if one.tau >= path.taus[-1] else motion.t + one.tau
+            self.keeper.note_user(at, one.event.name, one.sign)
+            if one.event.stop:
+                self.stopped = one.event.name
+                if one.tau < path.taus[-1]:
+                    path = path.cut(one.tau) if one.tau > 0 else path.until(0)
+                return path, at
+        return path, t
 
     def _follow(self, now: Settled, local: Local) -> None:
         """Follow a motion and all events that can be settled where they are, up to one that cannot."""

@@ -15,6 +15,7 @@ from stickslip.equations.system import System
 from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
+from stickslip.model.when import When
 from stickslip.simulation import arguments
 from stickslip.simulation.choice import ENGINES, choose
 from stickslip.simulation.local import Local
@@ -22,6 +23,7 @@ from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Engine, Run
 from stickslip.simulation.tolerances import Tolerances, tolerances
+from stickslip.simulation.watching import Watch
 
 __all__ = ["compiled", "simulate"]
 
@@ -44,6 +46,7 @@ def simulate(
     atol: float = 1e-10,
     t_eval: Iterable[float] | None = None,
     velocity_margin: float | None = None,
+    events: Iterable[When] = (),
     max_step: float = math.inf,
     dense_output: bool = True,
     progress: bool = False,
@@ -76,6 +79,8 @@ def simulate(
     velocity_margin : float, optional
         Relative velocity in m/s or rad/s below which a contact counts as stuck once its velocities are constant; 0
         switches the check off. By default a hundred times what the tolerances leave uncertain.
+    events : sequence of When, optional
+        Quantities whose crossings of 0 are noted among the events, or stop the simulation.
     max_step : float
         Longest step in s.
     dense_output : bool
@@ -109,7 +114,8 @@ def simulate(
     step = arguments.step_length(method, step, formulation)
     arguments.check_dead_bands(scene)
     arguments.check_bristles(scene, start, stop)
-    system = compiled(scene)
+    watched = arguments.user_events(scene, events)
+    system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start)
@@ -122,7 +128,9 @@ def simulate(
     blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
     recorder = Recorder(system, span, outputs, dense_output)
     run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
-    if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
+    if watched:
+        run.watch_events = Watch(system, watched, loads.period)
+    elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(
             forest,
             engine.work,
@@ -218,7 +226,7 @@ class _Simulation:
         try:
             with self._interruption as interruption:
                 run.begin()
-                while run.t < self._stop:
+                while run.t < self._stop and run.stopped is None:
                     run.advance()
                     if bar is not None:
                         _advance_bar(bar, run.t - self._start)
@@ -241,6 +249,8 @@ class _Simulation:
         finally:
             if bar is not None:
                 bar.close()
+        if run.stopped is not None:
+            return self._result(f"event {run.stopped!r} stopped the simulation at t = {run.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
 
     @property
