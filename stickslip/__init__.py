@@ -16,8 +16,7 @@ from stickslip.model.elements import (
     StateSpace,
     Tie,
 )
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import (
     TIME,
@@ -41,6 +40,7 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -52,6 +52,8 @@ __all__ = [
     "Block",
     "Body",
     "Contact",
+    "Cycle",
+    "CycleError",
     "Dahl",
     "Damper",
     "Drive",
@@ -79,6 +81,7 @@ __all__ = [
     "When",
     "explain",
     "feedback",
+    "limit_cycle",
     "load",
     "normal",
     "output",
@@ -100,6 +103,6 @@ __all__ = [
     "velocity",
     "work_precision",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _let_scenes_show_themselves()

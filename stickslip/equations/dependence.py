@@ -207,7 +207,7 @@ class Reader:
         lines = np.array(atom.lines)
 
         def line(x: Array) -> Array:
-            return lines[int(np.searchsorted(atom.xs, x[0], side="right"))]
+            return np.asarray(lines[int(np.searchsorted(atom.xs, x[0], side="right"))])
 
         def values(t: float, x: Array) -> Array:
             offset, slope = line(x)
@@ -514,4 +514,4 @@ def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None
     w, normal = x.tolist()
     if friction is None or not w:
         return 0.0
-    return w * friction.friction_of(node.row, w, max(normal, 0.0), tau, y)
+    return float(w) * friction.friction_of(node.row, w, max(normal, 0.0), tau, y)

@@ -32,8 +32,8 @@ from stickslip.model.elements import (
 )
 from stickslip.model.elements.base import listed
 from stickslip.model.elements.block import as_limits
-from stickslip.model.laws.dry_friction import Law, law_from_dict
-from stickslip.model.laws.regularized import PreSlip, Shape
+from stickslip.model.laws import Law, PreSlip, Shape
+from stickslip.model.laws.dry_friction import law_from_dict
 from stickslip.model.quantities import (
     Normal,
     OfRow,
