@@ -26,6 +26,7 @@ __all__ = [
     "check_laws",
     "check_ties",
     "choice",
+    "longest_step",
     "margin",
     "outputs",
     "span",
@@ -40,21 +41,21 @@ _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
-def span(t_span: Times) -> tuple[float, float]:
+def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
         start, stop = t_span
     except (TypeError, ValueError):
-        raise ValueError(f"simulate: t_span must be two times (start, end), got {t_span!r}") from None
-    start, stop = finite(start, "simulate: t_span"), finite(stop, "simulate: t_span")
+        raise ValueError(f"{what}: t_span must be two times (start, end), got {t_span!r}") from None
+    start, stop = finite(start, f"{what}: t_span"), finite(stop, f"{what}: t_span")
     if not start < stop:
-        raise ValueError(f"simulate: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
+        raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
     return start, stop
 
 
 def choice(name: str, value: Any, known: Sequence[str]) -> None:
     """Refuse an option that is not among the known ones."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise ValueError(f"simulate: unknown {name} {value!r}; choose from {', '.join(map(repr, known))}")
 
 
@@ -64,6 +65,13 @@ def between(name: str, value: float, low: float, high: float) -> float:
     if not low < number < high:
         raise ValueError(f"simulate: {name} must lie between {low:g} and {high:g}, got {number:g}")
     return number
+
+
+def longest_step(max_step: float) -> float:
+    """Return the longest step, which may be infinite."""
+    if isinstance(max_step, float) and max_step == math.inf:
+        return math.inf
+    return between("max_step", max_step, 0.0, math.inf)
 
 
 def margin(velocity_margin: float | None) -> float | None:
