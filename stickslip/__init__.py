@@ -24,6 +24,7 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
@@ -33,6 +34,7 @@ from stickslip.studies.work_precision import work_precision
 __all__ = [
     "GROUND",
     "Body",
+    "Branch",
     "Contact",
     "Cycle",
     "CycleError",
@@ -57,6 +59,7 @@ __all__ = [
     "SimulationInterrupted",
     "Spring",
     "Tie",
+    "continue_cycle",
     "explain",
     "limit_cycle",
     "load",

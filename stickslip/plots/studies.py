@@ -11,7 +11,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from stickslip.plots.style import COLOURS, makes_room, robust
 
-__all__ = ["sweep_map", "tradeoff", "work_precision"]
+__all__ = ["bifurcation", "sweep_map", "tradeoff", "work_precision"]
 
 _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
@@ -241,6 +241,82 @@ def sweep_map(
     shown = next(iter(result.values)) if value is None else value
     ax.set(xlabel=labels.get(x, x), ylabel=labels.get(y, y))
     ax.figure.colorbar(mesh, ax=ax, label=labels.get(shown, shown), extend=ends)
+    return ax
+
+
+class Followed(Protocol):
+    """What is drawn of a branch of cycles: a `Branch`."""
+
+    @property
+    def parameter(self) -> str:
+        """The name of the parameter."""
+        ...
+
+    @property
+    def values(self) -> Any:
+        """Its values."""
+        ...
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Periods in s."""
+        ...
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each cycle is stable."""
+        ...
+
+    @property
+    def points(self) -> Sequence[Any]:
+        """Where the kind of the cycles changes."""
+        ...
+
+    def amplitudes(self, body: str) -> np.ndarray:
+        """Return half of the ranges of a body's position."""
+        ...
+
+
+def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) -> Any:
+    """Draw the bifurcation diagram of a branch of cycles, and return the axes.
+
+    Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line; vertical lines mark where
+    the kind of the cycles changes.
+
+    Parameters
+    ----------
+    branch : Branch
+    body : str, optional
+        Whose amplitude is drawn; by default the period is.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
+    y = branch.periods if body is None else branch.amplitudes(body)
+    ax = _axes(ax)
+    x, stable = np.asarray(branch.values), np.asarray(branch.stable)
+    for chosen, line, fill, label in ((stable, "-", "C0", "stable"), (~stable, "--", "white", "unstable")):
+        shown = np.where(chosen & np.isfinite(y), y, np.nan)
+        if np.isfinite(shown).any():
+            ax.plot(x, shown, line, marker="o", color="C0", markerfacecolor=fill, markersize=4, label=label)
+    kinds = list(dict.fromkeys(point.kind for point in branch.points))
+    for k, kind in enumerate(kinds):
+        for i, point in enumerate(p for p in branch.points if p.kind == kind):
+            ax.axvline(
+                point.value,
+                color="0.35",
+                linestyle=_LINES[1 + k % 3],
+                label=None if i else kind,
+                linewidth=1.0,
+            )
+    ax.set(
+        xlabel=branch.parameter, ylabel="period [s]" if body is None else f"amplitude of {body} [m or rad]"
+    )
+    _legend(ax)
     return ax
 
 
