@@ -26,6 +26,8 @@ from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
+from stickslip.studies.fits import Fit, fit
+from stickslip.studies.linear_model import LinearModel, linearize
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -43,9 +45,11 @@ __all__ = [
     "Drive",
     "DryFriction",
     "Event",
+    "Fit",
     "Force",
     "Gear",
     "Karnopp",
+    "LinearModel",
     "LuGre",
     "Mode",
     "OneWay",
@@ -61,7 +65,9 @@ __all__ = [
     "Tie",
     "continue_cycle",
     "explain",
+    "fit",
     "limit_cycle",
+    "linearize",
     "load",
     "output",
     "piecewise_linear",

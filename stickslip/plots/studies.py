@@ -11,7 +11,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from stickslip.plots.style import COLOURS, makes_room, robust
 
-__all__ = ["bifurcation", "sweep_map", "tradeoff", "work_precision"]
+__all__ = ["bifurcation", "fit", "sweep_map", "tradeoff", "work_precision"]
 
 _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
@@ -318,6 +318,64 @@ def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) ->
     )
     _legend(ax)
     return ax
+
+
+class Fitted(Protocol):
+    """What is drawn of a fit: a `Fit`."""
+
+    @property
+    def measured(self) -> Sequence[Any]:
+        """What was measured: name, times and values."""
+        ...
+
+    @property
+    def result(self) -> Any:
+        """The motion of the fitted scene."""
+        ...
+
+    def residuals(self) -> Mapping[str, np.ndarray]:
+        """Return what was measured less what the fitted scene does."""
+        ...
+
+
+def fit(found: Fitted, *, axes: Any = None) -> Any:
+    """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.
+
+    Parameters
+    ----------
+    found : Fit
+    axes : sequence of matplotlib axes, optional
+        Two for each quantity, from top to bottom; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If the number of axes is not that of the panels.
+    """
+    count = 2 * len(found.measured)
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        heights = [2.4, 1.2] * len(found.measured)
+        size = (9.0, 0.6 + sum(heights))
+        _, axes = plt.subplots(
+            count, 1, sharex=True, figsize=size, height_ratios=heights, layout="constrained", squeeze=False
+        )
+        axes = axes[:, 0]
+    elif len(axes) != count:
+        raise ValueError(f"fit: {count} panels need as many axes, got {len(axes)}")
+    smooth, left = found.result.fit_for_plot(1000), found.residuals()
+    for k, one in enumerate(found.measured):
+        top, below = axes[2 * k], axes[2 * k + 1]
+        top.plot(one.t, one.values, linestyle="none", marker=".", markersize=3, color="0.5", label="measured")
+        top.plot(smooth.t, getattr(smooth, one.quantity)(one.of), color="C0", label="fitted")
+        top.set_ylabel(one.name)
+        below.plot(one.t, left[one.name], linestyle="none", marker=".", markersize=3, color="C0")
+        below.axhline(0.0, color="0.35", linewidth=0.8)
+        below.set_ylabel("residual")
+        _legend(top)
+    axes[-1].set_xlabel("time [s]")
+    return axes[0].get_figure()
 
 
 def _axes(ax: Any) -> Any:
