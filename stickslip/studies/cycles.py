@@ -487,7 +487,7 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array) 
             changes["rested"] = rested.get(element.name, 0.0)
         one: Any = element
         elements.append(replace(one, **changes) if changes else one)
-    return Scene(*elements)
+    return Scene(*elements, motion=scene.motion)
 
 
 # -- the search --------------------------------------------------------------------------------------------------

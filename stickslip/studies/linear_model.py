@@ -164,7 +164,8 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     if not isinstance(scene, Scene):
         raise TypeError(f"linearize: scene must be a Scene, got {type(scene).__name__}")
     t = between("t", t, -np.inf, np.inf) if t else 0.0
-    probed = Scene(*scene.elements, *(Force(body.name, 0.0) for body in scene.bodies))
+    probes = [Force(body.name, 0.0) for body in scene.bodies]
+    probed = Scene(*scene.elements, *probes, motion=scene.motion)
     result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)
     trajectory = result.trajectory
     motion, system = trajectory.motion(0), trajectory.system
@@ -176,7 +177,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     whole = whole.toarray() if hasattr(whole, "toarray") else np.asarray(whole)
     A = whole[chosen] @ to_states
     inputs, columns = _inputs(scene, system)
-    unit = np.zeros((motion.inputs(0.0).size, len(columns)))
+    unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
     answer = motion.equations.respond(unit)
     acting = _acting_slopes(motion, unit, answer[system.size : system.size + system.m])

@@ -56,7 +56,7 @@ class Parameter:
         """
         elements: list[Any] = list(scene.elements)
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
-        return Scene(*elements)
+        return Scene(*elements, motion=scene.motion)
 
     def at(self, scene: Scene) -> Parameter:
         """Return the parameter as it is in another scene of the same elements."""

@@ -104,6 +104,7 @@ def test_what_the_data_do_not_show_is_said() -> None:
     found = fit(scene, ["c.law.mu_coulomb", "c.law.mu_static"], data)
     assert found.values[0] == pytest.approx(0.25, abs=1e-9)
     assert found.determined == {"c.law.mu_coulomb": True, "c.law.mu_static": False}
+    assert found.scene.motion == "rotation"
     assert np.isinf(found.standard_errors[1]) and "not determined" in str(found)
 
 
