@@ -96,9 +96,8 @@ def test_the_errors_are_as_large_as_they_are_said_to_be() -> None:
 
 def test_what_the_data_do_not_show_is_said() -> None:
     """A block that only slips says nothing of its static friction."""
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=9.0), Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=1.0)
-    )
+    contact = Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=1.0)
+    scene = Scene(Body("m", inertia=1.0, velocity=9.0), contact, motion="rotation")
     t = np.linspace(0.0, 2.0, 50)
     data = {"m.velocity": (t, 9.0 - 0.25 * t)}
     found = fit(scene, ["c.law.mu_coulomb", "c.law.mu_static"], data)
