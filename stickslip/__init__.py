@@ -7,14 +7,15 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
@@ -47,6 +48,7 @@ __all__ = [
     "Event",
     "Fit",
     "Force",
+    "Gap",
     "Gear",
     "Karnopp",
     "LinearModel",
@@ -62,6 +64,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "Stop",
     "Tie",
     "continue_cycle",
     "explain",
@@ -81,6 +84,6 @@ __all__ = [
     "triangle",
     "work_precision",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _let_scenes_show_themselves()

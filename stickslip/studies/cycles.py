@@ -75,6 +75,8 @@ class Cycle:
         Whether the loads set the period.
     closes : float
         By what part of its size the motion misses its start after one period.
+    shot : _Shot
+        How it was computed: the map over one period and its derivatives.
     """
 
     period: float
@@ -84,7 +86,7 @@ class Cycle:
     sequence: tuple[str, ...]
     forced: bool
     closes: float
-    _shot: _Shot = field(repr=False, compare=False)
+    shot: _Shot = field(repr=False, compare=False)
 
     @property
     def stable(self) -> bool:
@@ -133,7 +135,7 @@ class Cycle:
             If the cycle is the edge of others (a multiplier is 1), or a derivative does not exist.
         """
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
-        return np.array([self._shot.along(one)[1] for one in named])
+        return np.array([self.shot.along(one)[1] for one in named])
 
     def __str__(self) -> str:
         """Return what there is to say of the cycle."""
@@ -195,6 +197,11 @@ def limit_cycle(
         raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
     options = {"method": method, "rtol": rtol, "atol": atol}
     system = compiled(scene)
+    if system.piecewise.count:
+        raise ValueError(
+            f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
+            "leave it out, or simulate until the motion repeats"
+        )
     if system.first_bristle < system.size:
         raise ValueError(
             "limit_cycle: laws with bristles have a state of their own, from which no scene starts"
@@ -334,7 +341,7 @@ class _Shot:
         Of `simulate`.
     """
 
-    def __init__(self, scene: Scene, period: float, forced: bool, options: dict) -> None:
+    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
         self.result = simulated(scene, (0.0, period), **options)
         trajectory = self.result.trajectory
@@ -566,7 +573,7 @@ def centred(cycle: Cycle) -> Cycle:
     """Return a cycle of free period that starts in the middle of its longest motion; others as they are."""
     if cycle.forced:
         return cycle
-    shot = cycle._shot
+    shot = cycle.shot
     return _cycle(_Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
 
 
@@ -589,7 +596,7 @@ def closed_from(
     ------
     CycleError
     """
-    shot = cycle._shot
+    shot = cycle.shot
     along, slower, begin = shot.along(parameter)
     scene = parameter.set(shot.scene, value)
     period = slower * change if longer is None else longer
@@ -598,8 +605,8 @@ def closed_from(
     foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
     found = _closed(foretold)
     off = abs(found.period - foretold.period) / foretold.period
-    if foretold.coordinates.free.size == found._shot.coordinates.free.size:
-        start = foretold.coordinates.of(found._shot.start) - foretold.coordinates.of(foretold.start)
+    if foretold.coordinates.free.size == found.shot.coordinates.free.size:
+        start = foretold.coordinates.of(found.shot.start) - foretold.coordinates.of(foretold.start)
         off = max(off, float(np.abs(start / foretold.sizes[: start.size]).max(initial=0.0)))
     if off > far:
         raise CycleError("the search leads to a cycle far from the one before")
@@ -625,7 +632,7 @@ def _said(event: Event) -> str:
     return f"{event.contact}: {before.name} -> {after.name}"
 
 
-def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
+def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
     """Return the scene as it starts after some periods of its loads.
 
     Raises
@@ -662,7 +669,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict) -> Scene:
 
 
 def _returning(
-    scene: Scene, guess: float | None, transient: float | None, options: dict
+    scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
 ) -> tuple[Scene, float]:
     """Return a start near a cycle, and about its period, from a transient."""
     system = compiled(scene)

@@ -93,7 +93,7 @@ class Direction:
     size: float = 1.0
 
 
-def simulated(scene: Scene, t_span: Sequence[float], **options: Any) -> Result:
+def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     """Return a simulated motion whose pieces are those of the whole scene, from event to event.
 
     A longest step, however long, keeps large scenes from being followed part by part.
@@ -126,6 +126,11 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         If the scene exists at no values near by, or has another structure there.
     """
     nominal, (start, stop, stepped) = trajectory.system, trajectory.span
+    if nominal.piecewise.count:
+        raise ValueError(
+            f"{what}: derivatives through {nominal.piecewise.labels[0]} are not known; "
+            "compare two simulations with close values, or leave it out"
+        )
     h = _PART * (abs(parameter.value) or 1.0)
     refused: Exception | None = None
     differs = False
@@ -409,12 +414,12 @@ class Variation:
     def _starting(self, piece: Piece, motion: Motion) -> Indices:
         """Return the rows that begin to slip from relative velocity 0."""
         equations = motion.equations
-        return equations.slip[self._at_rest(piece, motion)[equations.slip]]
+        return np.asarray(equations.slip[self._at_rest(piece, motion)[equations.slip]])
 
     def _at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
         system = self.system
         w = system.relative_velocity(piece.y, motion.inputs(0.0))
-        return np.abs(w) <= np.maximum(_REST * self._size[0], system.coefficients.threshold)
+        return np.asarray(np.abs(w) <= np.maximum(_REST * self._size[0], system.laws.rests_below))
 
     def _speed_slopes(self, S: Array, rate: Array, times: Array) -> Array:
         """Return for each direction the size of what adds up in derivatives of velocities."""
@@ -578,12 +583,12 @@ class Variation:
             if np.any(np.abs(off[:, k]) > limit[:, k]):
                 self._refuse(piece.stop, k, f"events of {' and '.join(names)} fall together")
                 times[k] = np.nan
-        return times
+        return np.asarray(times)
 
     def _fall(self, motion: Motion, guards: Guards, tau: float, y: Array) -> Array:
         """Return the slopes of all guards along the motion."""
         if motion.is_linear:
-            return guards.series(motion.expand(tau, y, 2))[1]
+            return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self._size).max(initial=0.0))
         h = 0.1 * _PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
@@ -755,7 +760,7 @@ class Variation:
         w = system.relative_velocity(path.last, motion.inputs(tau))
         rests = (following.modes == 0) | (following.modes == -piece.modes)
         rows = (before & rests & (np.abs(w) <= 1e-9 * self._size[0])).nonzero()[0]
-        rows = rows[system.coefficients.threshold[rows] == 0]
+        rows = rows[system.laws.rests_below[rows] == 0]
         if not rows.size:
             return
         still = np.zeros((system.m, self.count))
