@@ -42,7 +42,10 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
+from stickslip.studies.fits import Fit, fit
+from stickslip.studies.linear_model import LinearModel, linearize
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -53,6 +56,7 @@ __all__ = [
     "TIME",
     "Block",
     "Body",
+    "Branch",
     "Contact",
     "Cycle",
     "CycleError",
@@ -61,10 +65,12 @@ __all__ = [
     "Drive",
     "DryFriction",
     "Event",
+    "Fit",
     "Force",
     "Gap",
     "Gear",
     "Karnopp",
+    "LinearModel",
     "LuGre",
     "Mode",
     "OneWay",
@@ -83,9 +89,12 @@ __all__ = [
     "Stop",
     "Tie",
     "When",
+    "continue_cycle",
     "explain",
     "feedback",
+    "fit",
     "limit_cycle",
+    "linearize",
     "load",
     "normal",
     "output",
