@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
@@ -57,7 +57,7 @@ def _first_negative(taus: Array, values: Array, guards: Callable[[Array], Array]
         close = _come_close(guards, taus[places], taus[places + 2], rows)
         places, rows = places[close], rows[close]
     for place, row in zip(places.tolist(), rows.tolist(), strict=True):
-        lowest = minimize_scalar(
+        lowest = scipy.optimize.minimize_scalar(
             lambda tau, row=row: float(guards(np.array([tau]))[row, 0]),
             bounds=(taus[place], taus[place + 2]),
             method="bounded",
@@ -98,4 +98,4 @@ def _may_dip(taus: Array, values: Array) -> NDArray[np.bool_]:
         bend = (rising - falling) / (before + after)
         lowest = middle - (falling + bend * before) ** 2 / (4 * bend)
         near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2
-    return near & (middle <= left) & (middle <= right)
+    return np.asarray(near & (middle <= left) & (middle <= right))

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 
 __all__ = ["LinearSolver", "band_order", "sparsity_pattern"]
@@ -30,17 +30,19 @@ def band_order(system: System) -> Indices | None:
     if system.size <= _DENSE_LIMIT:
         return None
     n, size = system.n, system.size
-    joined = abs(sparse.csr_array(system.G).T) @ abs(sparse.csr_array(system.G))
-    pattern = sparse.lil_array((size, size))
+    joined = abs(scipy.sparse.csr_array(system.G).T) @ abs(scipy.sparse.csr_array(system.G))
+    pattern = scipy.sparse.lil_array((size, size))
     pattern[:n, :n] = joined
     pattern = pattern.tocsr()
-    springs = abs(sparse.csr_array(system.C))
+    springs = abs(scipy.sparse.csr_array(system.C))
     springs.resize((size, size))
     inner = system.placed < n
     rows, columns = system.n + np.flatnonzero(inner), system.placed[inner]
-    moves = sparse.csr_array((np.ones(rows.size), (rows, columns)), shape=(size, size))
+    moves = scipy.sparse.csr_array((np.ones(rows.size), (rows, columns)), shape=(size, size))
     total = pattern + springs + moves
-    order = reverse_cuthill_mckee(sparse.csr_matrix(total + total.T), symmetric_mode=True)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(
+        scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True
+    )
     return np.asarray(order, dtype=np.intp)
 
 
@@ -58,7 +60,7 @@ class LinearSolver:
         size = jacobian.shape[0]
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
-        matrix = sparse.coo_array(jacobian)
+        matrix = scipy.sparse.coo_array(jacobian)
         offset = matrix.col.astype(np.int64) - matrix.row
         below, above = int(-offset.min(initial=0)), int(offset.max(initial=0))
         if below + above + 1 <= _NARROW * size:
@@ -83,7 +85,7 @@ class LinearSolver:
         changed = self._become("sparse", size)
         if not changed and np.isin(_place(matrix), self._places).all():
             return False
-        pattern = abs(matrix) + sparse.eye_array(size)
+        pattern = abs(matrix) + scipy.sparse.eye_array(size)
         self._pattern, self._places = sparsity_pattern(
             pattern if self._pattern is None else pattern + self._pattern
         )
@@ -100,9 +102,9 @@ class LinearSolver:
     def fill(self, jacobian: Any, out: Array) -> None:
         """Write a Jacobian into scikit-sundae's array: dense, or the data of the sparsity pattern."""
         if self._kind == "dense":
-            out[:] = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
+            out[:] = dense(jacobian)
             return
-        matrix = sparse.coo_array(jacobian)
+        matrix = scipy.sparse.coo_array(jacobian)
         matrix.sum_duplicates()
         if self._kind == "band":
             out.ravel()[self._places] = 0.0
@@ -114,7 +116,7 @@ class LinearSolver:
 
 def sparsity_pattern(matrix: Any) -> tuple[Any, NDArray[np.int64]]:
     """Return a matrix' pattern as scikit-sundae wants it, and where its entries stand in column-major order."""
-    pattern = sparse.csc_array(matrix)
+    pattern = scipy.sparse.csc_array(matrix)
     pattern.sort_indices()
     pattern.data[:] = 1.0
     # scikit-sundae reads 32-bit indices only
@@ -132,4 +134,4 @@ def _band(size: int, below: int, above: int) -> NDArray[np.int64]:
 
 def _place(matrix: Any) -> NDArray[np.int64]:
     """Return where the entries of a matrix stand in column-major order."""
-    return matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row
+    return np.asarray(matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row)

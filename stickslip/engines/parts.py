@@ -114,7 +114,7 @@ class Parts:
         self.started = started.copy()
         self.mu = system.mu_c
         self.force = self._given.copy()
-        self._place = np.full(n, -1)
+        self.place = np.full(n, -1)
         self.velocity, self.watched = np.zeros((n, count)), np.zeros((m, count))
         self.position, self.origin = np.zeros(n), np.full(n, motion.t)
         self.velocity[:, 0] = motion.y[:n]
@@ -158,7 +158,7 @@ class Parts:
         self.members: dict[int, Indices] = {}
         self.inside: dict[int, Indices] = {}
         self.lead = np.full(n, FREE)
-        self._next = n
+        self.groups = n
         if inner.size:
             graph = sparse.coo_array(
                 (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
@@ -182,7 +182,7 @@ class Parts:
     @property
     def is_free(self) -> NDArray[np.bool_]:
         """Whether neither ground nor a drive leads a body."""
-        return self.lead == FREE
+        return np.asarray(self.lead == FREE)
 
     def bodies_of(self, g: int) -> Indices:
         """Return the bodies of a group in order of their places."""
@@ -193,8 +193,8 @@ class Parts:
         if bodies.size == 1:
             g = int(bodies[0])
         else:
-            g = self._next
-            self._next += 1
+            g = self.groups
+            self.groups += 1
             self.members[g] = bodies
         self.group[bodies] = g
         if rows.size:
@@ -227,7 +227,7 @@ class Parts:
         push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * self.normal[
             rows
         ]
-        wanted = self._place
+        wanted = self.place
         wanted[bodies] = 0
         child, parent = forest.child[rows], forest.parent[rows]
         own, other = wanted[child] >= 0, (parent >= 0) & (wanted[parent] >= 0)
@@ -324,7 +324,7 @@ class Parts:
         if not self.is_coupled:
             nothing = np.empty(0, dtype=np.intp)
             return Patch(t, bodies, v, x, np.zeros(k), None, np.zeros((k, 0)), nothing, nothing)
-        forest, place = self.forest, self._place
+        forest, place = self.forest, self.place
         places = _spans(forest.near_from, bodies)
         counts = forest.near_from[bodies + 1] - forest.near_from[bodies]
         rows = row = np.repeat(np.arange(k), counts)
@@ -455,7 +455,7 @@ class Parts:
         if forest.row_of is not None:
             return self._watch_apart(patch, rest)
         rows = _distinct(self.rows_at(bodies))
-        place = self._place
+        place = self.place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
         held, loose = rows[is_held], rows[~is_held]

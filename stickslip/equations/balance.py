@@ -15,12 +15,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
-__all__ = ["Balance"]
+__all__ = ["Balance", "joined"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -62,7 +60,7 @@ class Balance:
     """
 
     def __init__(self, inertia: Array, G: Any, D: Any) -> None:
-        self._inertia, self._is_sparse = inertia, sparse.issparse(G)
+        self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
         self.loop = np.full(self.count, -1)
         if not self.count:
@@ -83,9 +81,9 @@ class Balance:
         self._parting = None
         self._large = []
         n = self._n
-        self.T = sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
-        self.U = sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
-        self._S = sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
+        self.T = scipy.sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
+        self.U = scipy.sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
+        self._S = scipy.sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
         self._finish()
 
     def _finish(self) -> None:
@@ -99,7 +97,7 @@ class Balance:
         self.singular = self._independent[inertia[self._independent] <= 0]
         if self._is_sparse:
             self._TT = T.T.tocsr()
-            reduced = (self._TT @ (sparse.diags_array(inertia) @ T)).tocsr()
+            reduced = (self._TT @ (scipy.sparse.diags_array(inertia) @ T)).tocsr()
             self._reduced = _inverse_of_blocks(reduced, self._independent)
         else:
             some = self._independent
@@ -177,9 +175,11 @@ class Balance:
         return self._respond(forces)
 
     def _respond(self, forces: Array) -> Array:
-        if not self._is_sparse:
-            return self._mobility @ forces
-        return self.T @ (self._reduced @ (self._TT @ forces))
+        is_sparse = self._is_sparse
+        found: Array = (
+            self.T @ (self._reduced @ (self._TT @ forces)) if is_sparse else self._mobility @ forces
+        )
+        return found
 
     def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:
         """Return the forces of the held rows; of least norm where they are not unique."""
@@ -197,16 +197,17 @@ class Balance:
         """Return what adds up in the held forces, from absolute values of the forces on the bodies."""
         spread = self.acceleration_magnitudes(forces)
         rest = forces + _rows(self._inertia, forces) * spread
-        found = self._sizes[0] @ rest[self.dependent]
+        found: Array = self._sizes[0] @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.magnitude(rest)
         return found
 
     def acceleration_magnitudes(self, forces: Array) -> Array:
         """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
-        if not self._is_sparse:
-            return self._sizes[1] @ forces
-        return self._sizes[1] @ (self._sizes[2] @ (self._sizes[3] @ forces))
+        found: Array = forces
+        for factor in reversed(self._sizes[1:]):
+            found = factor @ found
+        return found
 
     @cached_property
     def _sizes(self) -> tuple[Any, ...]:
@@ -225,14 +226,31 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
     return rows, G.indices[places].astype(np.intp), G.data[places]
 
 
+def joined(G: Any) -> Indices:
+    """Return a number for each row: those that bodies join directly or by others have the same.
+
+    Parameters
+    ----------
+    G : array or sparse (h, n)
+        Coefficients of the rows on the bodies.
+    """
+    if isinstance(G, np.ndarray):
+        number = np.arange(G.shape[0])
+        for column in (G != 0).T:
+            if (own := number[column]).size > 1:
+                number[np.isin(number, own)] = own.min()
+        return number
+    held = scipy.sparse.csr_array((np.ones(G.nnz), G.indices, G.indptr), shape=G.shape)
+    graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return np.asarray(label[: G.shape[0]], dtype=np.intp)
+
+
 def _joined(G: Any, rows: Indices) -> list[Indices]:
     """Return the connected components of some rows."""
     if not rows.size:
         return []
-    some = G[rows]
-    held = sparse.csr_array((np.ones(some.nnz), some.indices, some.indptr), shape=some.shape)
-    graph = sparse.block_array([[None, held], [held.T, None]], format="csr")
-    label = connected_components(graph, directed=False)[1][: rows.size]
+    label = joined(G[rows])
     order = np.argsort(label, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
 
@@ -285,9 +303,9 @@ class _Component:
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
-        links = sparse.csr_array(np.abs(null) > _ZERO)
-        graph = sparse.block_array([[None, links.T], [links, None]], format="csr")
-        label = connected_components(graph, directed=False)[1][: null.shape[1]]
+        links = scipy.sparse.csr_array(np.abs(null) > _ZERO)
+        graph = scipy.sparse.block_array([[None, links.T], [links, None]], format="csr")
+        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: null.shape[1]]
         self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
         # forces of unit rows: lambda * scale
         unit = null * scale
@@ -327,8 +345,8 @@ class _Tree:
         two = np.flatnonzero(per_row == 2)
         ends = place[np.stack([G.indices[G.indptr[two]], G.indices[G.indptr[two] + 1]])]
         size = bodies.size
-        graph = sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
-        order, _ = sparse.csgraph.breadth_first_order(graph, root, directed=False)
+        graph = scipy.sparse.coo_array((np.ones(two.size), (ends[0], ends[1])), shape=(size, size)).tocsr()
+        order, _ = scipy.sparse.csgraph.breadth_first_order(graph, root, directed=False)
         rank = np.empty(size, dtype=np.intp)
         rank[order] = np.arange(size)
         # each row belongs to the one of its bodies that is further from the root
@@ -341,7 +359,7 @@ class _Tree:
         rows = row_of[some]
         dependent = bodies[some]
         square = G[rows][:, dependent].tocsc()
-        solver = splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
+        solver = scipy.sparse.linalg.splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
         right: list[Array] = []
         if not fixed.size:
             right.append(-G[rows][:, [bodies[root]]].toarray()[:, 0])
@@ -374,7 +392,7 @@ class _Tree:
 
     def forces(self, rest: Array) -> Array:
         """Return the forces of the rows from what is left of the forces on the bodies."""
-        return self._solver.solve(rest[self.dependent])[self._order]
+        return np.asarray(self._solver.solve(rest[self.dependent])[self._order])
 
     def magnitude(self, rest: Array) -> Array:
         """Return a bound of what adds up in them."""
@@ -397,7 +415,7 @@ class _Entries:
 
     def matrix(self, shape: tuple[int, int]) -> Any:
         rows, columns, values = (np.concatenate(x) for x in zip(*self._parts, strict=True))
-        return sparse.csr_array((values, (rows, columns)), shape=shape)
+        return scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
 
 
 def _stacked(parts: list[tuple[Indices, Array]], h: int, d: int) -> Any:
@@ -415,8 +433,8 @@ def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:
         values = np.zeros(size)
         safe = some[diagonal[some] > 0]
         values[safe] = 1.0 / diagonal[safe]
-        return sparse.diags_array(values, format="csr")
-    _, label = connected_components(matrix, directed=False)
+        return scipy.sparse.diags_array(values, format="csr")
+    _, label = scipy.sparse.csgraph.connected_components(matrix, directed=False)
     entries = _Entries()
     order = np.argsort(label[some], kind="stable")
     for own in np.split(some[order], np.flatnonzero(np.diff(label[some][order])) + 1):

@@ -8,10 +8,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.loads import Stretch
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 
 __all__ = ["Expansion", "Motion"]
@@ -295,18 +296,19 @@ class Motion:
         w, normal, _, z = terms
         by_w, by_z = law.bristle_slopes(w, normal, z)
         acting = equations.acting[law.bristles]
-        sigma = system.coefficients.sigma[acting]
         size, count, n = system.size, places.size, system.n
-        rows = sparse.csr_array((system.G @ equations.balance.T)[acting])
-        rows = sparse.hstack([rows, sparse.csr_array((count, size - n))], format="csr")
-        own = sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
+        rows = scipy.sparse.csr_array((system.G @ equations.balance.T)[acting])
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
+        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
         units = np.zeros((equations.acting.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed = sparse.csr_array(equations.push(units)[:size])
-        extra = own @ (sparse.diags_array(by_w) @ rows) + own @ sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        pushed = scipy.sparse.csr_array(equations.push(units)[:size])
+        extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
+        extra = extra + pushed @ scipy.sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
         return (
-            matrix + extra.toarray() if isinstance(matrix, np.ndarray) else sparse.csr_array(matrix + extra)
+            matrix + dense(extra)
+            if isinstance(matrix, np.ndarray)
+            else scipy.sparse.csr_array(matrix + extra)
         )
 
     # -- series ----------------------------------------------------------------------------------------------

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
@@ -152,7 +153,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
 
             left = float(path.taus[k - 1])
             entry = (
-                float(brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
+                float(scipy.optimize.brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
                 if beyond(left) > 0 > beyond(tau)
                 else tau
             )
@@ -180,10 +181,8 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     equal = y.copy()
     u = system.drive_velocities(motion.inputs(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
-    coefficients = system.G[[row]]
-    dense = coefficients.toarray()[0] if hasattr(coefficients, "toarray") else coefficients[0]
-    mobility = equations.balance.accelerations(dense)
-    total = float(dense @ mobility)
+    pull = dense(system.G[[row]])[0]
+    total = float(pull @ equations.balance.accelerations(pull))
     q = motion.inputs(tau)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
     if scale == 0:

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
@@ -76,7 +76,7 @@ def share(motion: Motion, guards: Guards) -> Share | None:
     wide = np.vstack([rows.T, needed / size])
     target = np.zeros(wide.shape[0])
     target[-1] = 1.0
-    weights, _ = nnls(wide, target)
+    weights, _ = scipy.optimize.nnls(wide, target)
     rest = wide @ weights - target
     some = weights > _PART * weights.max(initial=0.0)
     return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _IDLE))

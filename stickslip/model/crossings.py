@@ -7,7 +7,7 @@ from itertools import pairwise
 from math import ceil, isfinite
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 __all__ = ["crossings", "positive_pieces"]
 
@@ -87,4 +87,4 @@ def positive_pieces(
 
 
 def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    return float(brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15))
+    return float(scipy.optimize.brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.book import Book
 from stickslip.equations.system import System
@@ -136,7 +136,7 @@ class _Links:
         values = np.array(entries, dtype=float).reshape(-1, 3)
         places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
         shape = (len(couplings), system.n + system.drives)
-        self.ends = sparse.csr_array((values[:, 2], places), shape=shape)
+        self.ends = scipy.sparse.csr_array((values[:, 2], places), shape=shape)
         self._system = system
 
     def stretch(self, y: Array) -> Array:

@@ -195,7 +195,9 @@ class Series:
                 value *= x
                 value += columns[k].take(at)
             found[some] = value
-        return found * s if integrated else found
+        if integrated:
+            found *= s
+        return np.asarray(found)
 
 
 def _degrees(terms: Array, reach: Array) -> Indices:
@@ -205,7 +207,8 @@ def _degrees(terms: Array, reach: Array) -> Indices:
     np.multiply.accumulate(size, axis=1, out=size)
     size *= np.abs(terms)
     counts = size > _NOTHING * size.max(axis=1, keepdims=True)
-    return np.asarray(terms.shape[1] - 1 - counts[:, ::-1].argmax(axis=1)) * counts.any(axis=1)
+    highest = terms.shape[1] - 1 - counts[:, ::-1].argmax(axis=1)
+    return np.asarray(np.where(counts.any(axis=1), highest, 0))
 
 
 @dataclass(frozen=True)
@@ -285,7 +288,7 @@ class Patchwork:
         by_time = np.searchsorted(self.ticks, t, side="right")
         by_piece = np.searchsorted(self.piece_of_tick, piece, side="right")
         first = np.searchsorted(self.piece_of_tick, piece, side="left")
-        return np.maximum(np.minimum(by_time, by_piece) - 1, first)
+        return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
     def states(self, piece: Indices, t: Array) -> Array:
         """Return the states at times of pieces, a column each."""
