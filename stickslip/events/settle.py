@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.balance import Balance
+from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
@@ -397,7 +397,7 @@ class _Search:
             following[guards.row[violated]] = 0
             return following
         ratio = self._ratios(motion, guards, over)
-        first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
+        first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
         spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
@@ -419,6 +419,21 @@ class _Search:
             following[row] = 0
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
         return following
+
+    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
+        """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
+
+        Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
+        joined rows has a largest ratio of its own.
+        """
+        equations = motion.equations
+        largest = np.full(rows.size, ratio.max())
+        if rows.size > 1 and not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0:
+            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
+            each = np.zeros(number.max() + 1)
+            np.maximum.at(each, number, ratio)
+            largest = each[number]
+        return np.asarray(ratio >= largest * (1 - AT_LIMIT))
 
     def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
