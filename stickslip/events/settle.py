@@ -133,13 +133,15 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
         return None
     following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
     none = np.zeros(now.labels.size, dtype=bool)
-    guards = Guards(following, now.labels, none, none)
+    guards = Guards(following, now.labels, none, none, now.guards.uncertain)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
         return None
     return Settled(now.labels, following, guards)
 
 
-def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
+def settle(
+    system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
+) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
@@ -155,6 +157,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event.
 
     Raises
     ------
@@ -217,7 +221,8 @@ def _settled(
     if functions.count:
         trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
-    search = _Search(system, stretch, now, y, since, labels, candidates, functions.at(y, q, now.regions))
+    regions = functions.at(y, q, now.regions)
+    search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     motion, guards = search.run(_foreseen(system, trial, now))
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
@@ -227,7 +232,7 @@ def _settled(
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -316,10 +321,11 @@ class _Search:
         labels: Modes,
         candidates: Mask,
         regions: Regions,
+        uncertain: float,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level = regions, now.at_level(system)
+        self._regions, self._at_level, self._uncertain = regions, now.at_level(system), uncertain
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
@@ -359,7 +365,7 @@ class _Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level)
+            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]

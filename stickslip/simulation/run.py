@@ -65,9 +65,11 @@ class Run:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: 0 where the engine is exact.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  (what an engine leaves uncertain has five names)
         self,
         system: System,
         loads: Loads,
@@ -78,11 +80,13 @@ class Run:
         rebound: float,
         quiet: float,
         blur: float,
+        uncertain: float = 0.0,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
         self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
+        self._uncertain = uncertain
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -104,7 +108,7 @@ class Run:
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         for j in hit.nonzero()[0].tolist():
             self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -235,7 +239,7 @@ class Run:
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

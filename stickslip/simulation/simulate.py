@@ -136,7 +136,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact = name == "series" and margin is None
     rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, rebound, wanted.quiet, blur)
+    uncertain = 0.0 if name == "series" or step is not None else wanted.passed
+    resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
+    run = Run(system, loads, engine, recorder, (start, stop), *resolved)
     if watched:
         run.watch_events = Watch(system, watched, loads.period)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:

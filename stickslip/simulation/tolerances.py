@@ -15,6 +15,9 @@ __all__ = ["Tolerances", "tolerances"]
 
 Array = NDArray[np.float64]
 
+_PASSED = 30.0
+"""How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
+
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
@@ -34,6 +37,8 @@ class Tolerances:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
+    passed : float
+        Velocity in m/s or rad/s by which a solver has to go beyond 0 before 0 is passed.
     """
 
     rtol: float
@@ -41,6 +46,7 @@ class Tolerances:
     margin: float
     quiet: float
     speed: float
+    passed: float
 
 
 def tolerances(
@@ -81,7 +87,7 @@ def tolerances(
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
-    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, _PASSED * quiet)
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:
