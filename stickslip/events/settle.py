@@ -170,7 +170,7 @@ def settle(
     closed = _closed(system, stretch.rate(now.t), q)
     tried = set[bytes]()
     while True:
-        found = _settled(system, stretch, now, quiet, blur, q, closed)
+        found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
             return found
@@ -183,9 +183,15 @@ def settle(
 
 
 def _settled(
-    system: System, stretch: Stretch, now: Situation, quiet: float, blur: float, q: Array, closed: Mask
+    system: System,
+    stretch: Stretch,
+    now: Situation,
+    resolved: tuple[float, float, float],
+    q: Array,
+    closed: Mask,
 ) -> Settled:
     """Return consistent modes where it is known which rows can carry a force."""
+    quiet, blur, uncertain = resolved
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stickslip.equations.system import System
 from stickslip.model.signal_makers import Signal
 
-__all__ = ["Tolerances", "tolerances"]
+__all__ = ["Tolerances", "largest_value", "tolerances"]
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def tolerances(
     for j, state in system.bristle_state.items():
         if system.pressed[j]:
             continue
-        force = system.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
+        force = system.mu_s[:, j].max() * largest_value(system.normals[j], start, stop)
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
@@ -129,7 +129,7 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
     speeds += [
-        _largest(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
+        largest_value(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
     ]
     speeds.append(frequency * stretched)
     speed = max(speeds)
@@ -138,11 +138,11 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
         for force, signal in zip(scene.forces, system.others[: system.force_count], strict=True):
             inertia = system.inertia[system.index[force.body]]
             if inertia > 0:
-                speed = max(speed, _largest(signal, start, stop) * time / inertia)
+                speed = max(speed, largest_value(signal, start, stop) * time / inertia)
     return speed, frequency
 
 
-def _largest(signal: Signal, start: float, stop: float) -> float:
+def largest_value(signal: Signal, start: float, stop: float) -> float:
     """Return the largest absolute value at the breaks and at a few times between."""
     times = [*np.linspace(start, stop, 17).tolist(), *signal.breaks(start, stop)]
     return max(abs(signal(t)) for t in times)
