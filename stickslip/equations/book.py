@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.piecewise import Linear, Region
 from stickslip.model.scene import GROUND, AnyBlock, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Load
+from stickslip.model.signal_makers import Constant, Load, Signal
 
-__all__ = ["Book", "Coupling", "Row"]
+__all__ = ["Book", "Coupling", "Piecewise", "Row"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Row:
     law : Law or None
         The friction law; None for a row of another kind.
     kind : str
-        "friction", "tie" (always held) or "one-way" (held while its force is positive).
+        "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its force
+        is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes).
     normal : Signal or Quantity
         In N.
     rested : float
@@ -33,6 +35,8 @@ class Row:
         Of its bristles at the start, in m or rad.
     slipping : bool
         Whether it starts as one that has slipped.
+    restitution : float
+        Of impacts.
     """
 
     name: str
@@ -41,8 +45,9 @@ class Row:
     kind: str
     normal: Load
     rested: float
-    deflection: float
-    slipping: bool
+    deflection: float = 0.0
+    slipping: bool = False
+    restitution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,26 @@ class Coupling:
     rest: float
 
 
+@dataclass(frozen=True)
+class Piecewise:
+    """A piecewise-linear function of the state.
+
+    Attributes
+    ----------
+    label : str
+    regions : tuple of Region
+    acts : dict of int to float
+        Its force on a body, as a multiple of its value, by index.
+    row : int
+        The row whose force it is, -1 for none.
+    """
+
+    label: str
+    regions: tuple[Region, ...]
+    acts: Mapping[int, float]
+    row: int
+
+
 class Book:
     """The entries of a scene, and quantities that are watched without acting on anything."""
 
@@ -67,6 +92,9 @@ class Book:
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Load, str]] = []
         self.blocks: list[AnyBlock] = []
+        self.piecewises: list[Piecewise] = []
+        self.signals: list[Signal] = []
+        self.read: set[int] = set()
         self.index: dict[str, int] = {}
         for element in scene.elements:
             element.place(self)
@@ -93,10 +121,11 @@ class Book:
         rested: float = 0.0,
         deflection: float = 0.0,
         slipping: bool = False,
+        restitution: float = 0.0,
     ) -> None:
         """Enter a row."""
         own = self._by_index(coefficients)
-        self.rows.append(Row(name, own, law, kind, _load(normal), rested, deflection, slipping))
+        self.rows.append(Row(name, own, law, kind, _load(normal), rested, deflection, slipping, restitution))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
@@ -117,6 +146,30 @@ class Book:
         forces = [load for _, load, _ in self.forces]
         normals = [row.normal for row in self.rows]
         return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
+
+    def read_position(self, name: str) -> None:
+        """Make the position of a body or drive a state."""
+        if name != GROUND:
+            self.read.add(self.index[name])
+
+    def piecewise(
+        self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
+    ) -> int:
+        """Enter a piecewise-linear function of the state."""
+        for region in regions:
+            for expression in (region.value, *(border for border, _ in region.borders)):
+                self._note(expression)
+        j = len(self.rows) - 1 if row is not None else -1
+        while j >= 0 and self.rows[j].name != row:
+            j -= 1
+        self.piecewises.append(Piecewise(label, tuple(regions), self._by_index(acts), j))
+        return len(self.piecewises) - 1
+
+    def _note(self, expression: Linear) -> None:
+        """Enter the positions and signals that an expression reads."""
+        for name in expression.positions:
+            self.read_position(name)
+        self.signals += [s for _, s in expression.signals if not any(s is known for known in self.signals)]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}

@@ -20,6 +20,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
 from stickslip.equations.loads import Loads
+from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
@@ -79,13 +80,14 @@ class System:
         self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
+        self.piecewise = PiecewiseMatrices(book, self)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        stretched |= _read_positions(book)
+        stretched |= book.read | _read_positions(book)
         self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
@@ -105,6 +107,7 @@ class System:
         """Resolve what forces depend on, and give every input its place."""
         m, drives = self.m, self.drives
         reader = Reader(book, self.position_state, self.blocks)
+        reader.signals += book.signals
         parts = [_parts(load) for _, load, _ in book.forces]
         self.pushes = [
             (i, reader.form(linear, label))
@@ -131,7 +134,7 @@ class System:
         ]
         acting = len(reader.nodes)
         seen = [reader.form(load, "a watched quantity") for load in book.watched]
-        first_signal = m + len(book.forces)
+        first_signal = self.first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
         self.others = [
@@ -172,14 +175,18 @@ class System:
         c = self.laws
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
-        self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
+        self.is_stop = np.array([row.kind == "stop" for row in book.rows], dtype=bool)
+        self.has_stops = bool(self.is_stop.any())
+        self.restitution = np.array([row.restitution for row in book.rows])
+        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
-        self.hard = c.sticks
-        self.all_hard = bool(self.hard.all())
+        self.hard = c.sticks & ~self.is_gap
+        self.all_hard = bool((self.hard | self.is_gap).all())
         self.free = ~(c.sticks | c.has_slip_state)
         self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward
@@ -193,12 +200,12 @@ class System:
 
     def _join(self, book: Book) -> None:
         n, drives = self.n, self.drives
-        rows, driven = _Triplets(), _Triplets()
+        rows, driven = Triplets(), Triplets()
         for j, row in enumerate(book.rows):
             for i, c in row.coefficients.items():
                 (rows if i < n else driven).add(j, i if i < n else i - n, c)
-        self.G, self.D = self._matrix(rows, (self.m, n)), self._matrix(driven, (self.m, drives))
-        state, inputs = _Triplets(), _Triplets()
+        self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, drives))
+        state, inputs = Triplets(), Triplets()
         for link in book.couplings:
             for i, c in link.coefficients.items():
                 if i >= n:
@@ -211,7 +218,7 @@ class System:
                     else:
                         inputs.add(i, self.first_drive + k - n, -c * e * link.damping)
                 inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
-        push_state, push_inputs = _Triplets(), _Triplets()
+        push_state, push_inputs = Triplets(), Triplets()
         for k, (i, _, _) in enumerate(book.forces):
             push_inputs.add(i, self.first_force + k, 1.0)
         for i, form in self.pushes:
@@ -219,23 +226,24 @@ class System:
                 push_state.add(i, column, c)
             for key, c in form.inputs.items():
                 push_inputs.add(i, self._place(key), c)
-        self.push_C = self._matrix(push_state, (n, self.size))
-        self.push_Q = self._matrix(push_inputs, (n, self.inputs))
-        self.C = self._matrix(state, (n, self.size)) + self.push_C
-        self.Q = self._matrix(inputs, (n, self.inputs)) + self.push_Q
-        block_state, block_inputs = _Triplets(), _Triplets()
+        self.push_C = self.matrix(push_state, (n, self.size))
+        self.push_Q = self.matrix(push_inputs, (n, self.inputs))
+        self.C = self.matrix(state, (n, self.size)) + self.push_C
+        self.Q = self.matrix(inputs, (n, self.inputs)) + self.push_Q
+        block_state, block_inputs = Triplets(), Triplets()
         for k, form in self._rates.items():
             for column, c in form.states.items():
                 block_state.add(k - self.first_block, column, c)
             for key, c in form.inputs.items():
                 block_inputs.add(k - self.first_block, self._place(key), c)
         blocks = self.size - self.first_block
-        self.block_C = self._matrix(block_state, (blocks, self.size))
-        self.block_Q = self._matrix(block_inputs, (blocks, self.inputs))
-        self.has_couplings = bool(state.values or push_state.values or block_state.values)
+        self.block_C = self.matrix(block_state, (blocks, self.size))
+        self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
+        self.has_couplings = bool(state.values or push_state.values or block_state.values or book.piecewises)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
+        self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
         # places of the velocities whose integrals the positions are
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
@@ -244,7 +252,8 @@ class System:
             [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
         )
 
-    def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
+    def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
+        """Return entries as a matrix, dense or sparse as the scene is."""
         if not self.sparse:
             dense = np.zeros(shape)
             if triplets.rows:
@@ -254,6 +263,20 @@ class System:
         matrix = scipy.sparse.coo_array(entries, shape=shape).tocsr()
         matrix.eliminate_zeros()
         return matrix
+
+    def at_start(self) -> Array:
+        """Return the state that the scene gives."""
+        scene, y = self.scene, np.zeros(self.size)
+        y[: self.n] = [body.velocity for body in scene.bodies]
+        places: list[Any] = [*scene.bodies, *scene.drives]
+        y[self.n : self.first_bristle] = [places[i].position for i in self.placed]
+        for j, state in self.bristle_state.items():
+            y[state] = self.rows[j].deflection
+        for place in self.blocks.values():
+            y[place.first : place.first_held] = place.block.states or ()
+            if isinstance(place.block, Sampled) and place.block.held:
+                y[place.first_held : place.end] = place.block.held
+        return y
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
@@ -369,21 +392,6 @@ class System:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
         return System, (self.scene, self.watched)
-
-
-class _Triplets:
-    """Entries of a matrix under construction."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-        self.columns: list[int] = []
-        self.values: list[float] = []
-
-    def add(self, row: int, column: int, value: float) -> None:
-        if value:
-            self.rows.append(row)
-            self.columns.append(column)
-            self.values.append(value)
 
 
 def _read_positions(book: Book) -> set[int]:

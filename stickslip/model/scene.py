@@ -20,6 +20,7 @@ from stickslip.model.elements import (
     Drive,
     Element,
     Force,
+    Gap,
     Gear,
     Named,
     OneWay,
@@ -28,6 +29,7 @@ from stickslip.model.elements import (
     Sampled,
     Spring,
     StateSpace,
+    Stop,
     Tie,
 )
 from stickslip.model.elements.base import listed
@@ -56,6 +58,7 @@ __all__ = [
     "Drive",
     "Element",
     "Force",
+    "Gap",
     "Gear",
     "Motion",
     "OneWay",
@@ -65,6 +68,7 @@ __all__ = [
     "Scene",
     "Spring",
     "StateSpace",
+    "Stop",
     "Tie",
 ]
 
@@ -87,8 +91,8 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper, Block, StateSpace, Sampled or Force; bodies
-        are referred to by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper, Block, StateSpace, Sampled or
+        Force; they refer to bodies by name.
     motion : "rotation" or "translation", optional
         How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
 
@@ -96,7 +100,7 @@ class Scene:
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers : tuple
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers : tuple
         Those of one kind, in the order given; and so `blocks`, `state_spaces`, `sampled` and `forces`.
 
     Raises
