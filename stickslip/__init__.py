@@ -13,8 +13,7 @@ from stickslip.model.elements import (
     Spring,
     Tie,
 )
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre, PreSlip
+from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
@@ -24,6 +23,7 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -33,6 +33,8 @@ __all__ = [
     "GROUND",
     "Body",
     "Contact",
+    "Cycle",
+    "CycleError",
     "Dahl",
     "Damper",
     "Drive",
@@ -55,6 +57,7 @@ __all__ = [
     "Spring",
     "Tie",
     "explain",
+    "limit_cycle",
     "load",
     "output",
     "piecewise_linear",
@@ -68,6 +71,6 @@ __all__ = [
     "triangle",
     "work_precision",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _let_scenes_show_themselves()

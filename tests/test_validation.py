@@ -160,4 +160,4 @@ def test_a_mutation_is_noticed(name: str) -> None:
     (mutation,) = (m for m in mutations.MUTATIONS if m.name == name)
     rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
     assert all(o.passed for o in run(rows))
-    assert mutations._noticed(mutation, rows)
+    assert mutations.noticing(mutation, rows)

@@ -26,7 +26,7 @@ def refusal(case: Case) -> float:
     make, kind, words = case
     started = mock.Mock(side_effect=Wrong("an engine was made before the input was checked"))
     try:
-        with mock.patch("stickslip.simulation.simulate._engine", started):
+        with mock.patch("stickslip.simulation.simulate.Task", started):
             make()
     except kind as error:
         require(type(error) is kind, f"{type(error).__name__} instead of {kind.__name__}: {error}")

@@ -27,7 +27,7 @@ from stickslip import (
     signal,
     simulate,
 )
-from stickslip.model.laws import kernels
+from stickslip.model.laws import kinetic
 from validation.rows import Row, Tried, Wrong, asked, require
 from validation.tried import try_each
 
@@ -126,7 +126,7 @@ def storming() -> Result:
         Contact("sole", "block", "belt", law, normal=10.0),
         Spring("block", GROUND, stiffness=20.0),
     )
-    with mock.patch.object(kernels, "_STEEPEST", 0.0):
+    with mock.patch.object(kinetic, "_STEEPEST", 0.0):
         return simulate(scene, (0.0, 20.0))
 
 

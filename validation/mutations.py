@@ -279,13 +279,13 @@ MUTATIONS = (
     Mutation(
         "static-slip",
         "slipping friction at the static level",
-        "stickslip.model.laws.kernels:Coefficients.__init__",
+        "stickslip.model.laws.table:LawTable.__init__",
         _after(_static_while_slipping),
     ),
     Mutation(
         "curve-flat",
         "no Stribeck curve",
-        "stickslip.model.laws.kernels:_Kinetic.__call__",
+        "stickslip.model.laws.kinetic:Kinetic.__call__",
         _level,
     ),
     Mutation(
@@ -303,7 +303,7 @@ MUTATIONS = (
     Mutation(
         "looks-off-steps",
         "no look between computed points",
-        "stickslip.engines.cvode:first_dip",
+        "stickslip.engines.follow:first_dip",
         _returning(None),
     ),
     Mutation(
@@ -402,7 +402,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{len(sound)} rows watch; each mutation is tried until {ENOUGH} notice\n")
     survived = []
     for mutation in chosen:
-        noticed = _noticed(mutation, sound)
+        noticed = noticing(mutation, sound)
         if not noticed:
             survived.append(mutation.name)
         seen = ", ".join(noticed) if noticed else "SURVIVES"
@@ -427,7 +427,8 @@ def _generate(options: argparse.Namespace) -> int:
     return 1 if survivors else 0
 
 
-def _noticed(mutation: Mutation, rows: Sequence[Row]) -> list[str]:
+def noticing(mutation: Mutation, rows: Sequence[Row]) -> list[str]:
+    """Return the names of the first rows that fail under a mutation."""
     noticed: list[str] = []
     outcomes = run(rows, prepare=partial(apply, mutation.name))
     for outcome in tqdm(outcomes, total=len(rows), desc=mutation.name, leave=False):

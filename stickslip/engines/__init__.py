@@ -1,1 +1,21 @@
-"""Advance a motion to its first event."""
+"""Advance a motion to its first event. The registry of methods: an engine's file and a line here each."""
+
+from typing import Literal
+
+from stickslip.engines import cvode, fixed_step, ida, series
+from stickslip.engines.base import Method
+
+__all__ = ["METHODS", "MethodName"]
+
+MethodName = Literal["auto", "series", "BDF", "Adams", "RK4", "Euler"]
+"""What `simulate` takes, for editors and type checkers."""
+
+METHODS: dict[str, Method] = {
+    "series": series.SERIES,
+    "BDF": cvode.BDF,
+    "Adams": cvode.ADAMS,
+    "IDA": ida.IDA_BDF,
+    "RK4": fixed_step.RK4,
+    "Euler": fixed_step.EULER,
+}
+"""Every method by name, as `simulate` takes it; IDA is what BDF is in the multiplier formulation."""

@@ -2,42 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
 import warnings
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.engines.dips import first_dip
+from stickslip.engines.base import Method, Task
+from stickslip.engines.follow import LOCAL, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
+from stickslip.engines.progress import Progress
 from stickslip.engines.replay import Replay, first_step
 from stickslip.engines.sundials import CVODE
-from stickslip.engines.work import (
-    LOOK_AT_SCENE,
-    Interrupted,
-    Interruption,
-    Progress,
-    SolverFailure,
-    Work,
-    failure_of,
-    sound,
-)
+from stickslip.engines.work import SolverFailure, Work, failure_of, sound
 from stickslip.equations.guards import Guards
-from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-from stickslip.equations.system import System
 
-__all__ = ["LOCAL", "STEPS_PER_PERIOD", "Cvode", "protected", "without_dips"]
+__all__ = ["ADAMS", "BDF", "Cvode"]
 
 Array = NDArray[np.float64]
-
-STEPS_PER_PERIOD = 8
-LOCAL = 0.1
-"""Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
 _ROOTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
@@ -55,38 +39,14 @@ class Cvode:
 
     Parameters
     ----------
-    system : System
-    loads : Loads
-    method : str
+    task : Task
+    kind : str
         "BDF" or "Adams".
-    rtol : float
-    atol : array (size,)
-        Tolerances of the states.
-    max_step : float
-        Longest step in s, infinite for none.
-    merged : bool
-        Integrate the independent velocities only: the state shrinks and grows (Breedveld 2000, figs. 4 and 5).
-    work : Work
-    interruption : Interruption
     """
 
-    def __init__(
-        self,
-        system: System,
-        loads: Loads,
-        method: str,
-        rtol: float,
-        atol: Array,
-        max_step: float,
-        merged: bool,
-        work: Work,
-        interruption: Interruption,
-    ) -> None:
-        self._method, self._order, self._period = method, band_order(system), loads.period
-        self._rtol, self._atol = LOCAL * rtol, LOCAL * atol
-        self._max_step, self._merged = max_step, merged
-        self.work, self._interruption = work, interruption
-        self.show: Callable[[float], None] | None = None
+    def __init__(self, task: Task, kind: str) -> None:
+        self._task, self._kind, self._order = task, kind, band_order(task.system)
+        self.work = Work()
         self._linear_solver = LinearSolver()
         self._solvers: dict[_Steps, tuple[Any, Any]] = {}
         self._roots: dict[_Steps, int] = {}
@@ -97,25 +57,14 @@ class Cvode:
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        self._motion, self._guards = _Selected(motion, self._order, self._merged), guards
+        self._motion, self._guards = _Selected(motion, self._order, self._task.merged), guards
+        return follow(motion, guards, horizon, self._solve, self._task.interruption)
 
-        def solve(tau: float) -> Path:
-            self._progress = Progress(tau, self._interruption, self.show)
-            return self._solve(tau)
-
-        return without_dips(
-            motion, guards, lambda tau: protected(motion, solve, tau, self._interruption, self._last), horizon
-        )
-
-    def _last(self) -> float:
-        return self._progress.last
-
-    def _solve(self, tau: float) -> Path:
-        selected, work = self._motion, self.work
+    def _solve(self, tau: float, progress: Progress) -> Path:
+        selected, work, self._progress = self._motion, self.work, progress
         key, pair = self._solver(selected.motion)
         work.starts += 1
-        tolerance = self._rtol, selected.pick(self._atol)
-        taken = self._replay.take(*pair, tau, selected.start, self._method, tolerance)
+        taken = self._replay.take(*pair, tau, selected.start, self._kind, self._tolerance)
         solution = taken.last
         work.steps += taken.taus.size - 1
         work.rate_calls += solution.nfev
@@ -133,16 +82,18 @@ class Cvode:
             )
         return path
 
+    @property
+    def _tolerance(self) -> tuple[float, Array]:
+        """Relative and absolute tolerances of the solver's steps."""
+        return LOCAL * self._task.rtol, self._motion.pick(LOCAL * self._task.atol)
+
     def _solver(self, motion: Motion) -> tuple[_Steps, tuple[Any, Any]]:
-        max_step = self._max_step
-        if not motion.stretch.is_straight:
-            max_step = min(max_step, self._period / STEPS_PER_PERIOD)
+        max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         if self._linear_solver.hold(self._motion.jacobian(0.0, self._motion.start)):
             self._solvers.clear()
         selected = self._motion
-        tolerance = self._rtol, selected.pick(self._atol)
         bend = selected.pick(2.0 * motion.start.y[2])
-        first = first_step(bend, selected.start, tolerance, motion.horizon)
+        first = first_step(bend, selected.start, self._tolerance, motion.horizon)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
         fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
         key = max_step, fit[0] if fit else _CAREFUL * first
@@ -179,13 +130,14 @@ class Cvode:
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
             self.work.guard_calls += 1
             # a guard that is found negative ends the motion
-            pressed = self._interruption.pressed
+            pressed = self._task.interruption.pressed
             out[0] = -1.0 if pressed else sound(self._guards.smallest(tau, self._motion.expand(tau, y)), tau)
 
+        rtol, atol = self._tolerance
         options: dict[str, Any] = {
-            "method": self._method,
-            "rtol": self._rtol,
-            "atol": _shortest(self._motion.pick(self._atol)),
+            "method": self._kind,
+            "rtol": rtol,
+            "atol": _shortest(atol),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
             "first_step": first,
             **self._linear_solver.options(),
@@ -246,43 +198,12 @@ class _Selected:
         return matrix if self._is_all else matrix[self._order][:, self._order]
 
 
-def without_dips(motion: Motion, guards: Guards, solve: Callable[[float], Path], horizon: float) -> Path:
-    """Advance to the first event, also where it lies between computed points."""
-    while True:
-        path = solve(horizon)
-        missed = first_dip(motion, guards, path)
-        if missed is None:
-            return path
-        if missed >= path.taus[-1]:
-            # a root at the very end is none for the solver, however often it is sent there
-            return replace(path, hit=True)
-        horizon = missed
-
-
-def protected(
-    motion: Motion,
-    solve: Callable[[float], Path],
-    horizon: float,
-    interruption: Interruption,
-    last: Callable[[], float],
-) -> Path:
-    """Advance; where that fails or is interrupted, hand over what was computed before."""
-    try:
-        path = solve(horizon)
-    except (ArithmeticError, ValueError) as fault:
-        # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
-        size = motion.y.size
-        path = Path(np.zeros(1), np.empty((0, 1, size)), motion.y, False, True)
-        short = 0.9 * last()
-        if short > 0:
-            with contextlib.suppress(Exception):
-                path = solve(short)
-        raise SolverFailure(str(fault), LOOK_AT_SCENE, path) from fault
-    if interruption.pressed:
-        raise Interrupted(path)
-    return path
-
-
 def _shortest(values: Array) -> float | Array:
     """Return one number where all are equal: a long vector of tolerances takes long to check."""
     return float(values[0]) if np.all(values == values[0]) else values
+
+
+_FORMULATIONS = ("contact-force", "merged")
+BDF = Method("CVODE BDF", lambda task: Cvode(task, "BDF"), _FORMULATIONS)
+ADAMS = Method("CVODE Adams", lambda task: Cvode(task, "Adams"), _FORMULATIONS, resolution=1e4)
+"""Not made for stiffness."""

@@ -98,4 +98,4 @@ def _may_dip(taus: Array, values: Array) -> NDArray[np.bool_]:
         bend = (rising - falling) / (before + after)
         lowest = middle - (falling + bend * before) ** 2 / (4 * bend)
         near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2
-    return near & (middle <= left) & (middle <= right)
+    return np.asarray(near & (middle <= left) & (middle <= right))

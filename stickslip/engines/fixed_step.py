@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.base import Method, Task
 from stickslip.engines.stability import Stability, Unstable
-from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
+from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
-__all__ = ["FixedStep"]
+__all__ = ["EULER", "RK4", "FixedStep", "Scheme"]
 
 Array = NDArray[np.float64]
 
@@ -22,25 +24,43 @@ _FEWEST, _MOST = 4, 64
 """Steps taken before the guards are looked at, all at once: few after an event, more as the modes last."""
 
 
+@dataclass(frozen=True)
+class Scheme:
+    """A method of fixed steps.
+
+    Attributes
+    ----------
+    name : str
+    take : callable
+        ``take(rates, stage, y, h)`` returns the state after a step of length h.
+    stages : int
+        Rates per step.
+    times : int
+        2 where a stage lies in the middle of the step, else 1.
+    growth : tuple of float
+        Coefficients of ``R(z)``, the highest power first: a step h turns ``y' = lambda y`` into ``R(h lambda) y``.
+    """
+
+    name: str
+    take: Callable[[_Rates, int, Array, float], Array]
+    stages: int
+    times: int
+    growth: tuple[float, ...]
+
+
 class FixedStep:
     """The classical Runge-Kutta method of order 4, or Euler's, with a given step.
 
     Parameters
     ----------
-    method : str
-        "RK4" or "Euler".
-    step : float
-        Step in s.
-    work : Work
-    interruption : Interruption
+    task : Task
+    scheme : Scheme
     """
 
-    def __init__(self, method: str, step: float, work: Work, interruption: Interruption) -> None:
-        self._method, self._step, self._stability = method, step, Stability(method)
-        self.work, self._interruption = work, interruption
-        self.show: Callable[[float], None] | None = None
-        self._take: Callable[[_Rates, int, Array, float], Array]
-        self._take, self._stages, self._times = (_runge_kutta, 4, 2) if method == "RK4" else (_euler, 1, 1)
+    def __init__(self, task: Task, scheme: Scheme) -> None:
+        self._scheme, self._step, self._interruption = scheme, task.step, task.interruption
+        self._stability = Stability(scheme.growth)
+        self.work = Work()
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Step until a guard is violated, a contact opens or closes, or local time `horizon` is reached."""
@@ -71,13 +91,13 @@ class FixedStep:
             raise self._failure(str(reason), taken) from reason
 
     def _failure(self, reason: str, taken: _Taken) -> SolverFailure:
-        sentence = f"the {self._method} step of {self._step:g} s is unstable: {reason}"
+        sentence = f"the {self._scheme.name} step of {self._step:g} s is unstable: {reason}"
         return SolverFailure(sentence, "shorten the step, or use BDF", taken.path(False))
 
     def _try_steps(self, motion: Motion, ends: Array, taken: _Taken) -> Array:
         """Take some steps; where that fails or is interrupted, hand over what was computed before."""
-        if self.show is not None:
-            self.show(float(ends[0]))
+        if self._interruption.show is not None:
+            self._interruption.show(float(ends[0]))
         if self._interruption.pressed:
             raise Interrupted(taken.path(False))
         try:
@@ -87,7 +107,7 @@ class FixedStep:
 
     def _steps(self, motion: Motion, ends: Array, y: Array) -> Array:
         """Return the states (rows) at the ends of steps in fixed modes."""
-        count, times = ends.size - 1, self._times
+        count, times = ends.size - 1, self._scheme.times
         stages = np.empty(times * count + 1)
         stages[::times] = ends
         if times == 2:
@@ -96,9 +116,9 @@ class FixedStep:
         ys = np.empty((count, y.size))
         with np.errstate(over="ignore", invalid="ignore"):
             for k, h in enumerate(np.diff(ends).tolist()):
-                y = ys[k] = self._take(rates, times * k, y, h)
+                y = ys[k] = self._scheme.take(rates, times * k, y, h)
             ys = np.ascontiguousarray(motion.exact(ends[1:], ys.T).T)
-        self.work.rate_calls += self._stages * count
+        self.work.rate_calls += self._scheme.stages * count
         return ys
 
     def _until_a_change(
@@ -192,7 +212,7 @@ class _Rates:
             rate += equations.push(law.forces(w, normal, self._lag[stage], z))[:size]
             if places.size:
                 rate[places] = law.bristle_rates(w, normal, z)
-        return rate
+        return np.asarray(rate)
 
 
 def _euler(rate: _Rates, stage: int, y: Array, h: float) -> Array:
@@ -206,3 +226,9 @@ def _runge_kutta(rate: _Rates, stage: int, y: Array, h: float) -> Array:
     k3 = rate(stage + 1, y + half * k2)
     k4 = rate(stage + 2, y + h * k3)
     return y + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+
+
+_RK4 = Scheme("RK4", _runge_kutta, 4, 2, (1 / 24, 1 / 6, 1 / 2, 1.0, 1.0))
+_EULER = Scheme("Euler", _euler, 1, 1, (1.0, 1.0))
+RK4 = Method("RK4 with fixed steps", lambda task: FixedStep(task, _RK4), takes_steps=True)
+EULER = Method("Euler with fixed steps", lambda task: FixedStep(task, _EULER), takes_steps=True)

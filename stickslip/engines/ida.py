@@ -9,30 +9,30 @@ from __future__ import annotations
 
 import contextlib
 import warnings
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
-from stickslip.engines.cvode import LOCAL, STEPS_PER_PERIOD, protected, without_dips
+from stickslip.engines.base import Method, Task
+from stickslip.engines.follow import LOCAL, follow, longest_step
 from stickslip.engines.linear_solver import sparsity_pattern
+from stickslip.engines.progress import Progress
 from stickslip.engines.steps import DEGREE, take_steps
 from stickslip.engines.sundials import IDA
-from stickslip.engines.work import Interruption, Progress, Work, failure_of, sound
+from stickslip.engines.work import Work, failure_of, sound
 from stickslip.equations.guards import Guards
-from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-from stickslip.equations.system import System
 
-__all__ = ["OF_FORCES", "Ida"]
+__all__ = ["IDA_BDF", "Ida"]
 
 Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 100
-OF_FORCES = 100.0
+_OF_FORCES = 100.0
 """How much looser forces are judged than states: they follow from these, and nothing adds up their errors.
 
 Guards and results do not use them, but what the balance gives in the same state.
@@ -44,58 +44,30 @@ class Ida:
 
     Parameters
     ----------
-    system : System
-    loads : Loads
-    rtol : float
-    atol : array (size,)
-        Tolerances of the states.
-    max_step : float
-        Longest step in s, infinite for none.
-    work : Work
-    interruption : Interruption
+    task : Task
     """
 
-    def __init__(
-        self,
-        system: System,
-        loads: Loads,
-        rtol: float,
-        atol: Array,
-        max_step: float,
-        work: Work,
-        interruption: Interruption,
-    ) -> None:
-        self._rtol, self._atol, self._max_step, self._period = (
-            LOCAL * rtol,
-            LOCAL * atol,
-            max_step,
-            loads.period,
-        )
-        self.work, self._interruption = work, interruption
-        self.show: Callable[[float], None] | None = None
-        self._progress: Progress
-        del system
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._rtol, self._atol = LOCAL * task.rtol, LOCAL * task.atol
+        self.work = Work()
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         equations = _Residual(motion)
 
-        def solve(tau: float) -> Path:
-            self._progress = Progress(tau, self._interruption, self.show)
-            return self._solve(motion, guards, equations, tau)
+        def solve(tau: float, progress: Progress) -> Path:
+            return self._solve(motion, guards, equations, tau, progress)
 
-        return without_dips(
-            motion, guards, lambda tau: protected(motion, solve, tau, self._interruption, self._last), horizon
-        )
+        return follow(motion, guards, horizon, solve, self._task.interruption)
 
-    def _last(self) -> float:
-        return self._progress.last
-
-    def _solve(self, motion: Motion, guards: Guards, equations: _Residual, horizon: float) -> Path:
+    def _solve(
+        self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress
+    ) -> Path:
         size, work, reading = motion.y.size, self.work, False
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
-            self._progress.note(tau)
+            progress.note(tau)
             equations.residual(tau, u, rate, out)
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
@@ -104,7 +76,7 @@ class Ida:
                 return
             work.guard_calls += 1
             # a guard that is found negative ends the motion
-            out[0] = -1.0 if self._interruption.pressed else sound(guards.smallest(tau, u[:size]), tau)
+            out[0] = -1.0 if self._task.interruption.pressed else sound(guards.smallest(tau, u[:size]), tau)
 
         def read(now: bool) -> None:
             nonlocal reading
@@ -134,14 +106,12 @@ class Ida:
         return path
 
     def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
-        max_step = self._max_step
-        if not motion.stretch.is_straight:
-            max_step = min(max_step, self._period / STEPS_PER_PERIOD)
+        max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
         # and no finer than what would change a velocity within the motion. A contact that is just being closed, or
         # that nothing pushes, has no force of its own to be judged by
         of_forces = np.maximum(
-            OF_FORCES * self._rtol * equations.force_scale, self._atol[0] * equations.impulse_scale / horizon
+            _OF_FORCES * self._rtol * equations.force_scale, self._atol[0] * equations.impulse_scale / horizon
         )
         options: dict[str, Any] = {
             "rtol": self._rtol,
@@ -176,7 +146,7 @@ class _Residual:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
         if self._motion.equations.balance.loop.max(initial=-1) < 0:
             return None
-        G, D = (x.toarray() if sparse.issparse(x) else x for x in (self._G, self._D))
+        G, D = dense(self._G), dense(self._D)
         scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
         unit = G / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)
@@ -233,41 +203,58 @@ class _Residual:
             self._constant = self._by_states(0.0, self._motion.y).toarray()
             return
         by_states = abs(self._by_states(0.0, self._motion.y))
-        self.pattern, self._places = sparsity_pattern(by_states + abs(self._rates) + sparse.eye_array(total))
+        self.pattern, self._places = sparsity_pattern(
+            by_states + abs(self._rates) + scipy.sparse.eye_array(total)
+        )
 
     def _by_rates(self) -> Any:
         system, count = self._system, self.start.size - self._size
-        others = sparse.eye_array(self._size - system.n)
-        top = sparse.block_diag([sparse.diags_array(system.inertia), others], format="csr")
+        others = scipy.sparse.eye_array(self._size - system.n)
+        top = scipy.sparse.block_diag([scipy.sparse.diags_array(system.inertia), others], format="csr")
         if not count:
-            return sparse.csr_array(top)
-        wide = sparse.hstack([sparse.csr_array(self._G), sparse.csr_array((count, self._size - system.n))])
-        return sparse.block_array([[top, sparse.csr_array((self._size, count))], [wide, None]], format="csr")
+            return scipy.sparse.csr_array(top)
+        wide = scipy.sparse.hstack(
+            [scipy.sparse.csr_array(self._G), scipy.sparse.csr_array((count, self._size - system.n))]
+        )
+        return scipy.sparse.block_array(
+            [[top, scipy.sparse.csr_array((self._size, count))], [wide, None]], format="csr"
+        )
 
     def _by_states(self, tau: float, y: Array) -> Any:
         motion, system = self._motion, self._system
         n, size, count = system.n, self._size, self.start.size - self._size
-        forces = sparse.csr_array(system.C)
+        forces = scipy.sparse.csr_array(system.C)
         acting = motion.equations.acting
         if acting.size:
-            rows = sparse.csr_array(system.G)[acting]
+            rows = scipy.sparse.csr_array(system.G)[acting]
             slopes = motion.law_slopes(tau, y)
-            pushed = sparse.csr_array(system.GT)[:, acting]
-            part = pushed @ sparse.diags_array(slopes) @ rows
-            forces = forces - sparse.hstack([part, sparse.csr_array((n, size - n))], format="csr")
-        full = sparse.csr_array(motion.jacobian(tau, y))
+            pushed = scipy.sparse.csr_array(system.GT)[:, acting]
+            part = pushed @ scipy.sparse.diags_array(slopes) @ rows
+            forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
+        full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
-            sigma = system.coefficients.sigma[acting[motion.equations.law.bristles], 0]
-            pushed = sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
-            entries = sparse.csr_array((sigma, (np.arange(places.size), places)), shape=(places.size, size))
+            w, normal, _, z = motion.acting_terms(y, motion.inputs(tau), tau)
+            sigma = motion.equations.law.by_bristle(w, normal, z)
+            pushed = scipy.sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
+            entries = scipy.sparse.csr_array(
+                (sigma, (np.arange(places.size), places)), shape=(places.size, size)
+            )
             forces = forces - pushed @ entries
-        top = sparse.vstack([-forces, -full[n:]], format="csr")
+        top = scipy.sparse.vstack([-forces, -full[n:]], format="csr")
         if not count:
             return top
-        null = sparse.csr_array((count, count)) if self._null is None else sparse.csr_array(-self._null)
-        pull = sparse.vstack([sparse.csr_array(self._G.T), sparse.csr_array((size - n, count))])
-        return sparse.block_array([[top, pull], [sparse.csr_array((count, size)), null]], format="csr")
+        null = (
+            scipy.sparse.csr_array((count, count))
+            if self._null is None
+            else scipy.sparse.csr_array(-self._null)
+        )
+        pull = scipy.sparse.vstack(
+            [scipy.sparse.csr_array(self._G.T), scipy.sparse.csr_array((size - n, count))]
+        )
+        return scipy.sparse.block_array(
+            [[top, pull], [scipy.sparse.csr_array((count, size)), null]], format="csr"
+        )
 
     def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
@@ -276,7 +263,10 @@ class _Residual:
             state = self._by_states(tau, y).toarray() if self._motion.has_law else self._constant
             out[:] = state + cj * self._rates
             return
-        coo = sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
+        coo = scipy.sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
         coo.sum_duplicates()
         out[:] = 0.0
         out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data
+
+
+IDA_BDF = Method("IDA BDF", Ida, ("multiplier",), force_uncertainty=_OF_FORCES)

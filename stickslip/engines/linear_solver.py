@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 
 __all__ = ["LinearSolver", "band_order", "sparsity_pattern"]
@@ -101,7 +102,7 @@ class LinearSolver:
     def fill(self, jacobian: Any, out: Array) -> None:
         """Write a Jacobian into scikit-sundae's array: dense, or the data of the sparsity pattern."""
         if self._kind == "dense":
-            out[:] = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
+            out[:] = dense(jacobian)
             return
         matrix = scipy.sparse.coo_array(jacobian)
         matrix.sum_duplicates()
@@ -133,4 +134,4 @@ def _band(size: int, below: int, above: int) -> NDArray[np.int64]:
 
 def _place(matrix: Any) -> NDArray[np.int64]:
     """Return where the entries of a matrix stand in column-major order."""
-    return matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row
+    return np.asarray(matrix.col.astype(np.int64) * matrix.shape[0] + matrix.row)

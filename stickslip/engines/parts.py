@@ -110,7 +110,7 @@ class Parts:
         self.started = started.copy()
         self.mu = system.mu_c
         self.force = self._given.copy()
-        self._place = np.full(n, -1)
+        self.place = np.full(n, -1)
         self.velocity, self.watched = np.zeros((n, count)), np.zeros((m, count))
         self.position, self.origin = np.zeros(n), np.full(n, motion.t)
         self.velocity[:, 0] = motion.y[:n]
@@ -151,7 +151,7 @@ class Parts:
         self.members: dict[int, Indices] = {}
         self.inside: dict[int, Indices] = {}
         self.leads: dict[int, int] = {}
-        self._next = n
+        self.groups = n
         if inner.size:
             graph = sparse.coo_array(
                 (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
@@ -184,8 +184,8 @@ class Parts:
         if bodies.size == 1:
             g = int(bodies[0])
         else:
-            g = self._next
-            self._next += 1
+            g = self.groups
+            self.groups += 1
             self.members[g] = bodies
         self.group[bodies] = g
         if rows.size:
@@ -212,7 +212,7 @@ class Parts:
         push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * self.normal[
             rows
         ]
-        wanted = self._place
+        wanted = self.place
         wanted[bodies] = 0
         child, parent = forest.child[rows], forest.parent[rows]
         own, other = wanted[child] >= 0, (parent >= 0) & (wanted[parent] >= 0)
@@ -304,7 +304,7 @@ class Parts:
         places = _spans(forest.near_from, bodies)
         row = np.repeat(np.arange(k), forest.near_from[bodies + 1] - forest.near_from[bodies])
         near = forest.near[places]
-        place = self._place
+        place = self.place
         place[bodies] = np.arange(k)
         column = place[near]
         place[bodies] = -1
@@ -415,7 +415,7 @@ class Parts:
         """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
         forest, t, bodies = self.forest, patch.t, patch.bodies
         rows = np.unique(self.rows_at(bodies))
-        place = self._place
+        place = self.place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
         held, loose = rows[is_held], rows[~is_held]

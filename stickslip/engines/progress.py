@@ -16,15 +16,22 @@ _CALLS_BETWEEN_SIGNS, _CALLS_AFTER_INTERRUPTION = 500, 10_000
 
 
 class Interruption:
-    """Tells whether Ctrl-C has been pressed since the context was entered.
+    """Tells whether Ctrl-C has been pressed since the context was entered; engines tell it how far they are.
 
     An exception that leaves a solver's callback takes all computed points with it: the first press therefore only
     sets `pressed`, and the second raises KeyboardInterrupt. Where the program handles the signal itself, or in
     another than the main thread, nothing is changed.
+
+    Attributes
+    ----------
+    pressed : bool
+    show : callable or None
+        Told the local time in s now and then, for a progress bar.
     """
 
     def __init__(self) -> None:
         self.pressed = False
+        self.show: Callable[[float], None] | None = None
         self._former: Any = None
 
     def __enter__(self) -> Self:
@@ -55,8 +62,6 @@ class Progress:
         Length of the segment in s.
     interruption : Interruption
         Once it is pressed the guards tell the solver that the segment has ended.
-    show : callable, optional
-        Told the local time in s now and then.
 
     Attributes
     ----------
@@ -64,10 +69,8 @@ class Progress:
         Local time in s of the last evaluation.
     """
 
-    def __init__(
-        self, whole: float, interruption: Interruption, show: Callable[[float], None] | None = None
-    ) -> None:
-        self._whole, self._interruption, self._show = whole, interruption, show
+    def __init__(self, whole: float, interruption: Interruption) -> None:
+        self._whole, self._interruption = whole, interruption
         self._calls, self._looked_at = 0, 0.0
         self.last = 0.0
 
@@ -90,8 +93,8 @@ class Progress:
         self._calls += 1
         if self._calls % _CALLS_BETWEEN_SIGNS:
             return
-        if self._show is not None:
-            self._show(tau)
+        if self._interruption.show is not None:
+            self._interruption.show(tau)
         if self._calls % _CALLS_BETWEEN_LOOKS == 0:
             self._look(tau)
         if self._interruption.pressed and self._calls % _CALLS_AFTER_INTERRUPTION == 0:

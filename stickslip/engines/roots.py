@@ -43,11 +43,11 @@ def may_vanish(coefficients: Array) -> Indices:
     the others.
     """
     reach = np.abs(coefficients[1:]).sum(axis=0)
-    close = (coefficients[0] <= reach).nonzero()[0]
+    close: Indices = (coefficients[0] <= reach).nonzero()[0]
     if not close.size:
         return close
     bernstein = _to_bernstein(coefficients.shape[0] - 1) @ coefficients[:, close]
-    return close[bernstein.min(axis=0) <= 0]
+    return np.asarray(close[bernstein.min(axis=0) <= 0])
 
 
 def first_root(coefficients: Array, floor: float = 0.0) -> float | None:

@@ -13,13 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, may_vanish
-from stickslip.engines.work import Interruption, Work
+from stickslip.engines.work import Work
 from stickslip.equations.guards import NEVER, Guards
+from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.equations.system import System
 
-__all__ = ["Series"]
+__all__ = ["SERIES", "Series", "why_no_series"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -29,6 +32,7 @@ _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
 _TINY = np.finfo(float).tiny
+_LISTED = 5
 
 
 class _Step(NamedTuple):
@@ -44,21 +48,14 @@ class Series:
 
     Parameters
     ----------
-    max_step : float
-        Longest step in s.
-    work : Work
-    interruption : Interruption
+    task : Task
+        Of which the tolerances are not needed.
     """
 
-    def __init__(self, max_step: float, work: Work, interruption: Interruption) -> None:
-        self._max_step, self.work, self._interruption = max_step, work, interruption
+    def __init__(self, task: Task) -> None:
+        self._max_step, self.work, self._interruption = task.max_step, Work(), task.interruption
         self._guess = math.inf
         self._speed: Array | None = None
-
-    @staticmethod
-    def can(motion: Motion) -> bool:
-        """Tell whether the motion has a Taylor series: no law or load of it is a mere function."""
-        return motion.is_linear
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -224,3 +221,22 @@ def _divided(g: Array, order: NDArray[np.intp]) -> Array:
         g[: g.shape[0] - k, columns] = g[k:, columns]
         g[g.shape[0] - k :, columns] = 0.0
     return g
+
+
+def why_no_series(system: System, loads: Loads) -> str | None:
+    """Return what in a scene has no Taylor series, None if all has one."""
+    named: dict[str, list[str]] = {}
+    # laws that never stick before curves of those that do
+    rows = system.alive.nonzero()[0]
+    for j in rows[np.argsort(system.hard[rows], kind="stable")].tolist():
+        named.setdefault(system.laws.characters[j].velocity_dependent, []).append(system.rows[j].name)
+    for what, names in named.items():
+        if what:
+            listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
+            return f"the force of {listed} depends on velocity ({what})"
+    if loads.has_functions:
+        return "a load is a function, of which no Taylor series is known"
+    return None
+
+
+SERIES = Method("Taylor series", Series, ("contact-force", "merged"), why_not=why_no_series)

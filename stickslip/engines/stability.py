@@ -5,17 +5,17 @@ A method turns ``y' = lambda y`` into ``y -> R(h lambda) y``; with ``Re lambda <
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import ArpackError, eigs, lsqr
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
-from stickslip.model.laws.kernels import SMOOTH
 
 __all__ = ["Stability", "Unstable"]
 
@@ -25,8 +25,6 @@ Complex = NDArray[np.complex128]
 _DENSE = 200
 _ROUNDOFF = 1e-9
 _NEAR_REST = 3.0
-_SERIES = {"RK4": (1 / 24, 1 / 6, 1 / 2, 1.0, 1.0), "Euler": (1.0, 1.0)}
-"""Coefficients of ``R(z)``, the highest power first."""
 
 
 class Unstable(Exception):
@@ -55,12 +53,12 @@ class Stability:
 
     Parameters
     ----------
-    method : str
-        "RK4" or "Euler".
+    growth : sequence of float
+        Coefficients of ``R(z)``, the highest power first.
     """
 
-    def __init__(self, method: str) -> None:
-        self._series = _SERIES[method]
+    def __init__(self, growth: Sequence[float]) -> None:
+        self._series = growth
         self._longest: WeakKeyDictionary[ModeEquations, float] = WeakKeyDictionary()
 
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
@@ -92,20 +90,23 @@ class Stability:
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
         """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""
-        equations, coefficients = motion.equations, motion.system.coefficients
-        smooth = equations.acting[coefficients.kind[equations.acting] == SMOOTH]
+        free, laws = motion.equations.free, motion.system.laws
+        smooth = free[np.isfinite(laws.resolution[free])]
         if not smooth.size:
             return []
         w = motion.system.relative_velocity(states.T, motion.inputs(taus))[smooth]
-        near = np.abs(w) <= _NEAR_REST * coefficients.velocity[smooth][:, None]
+        near = np.abs(w) <= _NEAR_REST * laws.resolution[smooth][:, None]
         near[:, 1:] |= w[:, 1:] * w[:, :-1] < 0
         n, size = motion.system.n, states.shape[1]
-        rows = sparse.csr_array(motion.system.G)[smooth]
-        rows = sparse.hstack([rows, sparse.csr_array((smooth.size, size - n))], format="csr")
+        rows = scipy.sparse.csr_array(motion.system.G)[smooth]
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((smooth.size, size - n))], format="csr")
         found: dict[int, list[int]] = {}
         for j in np.flatnonzero(near.any(axis=1)).tolist():
             found.setdefault(int(np.where(near[j], np.abs(w[j]), np.inf).argmin()), []).append(j)
-        return [(k, states[k] - lsqr(rows[js], w[js, k], atol=1e-12)[0]) for k, js in found.items()]
+        return [
+            (k, states[k] - scipy.sparse.linalg.lsqr(rows[js], w[js, k], atol=1e-12)[0])
+            for k, js in found.items()
+        ]
 
     def _judge(self, jacobian: Any, h: float) -> None:
         """Raise `Unstable` if a step is too long for a Jacobian."""
@@ -137,10 +138,13 @@ def _eigenvalues(jacobian: Any) -> Complex:
     """Return the eigenvalues, of a large matrix those largest in magnitude."""
     size = jacobian.shape[0]
     if size <= _DENSE:
-        dense = jacobian if isinstance(jacobian, np.ndarray) else jacobian.toarray()
-        return np.asarray(np.linalg.eigvals(dense), dtype=np.complex128)
+        return np.asarray(np.linalg.eigvals(dense(jacobian)), dtype=np.complex128)
     start = np.cos(np.arange(size))  # a start of its own would not be the same in the next run
     try:
-        return np.asarray(eigs(sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False))
-    except ArpackError:
+        return np.asarray(
+            scipy.sparse.linalg.eigs(
+                scipy.sparse.csc_array(jacobian), k=4, v0=start, return_eigenvectors=False
+            )
+        )
+    except scipy.sparse.linalg.ArpackError:
         return np.empty(0, dtype=np.complex128)

@@ -6,14 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from stickslip.engines.progress import Interruption, Progress
 from stickslip.equations.path import Path
 
 __all__ = [
     "LOOK_AT_SCENE",
     "Interrupted",
-    "Interruption",
-    "Progress",
     "SolverFailure",
     "Work",
     "failure_of",

@@ -175,9 +175,11 @@ class Balance:
         return self._respond(forces)
 
     def _respond(self, forces: Array) -> Array:
-        if not self._is_sparse:
-            return self._mobility @ forces
-        return self.T @ (self._reduced @ (self._TT @ forces))
+        is_sparse = self._is_sparse
+        found: Array = (
+            self.T @ (self._reduced @ (self._TT @ forces)) if is_sparse else self._mobility @ forces
+        )
+        return found
 
     def held_forces(self, forces: Array, acceleration: Array, drives: Array | None = None) -> Array:
         """Return the forces of the held rows; of least norm where they are not unique."""
@@ -195,16 +197,17 @@ class Balance:
         """Return what adds up in the held forces, from absolute values of the forces on the bodies."""
         spread = self.acceleration_magnitudes(forces)
         rest = forces + _rows(self._inertia, forces) * spread
-        found = self._sizes[0] @ rest[self.dependent]
+        found: Array = self._sizes[0] @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.magnitude(rest)
         return found
 
     def acceleration_magnitudes(self, forces: Array) -> Array:
         """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
-        if not self._is_sparse:
-            return self._sizes[1] @ forces
-        return self._sizes[1] @ (self._sizes[2] @ (self._sizes[3] @ forces))
+        found: Array = forces
+        for factor in reversed(self._sizes[1:]):
+            found = factor @ found
+        return found
 
     @cached_property
     def _sizes(self) -> tuple[Any, ...]:
@@ -372,7 +375,7 @@ class _Tree:
 
     def forces(self, rest: Array) -> Array:
         """Return the forces of the rows from what is left of the forces on the bodies."""
-        return self._solver.solve(rest[self.dependent])[self._order]
+        return np.asarray(self._solver.solve(rest[self.dependent])[self._order])
 
     def magnitude(self, rest: Array) -> Array:
         """Return a bound of what adds up in them."""

@@ -82,10 +82,10 @@ class Forest:
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
         """Return why the events of a scene are not followed one by one where they are, None if they are."""
-        c = system.coefficients
+        c = system.laws
         if loads.has_functions or system.size > system.first_bristle:
             return "its motions have no series"
-        if not system.is_friction.all() or not system.hard.all() or c.curved.any() or c.threshold.any():
+        if not system.is_friction.all() or not system.hard.all() or c.curved.any() or c.rests_below.any():
             return "not all of its rows are contacts with constant coefficients"
         if not system.alive.all() or (system.mu_c.min(initial=1.0) <= 0) or (system.inertia <= 0).any():
             return "some of its contacts or bodies have no friction or no inertia"

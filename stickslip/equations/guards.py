@@ -227,20 +227,9 @@ class Guards:
     @cached_property
     def _never(self) -> Mask:
         """Guards of rows that cannot move because held rows lock the same motion."""
-        equations, system = self.motion.equations, self.motion.system
-        never = np.zeros(self.size, dtype=bool)
-        if not equations.held.size:
-            return never
-        rows = (self.is_velocity & self.at_rest[self.row]).nonzero()[0]
-        for i in rows.tolist():
-            c = system.G[[int(self.row[i])]]
-            free = c @ equations.balance.T
-            off = free.toarray() if hasattr(free, "toarray") else free
-            never[i] = np.abs(off).max(initial=0.0) <= 1e-11 * abs(c).max()
-            if never[i] and system.drives:
-                led = c @ equations.balance.U + system.D[[int(self.row[i])]]
-                led = led.toarray() if hasattr(led, "toarray") else led
-                never[i] = np.abs(led).max(initial=0.0) <= 1e-11 * abs(c).max()
+        never = self.is_velocity & self.at_rest[self.row]
+        rows = never.nonzero()[0]
+        never[rows] = self.motion.equations.locked(self.row[rows])
         return never
 
     @cached_property
@@ -256,7 +245,7 @@ class Guards:
     @cached_property
     def value_majorant(self) -> Array:
         """The same of the guards themselves."""
-        return self._majorant(0)[0]
+        return np.asarray(self._majorant(0)[0])
 
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
@@ -273,12 +262,15 @@ class Guards:
     @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        return np.where(self.is_velocity, self.value_majorant + np.abs(self._constant), self.force_scale)
+        size = self.value_majorant + np.abs(self._constant)
+        return np.where(self.is_velocity, size, self.force_scale)
 
     @cached_property
     def force_scale(self) -> Array:
         """The same for guards of forces; without meaning for velocities."""
-        return self.levels(self.motion.start_inputs) + np.abs(self.motion.start.z[0][self._source])
+        return np.asarray(
+            self.levels(self.motion.start_inputs) + np.abs(self.motion.start.z[0][self._source])
+        )
 
     @cached_property
     def allowance(self) -> Array:
@@ -299,7 +291,7 @@ class Guards:
         rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
         modes = self.motion.equations.modes
         found = self.row[rows]
-        return found[np.abs(modes[found]) == 1]
+        return np.asarray(found[np.abs(modes[found]) == 1])
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 

@@ -260,7 +260,7 @@ class Stretch:
 
     def _angle(self, t: float) -> Array:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
-        return 2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase
+        return np.asarray(2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase)
 
 
 def _terms(signal: Signal, t: float) -> Iterator[Signal]:

@@ -9,11 +9,15 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
-from stickslip.model.laws.kernels import LINEAR, ActingForces
+from stickslip.model.laws.table import ActingForces
 
-__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "equations_in"]
+__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
+
+_LOCKED = 1e-11
+"""Part of its coefficients that is left of a row where it cannot move."""
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -27,6 +31,15 @@ def equations_in(modes: NDArray[np.int8], system: System) -> ModeEquations:
     """Return the equations of a system in one set of modes; the system remembers the latest."""
     found: ModeEquations = system.remembered(_made, modes.tobytes())
     return found
+
+
+def acting_in(modes: NDArray[np.int8], system: System) -> NDArray[np.bool_]:
+    """Tell which rows have a force that depends on their velocity; `modes` (m,) or (m, times)."""
+    laws = system.laws
+    slides, builds = laws.curved, laws.has_slip_state
+    if modes.ndim == 2:
+        slides, builds = slides[:, None], builds[:, None]
+    return np.asarray((modes == FREE) | (slides & (np.abs(modes) == 1)) | (builds & (modes == 0)))
 
 
 def _made(system: System, modes: bytes) -> ModeEquations:
@@ -50,17 +63,15 @@ class ModeEquations:
 
     def __init__(self, system: System, modes: NDArray[np.int8]) -> None:
         self.system, self.modes = system, modes
-        c = system.coefficients
-        kind_linear = c.kind == LINEAR
         self.is_held = (modes == 0) & system.hard
         self.held = self.is_held.nonzero()[0]
-        self.pre = ((modes == 0) & kind_linear).nonzero()[0]
+        self.pre = ((modes == 0) & system.laws.has_slip_state).nonzero()[0]
         self.slip = (np.abs(modes) == 1).nonzero()[0]
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
         self.at_level = (modes >= AT_HIGH).nonzero()[0]
-        curved = c.curved & (np.abs(modes) == 1)
-        self.acting = (curved | (modes == FREE) | ((modes == 0) & kind_linear)).nonzero()[0]
-        self.law = ActingForces(c, self.acting, modes)
+        self.acting = acting_in(modes, system).nonzero()[0]
+        directions = np.where(np.abs(modes) == 1, modes, 0)[self.acting]
+        self.law = ActingForces([system.laws.laws[j] for j in self.acting.tolist()], directions)
         self.bristle_places = np.array(
             [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
         )
@@ -86,7 +97,7 @@ class ModeEquations:
         side = (modes < 0).astype(np.intp)
         side[modes == AT_LOW] = 1
         self.side = side
-        plain = self.slip[~system.coefficients.curved[self.slip]]
+        plain = self.slip[~system.laws.curved[self.slip]]
         total = system.inputs + system.dwelling.size
         friction = np.zeros((system.m, total)) if not system.sparse else None
         entries: list[tuple[int, int, float]] = []
@@ -113,7 +124,7 @@ class ModeEquations:
         First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the
         rows that carry their level.
         """
-        system, c = self.system, self.system.coefficients
+        system, c = self.system, self.system.laws
         m, h = system.m, self.held.size
         held_place = np.full(m, -1)
         held_place[self.held] = m + np.arange(h)
@@ -146,7 +157,7 @@ class ModeEquations:
             none(pre.size),
             -system.rise[side_top, top],
         ]
-        banded = c.velocity[pre]
+        banded = c.slips_beyond[pre]
         constant = [none(self.slips), none(friction.size), none(lower.size), banded, banded, none(top.size)]
         self.guard_row = np.concatenate(contacts).astype(np.intp)
         self.guard_source = np.concatenate(source).astype(np.intp)
@@ -154,7 +165,7 @@ class ModeEquations:
         self.guard_rise, self.guard_constant = np.concatenate(rise), np.concatenate(constant)
         self.guard_dwell = system.inputs + system.dwell_place[self.guard_row]
         self.rising = (self.guard_rise != 0).nonzero()[0]
-        self.threshold = -c.threshold[self.slip]
+        self.threshold = -c.rests_below[self.slip]
         self.has_threshold = bool(self.threshold.any())
         sizes = np.cumsum([0, *(x.size for x in contacts)])
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
@@ -173,8 +184,7 @@ class ModeEquations:
         bounded least norm).
         """
         system = self.system
-        G = system.G.toarray() if system.sparse else system.G
-        D = system.D.toarray() if system.sparse else system.D
+        G, D = dense(system.G), dense(system.D)
         scale = np.maximum(np.abs(G).max(axis=1, initial=0.0), np.abs(D).max(axis=1, initial=0.0))
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
@@ -183,6 +193,15 @@ class ModeEquations:
         rows = G[self.at_level][:, bodies] / scale[self.at_level][:, None] ** 2
         found[:, bodies] = rows @ dual
         return found
+
+    def locked(self, rows: Any) -> NDArray[np.bool_]:
+        """Tell which of some rows cannot move because held rows lock the same motion."""
+        system, balance = self.system, self.balance
+        G, D = system.G[rows], system.D[rows]
+        if not self.held.size:
+            return np.zeros(G.shape[0], dtype=bool)
+        left = np.maximum(row_maxima(G @ balance.T), row_maxima(G @ balance.U + D))
+        return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
 
     # -- the maps --------------------------------------------------------------------------------------------
 
@@ -340,7 +359,7 @@ class ModeEquations:
     def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
-        largest = self._largest if q.ndim == 1 else self._largest[:, None]
+        largest = system.largest_coefficient if q.ndim == 1 else system.largest_coefficient[:, None]
         forces = system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
         found = np.zeros((size + self.rows, *q.shape[1:]))
         rate, z = found[:size], found[size:]
@@ -366,7 +385,3 @@ class ModeEquations:
         found = np.zeros((self.acting.size, system.size))
         found[:, : system.n] = system.G[self.acting]
         return found
-
-    @property
-    def _largest(self) -> Array:
-        return self.system.largest_coefficient

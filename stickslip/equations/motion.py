@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.loads import Stretch
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 
 __all__ = ["Expansion", "Motion"]
@@ -249,8 +250,8 @@ class Motion:
         value, slope = self.inputs(0.0), np.zeros(system.inputs + self._dwelling.size)
         slope[: system.inputs] = self.stretch.slope
         rows, none = equations.acting, np.zeros(system.size)
-        w = [system.relative_velocity(none, q)[rows] for q in (value, slope)]
-        return equations.respond(value), equations.respond(slope), *w, value[rows], slope[rows]
+        w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
+        return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
@@ -337,7 +338,6 @@ class Motion:
         w, normal, _, z = terms
         by_w, by_z = law.bristle_slopes(w, normal, z)
         acting = equations.acting[law.bristles]
-        sigma = system.coefficients.sigma[acting]
         size, count, n = system.size, places.size, system.n
         rows = scipy.sparse.csr_array((system.G @ equations.balance.T)[acting])
         rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
@@ -346,9 +346,9 @@ class Motion:
         units[law.bristles, np.arange(count)] = 1.0
         pushed = scipy.sparse.csr_array(equations.push(units)[:size])
         extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ scipy.sparse.diags_array(sigma[:, 0] + sigma[:, 1] * by_z) @ own.T
+        extra = extra + pushed @ scipy.sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
         return (
-            matrix + extra.toarray()
+            matrix + dense(extra)
             if isinstance(matrix, np.ndarray)
             else scipy.sparse.csr_array(matrix + extra)
         )

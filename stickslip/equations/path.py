@@ -48,7 +48,7 @@ class Path:
 
     @staticmethod
     def _at_start(coefficients: Array) -> Array:
-        return coefficients[:, 0::2].sum(axis=1) - coefficients[:, 1::2].sum(axis=1)
+        return np.asarray(coefficients[:, 0::2].sum(axis=1) - coefficients[:, 1::2].sum(axis=1))
 
     def at(self, taus: Array) -> Array:
         """Return the states at local times, one row each."""

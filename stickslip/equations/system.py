@@ -19,7 +19,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
 from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.kernels import BRISTLE, HARD, SMOOTH, Coefficients
+from stickslip.model.laws.table import LawTable
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
 
@@ -80,29 +80,29 @@ class System:
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_laws(self, book: Book) -> None:
-        c = self.coefficients = Coefficients([row.law or _NO_LAW for row in book.rows])
+        c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_friction = ~(self.is_tie | self.is_one_way)
         self.all_friction = bool(self.is_friction.all())
-        self.mu_c, self.mu_s, self.mu_0, self.dwell = c.mu_c, c.mu_s, c.mu_0, c.dwell
+        self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
-        self.hard = c.kind == HARD
+        self.hard = c.sticks
         self.all_hard = bool(self.hard.all())
-        self.free = (c.kind == SMOOTH) | (c.kind == BRISTLE)
-        bristles = np.flatnonzero(c.kind == BRISTLE)
+        self.free = ~(c.sticks | c.has_slip_state)
+        bristles = np.flatnonzero(c.has_state)
         self.size = self.first_bristle + bristles.size
         self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
         # rise of the static coefficient with the dwell, forward and backward
-        rise = np.maximum(self.mu_s - np.maximum(self.mu_c, self.mu_0), 0.0)
+        rise = np.maximum(self.mu_s - self.least, 0.0)
         self.rise = np.where(self.dwell > 0, rise, 0.0)
         dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
         self.dwelling = dwells.nonzero()[0]
         self.dwell_place = np.full(self.m, -1)
         self.dwell_place[self.dwelling] = np.arange(self.dwelling.size)
-        self.largest_coefficient = np.maximum(self.mu_s, self.mu_0).max(axis=0, initial=0.0)
+        self.largest_coefficient = np.maximum(self.mu_s, self.least).max(axis=0, initial=0.0)
 
     def _join(self, book: Book) -> None:
         n, drives = self.n, self.drives
@@ -168,7 +168,7 @@ class System:
     def relative_velocity(self, y: Array, q: Array) -> Array:
         """Return ``w`` of every row."""
         w = self.G @ y[: self.n]
-        return w + self.D @ self.drive_velocities(q) if self.drives else w
+        return np.asarray(w + self.D @ self.drive_velocities(q) if self.drives else w)
 
     def level(self, rows: Any, side: int, q: Array) -> Array:
         """Return the breakaway levels of some rows, forward (0) or backward (1), from inputs and dwells."""
@@ -181,7 +181,7 @@ class System:
 
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
-        limit = self.coefficients.velocity
+        limit = self.laws.slips_beyond
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:

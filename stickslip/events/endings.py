@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
@@ -180,10 +181,8 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     equal = y.copy()
     u = system.drive_velocities(motion.inputs(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
-    coefficients = system.G[[row]]
-    dense = coefficients.toarray()[0] if hasattr(coefficients, "toarray") else coefficients[0]
-    mobility = equations.balance.accelerations(dense)
-    total = float(dense @ mobility)
+    pull = dense(system.G[[row]])[0]
+    total = float(pull @ equations.balance.accelerations(pull))
     q = motion.inputs(tau)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
     if scale == 0:

@@ -9,7 +9,7 @@ from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
 from stickslip.equations.motion import Motion
 
-__all__ = ["label", "locked"]
+__all__ = ["label"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,22 +78,10 @@ def _to_come(
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come
-    kept = (to_come == 0) & (before != 0) & ~locked(motion)
+    kept = (to_come == 0) & (before != 0) & ~motion.equations.locked(slice(None))
     named = np.where(resting, np.where(kept, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named
-
-
-def locked(motion: Motion) -> Mask:
-    """Tell which rows cannot move because held ones lock the same motion."""
-    system, equations = motion.system, motion.equations
-    if not equations.held.size:
-        return np.zeros(system.m, dtype=bool)
-    free = abs(system.G @ equations.balance.T).max(axis=1)
-    if system.drives:
-        free = free + abs(system.G @ equations.balance.U + system.D).max(axis=1)
-    dense = free.toarray().ravel() if hasattr(free, "toarray") else free
-    return np.asarray(dense <= 1e-11)
 
 
 def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.labels import label, locked
+from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
 __all__ = ["Inconsistent", "Settled", "Situation", "settle"]
@@ -128,7 +130,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     all_closed = bool(closed.all())
     w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
-    limit = np.maximum(rough, system.coefficients.threshold)
+    limit = np.maximum(rough, system.laws.rests_below)
     resting = now.touching | (np.abs(w) <= limit)
     if not system.all_friction:
         # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
@@ -167,7 +169,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
         if slow.any():
-            shown = np.where(slow & locked(motion), 0, shown).astype(np.int8)
+            shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         if np.any(shown[is_open] != labels[is_open]):
             guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
     return Settled(shown, motion, guards)
@@ -192,9 +194,8 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
-    velocity, threshold = system.coefficients.velocity, system.coefficients.threshold
     slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
-    limit = np.where(slipped, threshold, velocity)
+    limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
@@ -206,7 +207,7 @@ def _closed(system: System, rate: Array, q: Array) -> Mask:
     presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
     if not system.all_friction:
         presses |= ~system.is_friction
-    return presses & system.alive
+    return np.asarray(presses & system.alive)
 
 
 def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
@@ -228,13 +229,9 @@ def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
     return system.relative_velocity(now.y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
 
 
-def _largest(coefficients: object, values: Array) -> Array:
+def _largest(coefficients: Any, values: Array) -> Array:
     """Return for each row the largest of its coefficients times the values."""
-    product = coefficients * values  # type: ignore[operator]
-    if isinstance(product, np.ndarray):
-        return product.max(axis=1, initial=0.0)
-    found: Array = product.max(axis=1).toarray().ravel()
-    return found
+    return row_maxima(coefficients * values)
 
 
 class _Search:
@@ -256,7 +253,7 @@ class _Search:
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
-        return self._candidates | (self._labels == 0) & (labels != 0)
+        return np.asarray(self._candidates | (self._labels == 0) & (labels != 0))
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion."""

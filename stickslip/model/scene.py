@@ -27,8 +27,8 @@ from stickslip.model.elements import (
     Tie,
 )
 from stickslip.model.elements.base import listed
-from stickslip.model.laws.dry_friction import Law, law_from_dict
-from stickslip.model.laws.regularized import PreSlip, Shape
+from stickslip.model.laws import Law, PreSlip, Shape
+from stickslip.model.laws.dry_friction import law_from_dict
 from stickslip.model.showing import shown_by
 from stickslip.model.signal_makers import signal_from_dict
 

@@ -240,7 +240,7 @@ class Sum(Signal):
 
     def sampled(self, times: Array) -> Array:
         """Return the sums of the values at many times."""
-        return np.sum([term.sampled(times) for term in self.terms], axis=0)
+        return np.asarray(np.sum([term.sampled(times) for term in self.terms], axis=0))
 
     def slope(self, t: float) -> float:
         """Return the sum of the slopes."""

@@ -26,6 +26,7 @@ from stickslip.plots.style import TIME, beside, contact_names, look, mark_events
 from stickslip.results.outcome import Drawable
 
 __all__ = [
+    "Figure",
     "characteristic",
     "contact_forces",
     "energy",
@@ -93,7 +94,8 @@ def overview(
         if t_span is not None:
             ax.set_xlim(t_span)
     axes[-1].set_xlabel(TIME)
-    return axes[0].get_figure()
+    drawn: Figure = axes[0].get_figure()
+    return drawn
 
 
 def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:

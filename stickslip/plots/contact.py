@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
-from stickslip.model.laws.dry_friction import DryFriction, Law
+from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Contact
 from stickslip.model.signal_makers import Constant
@@ -211,15 +211,16 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     divided = contact in varying(result)
-    normal = 1.0 if divided else float(fine.normal(contact)[:1].sum())
+    normal = float(fine.normal(contact).mean()) if fine.t.size else 0.0
+    whole = normal if divided and normal > 0 else 1.0
     reach = float(np.abs(fine.relative_velocity(contact)).max(initial=0.0)) or 1.0
     w = np.linspace(-1.1 * reach, 1.1 * reach, 801)
     law = {"color": "0.65", "linewidth": 4, "zorder": 0, "solid_capstyle": "butt"}
     for side in (w[w < 0], w[w > 0]):
-        ax.plot(side, normal * _law_curve(element.law, side), **law)
-    core = _core(element.law)
-    if isinstance(element.law, DryFriction):
-        ax.plot([0, 0], [-normal * core.mu_s(-1), normal * core.mu_s(1)], **law)
+        ax.plot(side, steady_forces(element.law, side, normal) / whole, **law)
+    core = element.law.core
+    if element.law.character.sticks:
+        ax.plot([0, 0], [-normal / whole * core.mu_s(-1), normal / whole * core.mu_s(1)], **law)
     ax.plot([], [], color="0.65", linewidth=4, label=type(element.law).__name__)
     line: dict[str, Any] = {"color": "black", "linewidth": 1.2, "label": "trajectory"}
     size = 5 if computed.t.size <= WITH_DOTS else 2.5
@@ -243,27 +244,6 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.set(xlabel=f"relative velocity [{unit.velocity}]", ylabel=force)
     beside(ax, title=f"contact {contact}", alignment="left")
     return ax
-
-
-def _core(law: Law) -> DryFriction:
-    core = getattr(law, "law", law)
-    assert isinstance(core, DryFriction)
-    return core
-
-
-def _law_curve(law: Law, w: Array) -> Array:
-    """Return the force per normal force at relative velocities of one sign, dwell times aside."""
-    core, direction = _core(law), int(np.sign(w[0]))
-    kinetic = direction * np.array([core.mu_k(abs(speed), direction) for speed in w.tolist()])
-    if type(law).__name__ != "PreSlip":
-        return kinetic
-    ratio = np.abs(w) / law.velocity  # type: ignore[attr-defined]
-    match law.shape:  # type: ignore[attr-defined]
-        case "tanh":
-            return kinetic * np.tanh(ratio)
-        case "arctan":
-            return kinetic * (2 / np.pi) * np.arctan(0.5 * np.pi * ratio)
-    return np.where(ratio < 1, direction * core.mu_s(direction) * ratio, kinetic)
 
 
 def _element(result: Drawable, contact: str) -> Any:

@@ -87,7 +87,7 @@ class _Drawing:
         self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
         self._place()
 
-    def _span(self, link: _Link) -> tuple[int, int]:
+    def span(self, link: _Link) -> tuple[int, int]:
         """Return the first and the last gap that a link takes; gap k lies below body k."""
         rows = [self.rows[end] for end in link.ends if end in self.rows]
         return min(rows), max(min(rows), max(rows) - (GROUND not in link.ends))
@@ -96,7 +96,7 @@ class _Drawing:
         """Give every link a column, the leftmost that is free along its gaps; short links come first."""
         taken: list[set[int]] = []
         self.column: dict[int, int] = {}
-        spans = [self._span(link) for link in self.links]
+        spans = [self.span(link) for link in self.links]
         for k in sorted(range(len(spans)), key=lambda k: (spans[k][1] - spans[k][0], spans[k][0])):
             gaps = set(range(spans[k][0], spans[k][1] + 1))
             column = next((c for c, used in enumerate(taken) if not used & gaps), len(taken))
@@ -145,7 +145,7 @@ class _Drawing:
     def on(self, ax: Any) -> Any:
         """Draw on axes, or on those of a new figure."""
         lowest = self._top(len(self.rows) - 1) - _BOX
-        if any(self._span(link)[1] == len(self.rows) - 1 for link in self.links):
+        if any(self.span(link)[1] == len(self.rows) - 1 for link in self.links):
             lowest -= _GAP
         right = max(self.lefts[-1], *(self._sides(name)[1] for name in self.nodes))
         left = -0.1

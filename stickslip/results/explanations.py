@@ -13,8 +13,8 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.elements import KINDS
-from stickslip.model.laws.dry_friction import DryFriction, Law
-from stickslip.model.laws.regularized import Karnopp, PreSlip
+from stickslip.model.laws import Law
+from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Contact, OneWay, Scene
 from stickslip.model.signal_makers import Constant, as_signal
@@ -153,14 +153,14 @@ def _contact(system: System, j: int) -> str:
 
 def _law(contact: Contact, unit: str) -> str:
     law = contact.law
-    core = law if isinstance(law, DryFriction) else law.law  # type: ignore[attr-defined]
+    core, character = law.core, law.character
     text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
     if core.dwell:
         text += f", dwell {core.dwell:g} s"
     if core.curved:
         text += ", kinetic curve"
-    if hasattr(law, "velocity"):
-        text += f", within {law.velocity:g} {unit}"
+    if width := max(character.slips_beyond, character.rests_below):
+        text += f", within {width:g} {unit}"
     return text
 
 
@@ -320,10 +320,11 @@ def _at_events(at: Samples, rows: NDArray[np.intp]) -> Array:
 
 
 def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
-    if isinstance(law, PreSlip) and event.cause != "open":
-        return _slip_state(event, law, limits)
-    if isinstance(law, Karnopp) and event.cause == "relative velocity 0":
-        return f"came into the dead band of {law.velocity:g}; {_held(limits)}"
+    character = Character() if law is None else law.character
+    if character.has_slip_state and event.cause != "open":
+        return _slip_state(event, character, limits)
+    if character.rests_below > 0 and event.cause == "relative velocity 0":
+        return f"came into the dead band of {character.rests_below:g}; {_held(limits)}"
     if law is None and event.before == Mode.STUCK:
         others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
@@ -331,11 +332,12 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
     return event.cause if sentence is None else sentence(event, limits)
 
 
-def _slip_state(event: Event, law: PreSlip, at: _Limits) -> str:
+def _slip_state(event: Event, character: Character, at: _Limits) -> str:
     drop = f"its force goes from {abs(at.force[0]):.6g} to {abs(at.force[1]):.6g}"
     if event.after == Mode.STUCK:
         return f"back in pre-slip at |w| = {abs(at.w[1]):.3g}, a tenth of the pre-slip velocity; {drop}"
-    return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {law.velocity:g}; {drop}"
+    velocity = character.slips_beyond
+    return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {velocity:g}; {drop}"
 
 
 def _broke_away(event: Event, at: _Limits) -> str:

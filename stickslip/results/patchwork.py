@@ -259,7 +259,7 @@ class Patchwork:
         by_time = np.searchsorted(self.ticks, t, side="right")
         by_piece = np.searchsorted(self.piece_of_tick, piece, side="right")
         first = np.searchsorted(self.piece_of_tick, piece, side="left")
-        return np.maximum(np.minimum(by_time, by_piece) - 1, first)
+        return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
     def states(self, piece: Indices, t: Array) -> Array:
         """Return the states at times of pieces, a column each."""

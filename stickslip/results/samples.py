@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
 from stickslip.equations.system import System
-from stickslip.model.laws.kernels import LINEAR
 from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
@@ -197,7 +196,7 @@ class Samples:
         system = self.system
         if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
             return np.asarray(table(self.tables)[j])
-        parts = [np.array(table(block._computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
+        parts = [np.array(table(block.computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
         return np.concatenate(parts)
 
     def _blocks(self, count: int) -> list[Samples]:
@@ -207,9 +206,9 @@ class Samples:
     @cached_property
     def tables(self) -> Tables:
         """All rows' quantities."""
-        return self._computed()
+        return self.computed()
 
-    def _computed(self) -> Tables:
+    def computed(self) -> Tables:
         """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
         m = system.m
@@ -234,10 +233,7 @@ class Samples:
         coulomb = np.where(modes < 0, system.mu_c[1][:, None], system.mu_c[0][:, None])
         forces = np.where(np.abs(modes) == 1, modes * coulomb * normals, 0.0)
         forces = np.where(modes == AT_HIGH, upper, np.where(modes == AT_LOW, -lower, forces))
-        c = system.coefficients
-        curved, banded = c.curved[:, None], (c.kind == LINEAR)[:, None]
-        acting = (curved & (np.abs(modes) == 1)) | (modes == FREE) | (banded & (modes == 0))
-        at = acting.any(axis=0)
+        at = np.any(acting_in(modes, system), axis=0)
         if at.any():
             for _, chosen in self._by_modes():
                 for number, some in chosen:
@@ -278,10 +274,9 @@ class Samples:
     def _levels(self, normals: Array, modes: Modes, slow: Indices, since: Array) -> tuple[Array, Array]:
         """Return the breakaway levels: static coefficients less what their dwell has not yet raised."""
         system = self.system
-        coulomb = np.maximum(system.mu_c, system.mu_0)
         levels = system.mu_s[:, :, None] * normals
         if slow.size:
-            static, least = system.mu_s[:, slow, None], coulomb[:, slow, None]
+            static, least = system.mu_s[:, slow, None], system.least[:, slow, None]
             lag = np.exp(-(self.t - since) / system.dwell[slow, None])
             risen = static - (static - least) * lag
             levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]

@@ -206,7 +206,7 @@ class Trajectory:
         """Return the degree of the polynomials of a piece."""
         part, _ = self.part(number)
         if isinstance(part, Patchwork):
-            return part.bodies.terms.shape[1]
+            return int(part.bodies.terms.shape[1])
         path = part.path
         return 0 if path is None or not path.taus[1:].size else path.coefficients.shape[1] - 1
 
@@ -251,7 +251,7 @@ class Trajectory:
         """
         part, k = self.part(number)
         if isinstance(part, Patchwork):
-            return part.ends(k) - part.starts[k]
+            return np.asarray(part.ends(k) - part.starts[k])
         if part.path is None:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         return part.path.taus

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
-from stickslip.model.laws.regularized import Dahl, Karnopp, LuGre
+from stickslip.model.laws.base import Use
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
 
 __all__ = [
-    "FIXED",
+    "Formulation",
+    "Times",
     "between",
-    "check_bristles",
-    "check_dead_bands",
+    "check_laws",
     "check_ties",
     "choice",
     "margin",
@@ -29,14 +31,14 @@ __all__ = [
     "step_length",
 ]
 
-FIXED = ("RK4", "Euler")
-"""Methods with fixed steps."""
+Formulation = Literal["contact-force", "merged", "multiplier"]
+Times = Sequence[float] | NDArray[Any]
 
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
-def span(t_span: Sequence[float]) -> tuple[float, float]:
+def span(t_span: Times) -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
         start, stop = t_span
@@ -69,30 +71,26 @@ def margin(velocity_margin: float | None) -> float | None:
     return velocity_margin
 
 
-def step_length(method: str, step: float | None, formulation: str) -> float | None:
+def step_length(method: str, step: float | None) -> float | None:
     """Return the step of a fixed-step method, None for the others."""
-    if method not in FIXED:
+    fixed = [name for name, known in METHODS.items() if known.takes_steps]
+    if method not in fixed:
         if step is not None:
             raise ValueError(
-                f"simulate: step={step!r} belongs to the methods RK4 and Euler; leave it out for {method}"
+                f"simulate: step={step!r} belongs to the methods {' and '.join(fixed)}; leave it out for {method}"
             )
         return None
     if step is None:
         raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
-    if formulation != "contact-force":
-        raise ValueError(f"simulate: fixed steps solve the contact-force formulation, not {formulation!r}")
     return between("step", step, 0.0, math.inf)
 
 
-def check_dead_bands(scene: Scene) -> None:
-    """Refuse Karnopp's law between two bodies that can both move."""
+def check_laws(scene: Scene, start: float, stop: float) -> None:
+    """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        if isinstance(contact.law, Karnopp) and contact.a in free and contact.b in free:
-            raise ValueError(
-                f"{contact.label}: Karnopp's dead band sets a velocity to that of the ground or a drive, but both "
-                f"{contact.a!r} and {contact.b!r} can move, and momentum would not be conserved; use DryFriction"
-            )
+        ends, normal = (contact.a, contact.b), as_signal(contact.normal, contact.label)
+        contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 
 def check_ties(system: System, loads: Loads, start: float) -> None:
@@ -132,33 +130,18 @@ def _check_drives(system: System) -> None:
     ties = system.is_tie.nonzero()[0]
     if not system.drives or not ties.size:
         return
-    G, D = (m.toarray() if system.sparse else m for m in (system.G[ties], system.D[ties]))
-    scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1))[:, None]
+    G, D = dense(system.G[ties]), dense(system.D[ties])
+    scale = np.maximum(row_maxima(G), row_maxima(D))[:, None]
     # what is left of the rows once their bodies are eliminated binds the drives
     left, values, _ = np.linalg.svd(G / scale)
-    bound = np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN
+    bound = np.any(np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN, axis=0)
     if bound.any():
-        names = [drive.name for drive, has in zip(system.scene.drives, bound.any(axis=0), strict=True) if has]
-        tie = system.rows[int(ties[D.any(axis=1).nonzero()[0][0]])].name
+        names = [system.scene.drives[k].name for k in bound.nonzero()[0].tolist()]
+        tie = system.rows[int(ties[row_maxima(D).nonzero()[0][0]])].name
         raise ValueError(
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
-
-
-def check_bristles(scene: Scene, start: float, stop: float) -> None:
-    """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
-    for contact in scene.contacts:
-        if not isinstance(contact.law, (LuGre, Dahl)):
-            continue
-        normal = as_signal(contact.normal, contact.label).clipped(start, stop)
-        times = [start, *normal.breaks(start, stop)]
-        foot = next((t for t in times if normal(t) == 0 and normal.slope(t) > 0), None)
-        if foot is not None:
-            raise ValueError(
-                f"{contact.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
-                "let it start above 0, or use DryFriction"
-            )
 
 
 def outputs(

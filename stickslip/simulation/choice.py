@@ -4,33 +4,20 @@ from __future__ import annotations
 
 import math
 
+from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
-from stickslip.model.laws.kernels import BRISTLE, LINEAR, SMOOTH
-from stickslip.simulation.arguments import FIXED
 
-__all__ = ["ENGINES", "choose", "why_no_series"]
-
-ENGINES = {
-    "series": "Taylor series",
-    "BDF": "CVODE BDF",
-    "Adams": "CVODE Adams",
-    "IDA": "IDA BDF",
-    "RK4": "RK4 with fixed steps",
-    "Euler": "Euler with fixed steps",
-}
-"""Names of the engines as explanations write them."""
+__all__ = ["choose"]
 
 _STIFF, _LONG = 100.0, 1e4
 """A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method."""
-
-_LISTED = 5
 
 
 def choose(
     system: System, loads: Loads, formulation: str, method: str, duration: float = math.inf
 ) -> tuple[str, str]:
-    """Return the engine, a key of `ENGINES`, and the reason for it.
+    """Return the engine, a key of `METHODS`, and the reason for it.
 
     Parameters
     ----------
@@ -45,50 +32,25 @@ def choose(
     Raises
     ------
     ValueError
-        If formulation and method do not go together, or a series is asked for where there is none.
+        If formulation and method do not go together, or the method cannot follow the scene.
     """
-    if formulation == "multiplier":
-        if method not in ("auto", "BDF"):
-            raise ValueError(
-                f"simulate: IDA, which solves the multiplier formulation, is a BDF method, not {method!r}"
-            )
+    if formulation == "multiplier" and method in ("auto", "BDF"):
         return "IDA", "forces as unknowns make a differential-algebraic equation"
-    if method in FIXED:
-        if formulation != "contact-force":
+    if method != "auto":
+        known = METHODS[method].formulations
+        if formulation not in known:
+            solvers = [other.title for other in METHODS.values() if formulation in other.formulations]
             raise ValueError(
-                f"simulate: fixed steps solve the contact-force formulation, not {formulation!r}"
+                f"simulate: method {method!r} solves the {' or '.join(known)} formulation, not {formulation!r}, "
+                f"which is for {', '.join(solvers)}; use 'auto' or 'BDF'"
             )
+        if (reason := METHODS[method].why_not(system, loads)) is not None:
+            raise ValueError(f"simulate: method {method!r} does not apply: {reason}; use 'auto' or 'BDF'")
         return method, "asked for"
-    if method in ("BDF", "Adams"):
-        return method, "asked for"
-    reason = why_no_series(system, loads)
-    if method == "series":
-        if reason is not None:
-            raise ValueError(f"simulate: method 'series' does not apply: {reason}; use 'auto' or 'BDF'")
-        return "series", "asked for"
+    reason = METHODS["series"].why_not(system, loads) or _why_stiff(system, duration)
     if reason is not None:
         return "BDF", reason
-    if (stiff := _why_stiff(system, duration)) is not None:
-        return "BDF", stiff
     return "series", "loads and laws are linear between events, so that the motion has exact Taylor series"
-
-
-def why_no_series(system: System, loads: Loads) -> str | None:
-    """Return what in a scene has no Taylor series, None if all has one."""
-    kinds = system.coefficients.kind
-    named = {
-        "a pre-slip velocity": (kinds == LINEAR) | (kinds == SMOOTH),
-        "bristles": kinds == BRISTLE,
-        "a kinetic curve": system.coefficients.curved,
-    }
-    for what, rows in named.items():
-        names = [system.rows[j].name for j in (rows & system.alive).nonzero()[0].tolist()]
-        if names:
-            listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
-            return f"the force of {listed} depends on velocity ({what})"
-    if loads.has_functions:
-        return "a load is a function, of which no Taylor series is known"
-    return None
 
 
 def _why_stiff(system: System, duration: float) -> str | None:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
+from stickslip.engines import METHODS
 from stickslip.model.scene import Scene
 from stickslip.results.explanations import explain_result, explain_scene, span_of
-from stickslip.simulation.choice import ENGINES, choose
+from stickslip.simulation.arguments import Times
+from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
 
 __all__ = ["explain"]
 
 
-def explain(subject: Scene | Result, t_span: Sequence[float] | None = None) -> str:
+def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
     """Return what is compiled and why; for a result also what was watched and why each event happened.
 
     Parameters
@@ -41,4 +41,4 @@ def explain(subject: Scene | Result, t_span: Sequence[float] | None = None) -> s
     system = compiled(subject)
     loads = system.loads(start, stop)
     name, reason = choose(system, loads, "contact-force", "auto", stop - start)
-    return explain_scene(system, loads, ENGINES[name], reason)
+    return explain_scene(system, loads, METHODS[name].title, reason)

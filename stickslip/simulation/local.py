@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.parts import FREE, Parts, Patch
-from stickslip.engines.work import Interruption, Work
+from stickslip.engines.progress import Interruption
+from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
 from stickslip.events.settle import Settled
@@ -167,7 +168,7 @@ class Local:
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[parts.is_free[forest.near]]] = True
         live[forest.child[parts.is_bounded]] = True
-        flagged = np.zeros(parts._next, dtype=bool)
+        flagged = np.zeros(parts.groups, dtype=bool)
         flagged[parts.group[live]] = True
         bodies = flagged[parts.group].nonzero()[0]
         parts.end = parts.stop
@@ -231,7 +232,7 @@ class Local:
         inside = [parts.inside[g] for g in groups if g in parts.inside]
         rows = np.concatenate(inside) if inside else np.empty(0, dtype=np.intp)
         rows = np.concatenate([[j], rows[rows != j]])
-        place = parts._place
+        place = parts.place
         place[patch.bodies] = np.arange(patch.bodies.size)
         where = place[bodies]
         place[patch.bodies] = -1

@@ -254,7 +254,7 @@ class Result:
 
     # -- between and beyond -------------------------------------------------------------------------------
 
-    def __call__(self, t: float | Array) -> Array:
+    def __call__(self, t: float | Sequence[float] | Array) -> Array:
         """Return the states at any times of the simulated span, right limits at events.
 
         Parameters

@@ -8,34 +8,22 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.engines.work import Work
-from stickslip.equations.guards import Guards
+from stickslip.engines.base import Engine
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
-from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
 from stickslip.events.settle import Settled, Situation, settle
 from stickslip.simulation.local import Local
 
-__all__ = ["Engine", "Run"]
+__all__ = ["Run"]
 
 Array = NDArray[np.float64]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
-
-
-class Engine(Protocol):
-    """Advances motions."""
-
-    work: Work
-
-    def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
-        """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        ...
 
 
 class Keeper(Protocol):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, get_args
 
-from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, Interruption, SolverFailure, Work
+from stickslip.engines import METHODS, MethodName
+from stickslip.engines.base import Task
+from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
 from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
@@ -16,29 +18,28 @@ from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
-from stickslip.simulation.choice import ENGINES, choose
+from stickslip.simulation.arguments import Formulation, Times
+from stickslip.simulation.choice import choose
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
-from stickslip.simulation.run import Engine, Run
-from stickslip.simulation.tolerances import Tolerances, tolerances
+from stickslip.simulation.run import Run
+from stickslip.simulation.tolerances import tolerances
 
 __all__ = ["compiled", "simulate"]
 
-_METHODS = ("auto", "series", "BDF", "Adams", *arguments.FIXED)
-_FORMULATIONS = ("contact-force", "merged", "multiplier")
-_OF_FORCES = 100.0
-"""The multiplier formulation knows forces this many times less accurately than states."""
-
+_METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
+_FORMULATIONS = get_args(Formulation)
 _BLUR = 1e-12
+"""Part of the forces that is uncertain at least."""
 
 
-def simulate(
+def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     *,
-    formulation: str = "contact-force",
-    method: str = "auto",
+    formulation: Formulation = "contact-force",
+    method: MethodName = "auto",
     step: float | None = None,
     rtol: float = 1e-8,
     atol: float = 1e-10,
@@ -106,32 +107,31 @@ def simulate(
     max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
-    step = arguments.step_length(method, step, formulation)
-    arguments.check_dead_bands(scene)
-    arguments.check_bristles(scene, start, stop)
+    step = arguments.step_length(method, step)
+    arguments.check_laws(scene, start, stop)
     system = compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start)
     name, _ = choose(system, loads, formulation, method, stop - start)
-    wanted = tolerances(system, start, stop, rtol, atol, margin, name)
-    interruption = Interruption()
-    engine = _engine(name, system, loads, wanted, step, max_step, formulation == "merged", interruption)
-    blur = _OF_FORCES * wanted.rtol if name == "IDA" else _BLUR
+    chosen, merged = METHODS[name], formulation == "merged"
+    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen.resolution)
+    task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
+    blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
+    engine = chosen.make(task)
     run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
     if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(
             forest,
             engine.work,
-            interruption,
+            task.interruption,
             recorder.keep_patchwork,
             recorder.note,
             run.watch,
             not recorder.keeps_paths,
         )
-    simulation = _Simulation(run, recorder, interruption, (start, stop), name, formulation == "merged")
-    return simulation.to_end(progress)
+    return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
 
 
 _MANY = 16
@@ -160,35 +160,6 @@ def _forest(system: System, loads: Loads) -> Forest | None:
     return _FORESTS[system]
 
 
-def _engine(
-    name: str,
-    system: System,
-    loads: Loads,
-    wanted: Tolerances,
-    step: float | None,
-    max_step: float,
-    merged: bool,
-    interruption: Interruption,
-) -> Engine:
-    """Return an engine; those on SUNDIALS are imported where they are needed."""
-    work = Work()
-    if name == "series":
-        from stickslip.engines.series import Series
-
-        return Series(max_step, work, interruption)
-    if name == "IDA":
-        from stickslip.engines.ida import Ida
-
-        return Ida(system, loads, wanted.rtol, wanted.atol, max_step, work, interruption)
-    if step is not None:
-        from stickslip.engines.fixed_step import FixedStep
-
-        return FixedStep(name, step, work, interruption)
-    from stickslip.engines.cvode import Cvode
-
-    return Cvode(system, loads, name, wanted.rtol, wanted.atol, max_step, merged, work, interruption)
-
-
 class _Simulation:
     """A run with its progress bar, its way out when something fails, and its counts."""
 
@@ -196,24 +167,21 @@ class _Simulation:
         self,
         run: Run,
         recorder: Recorder,
-        interruption: Interruption,
+        task: Task,
         span: tuple[float, float],
-        name: str,
-        merged: bool,
+        title: str,
     ) -> None:
-        self._run, self._recorder, self._interruption = run, recorder, interruption
-        self._engine: Any = run.engine
+        self._run, self._recorder, self._task, self._title = run, recorder, task, title
         self._start, self._stop = span
-        self._name, self._merged = name, merged
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
-        run = self._run
+        run, interruption = self._run, self._task.interruption
         bar = _bar(self._stop - self._start) if progress else None
         if bar is not None:
-            self._engine.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
         try:
-            with self._interruption as interruption:
+            with interruption:
                 run.begin()
                 while run.t < self._stop:
                     run.advance()
@@ -264,7 +232,7 @@ class _Simulation:
         work, size = self._run.engine.work, self._run.system.size
         stats: dict[str, Any] = {
             "states": size,
-            "fewest_states": self._recorder.fewest_states if self._merged else size,
+            "fewest_states": self._recorder.fewest_states if self._task.merged else size,
             "guards": int(self._run.most_guards),
             "restarts": self._run.restarts,
             "steps": work.steps,
@@ -274,7 +242,7 @@ class _Simulation:
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,
-            "engine": ENGINES[self._name],
+            "engine": self._title,
         }
         return self._recorder.result(message, status, stats)
 

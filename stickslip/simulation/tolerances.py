@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.system import System
-from stickslip.model.laws.kernels import BRISTLE, HARD
 from stickslip.model.signal_makers import Signal
 
 __all__ = ["Tolerances", "tolerances"]
 
 Array = NDArray[np.float64]
-
-_RESOLVED = 1000.0
-"""A pre-slip velocity has to be this many times what the tolerances leave uncertain."""
 
 _FINEST = 1e-13
 _BRISTLE = 1e-6
@@ -54,13 +50,12 @@ def tolerances(
     rtol: float,
     atol: float,
     margin: float | None,
-    method: str,
+    resolution: float,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, and both so that a pre-slip velocity is a thousand times what they leave uncertain; ten thousand times for
-    Adams, which is not made for stiffness.
+    them, and both so that a pre-slip velocity is `resolution` times what they leave uncertain.
 
     Raises
     ------
@@ -71,39 +66,33 @@ def tolerances(
     finest = _finest_velocity(system)
     if speed > 0:
         atol = min(atol, rtol * speed)
-        resolved = _RESOLVED * (10 if method == "Adams" else 1)
-        if resolved * (rtol * speed + atol) > finest:
-            rtol = min(rtol, finest / (2 * resolved * speed))
-            atol = min(atol, finest / (2 * resolved))
-            _refuse_unresolved(system, rtol, finest, speed)
+        if resolution * (rtol * speed + atol) > finest:
+            rtol = min(rtol, finest / (2 * resolution * speed))
+            atol = min(atol, finest / (2 * resolution))
+            if rtol < _FINEST:
+                raise _unresolved(system, finest, speed, resolution)
     each = np.full(system.size, atol)
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
-    coefficients = system.coefficients
     for j, state in system.bristle_state.items():
-        deflection = coefficients.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
-        each[state] = min(atol, _BRISTLE * max(deflection, np.finfo(float).tiny) / coefficients.sigma[j, 0])
+        force = system.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
+        stiffness = system.laws.characters[j].stiffness or 1.0
+        each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
     return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
 
 
-def _refuse_unresolved(system: System, rtol: float, finest: float, speed: float) -> None:
-    if rtol >= _FINEST:
-        return
-    names = [
-        row.name for row, v in zip(system.rows, system.coefficients.velocity, strict=True) if v == finest
-    ]
-    raise ValueError(
+def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:
+    names = [row.name for row, v in zip(system.rows, system.laws.resolution, strict=True) if v == finest]
+    return ValueError(
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
-        f"for double precision; make it at least {2 * _RESOLVED * _FINEST * speed:.1g}, or use DryFriction"
+        f"for double precision; make it at least {2 * resolution * _FINEST * speed:.1g}, or use DryFriction"
     )
 
 
 def _finest_velocity(system: System) -> float:
     """Return the smallest pre-slip velocity of the scene, infinite without one."""
-    c = system.coefficients
-    regular = (c.kind != HARD) & (c.kind != BRISTLE) & system.alive
-    return float(c.velocity[regular].min(initial=math.inf))
+    return float(system.laws.resolution[system.alive].min(initial=math.inf))
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float]:

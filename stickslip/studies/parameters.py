@@ -56,7 +56,7 @@ class Parameter:
         """
         elements: list[Any] = list(scene.elements)
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
-        return Scene(*elements)
+        return Scene(*elements, motion=scene.motion)
 
     def get(self, scene: Scene) -> float:
         """Return its value in a scene of the same elements."""

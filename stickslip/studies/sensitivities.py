@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines import MethodName
 from stickslip.equations.motion import Motion
 from stickslip.model.scene import GROUND, Scene
+from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
@@ -101,7 +103,7 @@ class Sensitivities:
         """
         row = self.result.samples.row(contact)
         if times is None:
-            return self._heats[row]
+            return np.asarray(self._heats[row])
         return self._read(lambda at: self.variation.integral(_powers, at)[row], times)
 
     @cached_property
@@ -124,7 +126,7 @@ class Sensitivities:
             return np.zeros((at.size, len(self.parameters)))
         if i < self.variation.system.n:
             return np.asarray(self.variation.states(at)[i])
-        return self.variation.quantity(_velocity_of(i), at)[0]
+        return np.asarray(self.variation.quantity(_velocity_of(i), at)[0])
 
     def _position(self, body: str, at: Array) -> Array:
         i = self.result.samples.body(body)
@@ -134,7 +136,7 @@ class Sensitivities:
         if i in system.position_state:
             return np.asarray(self.variation.states(at)[system.position_state[i]])
         start = [float(name == f"{body}.position") for name in self.parameters]
-        return self.variation.integral(_velocity_of(i), at)[0] + np.array(start)
+        return np.asarray(self.variation.integral(_velocity_of(i), at)[0] + np.array(start))
 
     def __str__(self) -> str:
         """Return the derivatives of the event times as a table."""
@@ -149,10 +151,10 @@ class Sensitivities:
 
 def sensitivities(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     parameters: Iterable[str],
     *,
-    method: str = "auto",
+    method: MethodName = "auto",
     rtol: float = _RTOL,
     atol: float = _ATOL,
 ) -> Sensitivities:

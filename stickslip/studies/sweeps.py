@@ -189,8 +189,8 @@ def _through(
     Points whose process died, or that were on their way when another's did, are added to `lost` if given, else
     they failed.
     """
-    finished: SimpleQueue[Future] = SimpleQueue()
-    waiting: dict[Future, Task] = {}
+    finished: SimpleQueue[Future[Values | str]] = SimpleQueue()
+    waiting: dict[Future[Values | str], Task] = {}
     todo = iter(todo)
     try:
         while True:
@@ -235,16 +235,16 @@ def _elsewhere(executor: Executor, function: Callable[..., Any], todo: Iterator[
         yield from _through(executor, function, [task], 1)
 
 
-def _submit(executor: Executor, function: Callable[..., Any], point: Point) -> Future:
+def _submit(executor: Executor, function: Callable[..., Any], point: Point) -> Future[Values | str]:
     try:
         return executor.submit(_evaluate, function, point)
     except BrokenExecutor as broken:
-        future: Future = Future()
+        future: Future[Values | str] = Future()
         future.set_exception(broken)
         return future
 
 
-def _outcome(future: Future) -> Values | str:
+def _outcome(future: Future[Values | str]) -> Values | str:
     try:
         return future.result()
     except Exception as exception:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from stickslip.model.scene import Scene
+from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -161,7 +162,7 @@ class Tradeoff:
 
 def tradeoff(
     scene: Scene,
-    t_span: Sequence[float],
+    t_span: Times,
     *,
     error: str | Error = "velocity",
     budget: float = 60.0,
@@ -209,7 +210,7 @@ def tradeoff(
     span = (start, stop)
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
-    tight, loose, reference, limit, scale = _reference(scene, span, measure)
+    tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     setups = [
         Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
         for call in calls(scene, span, scale)
@@ -261,7 +262,7 @@ class _Quiet:
             return self.call.run(self.scene, self.span)
 
 
-def _reference(
+def reference_of(
     scene: Scene, span: tuple[float, float], measure: Error
 ) -> tuple[Call, Call, Result, float, float]:
     """Return two tight calls, the result of the tighter, by how much they differ, and the velocity scale."""

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from stickslip.model.laws.dry_friction import DryFriction
-from stickslip.model.laws.regularized import Shape
+from stickslip.model.laws import DryFriction, Shape
 from stickslip.model.scene import Scene
 from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result

@@ -392,12 +392,12 @@ class Variation:
     def _starting(self, piece: Piece, motion: Motion) -> Indices:
         """Return the rows that begin to slip from relative velocity 0."""
         equations = motion.equations
-        return equations.slip[self._at_rest(piece, motion)[equations.slip]]
+        return np.asarray(equations.slip[self._at_rest(piece, motion)[equations.slip]])
 
     def _at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
         system = self.system
         w = system.relative_velocity(piece.y, motion.inputs(0.0))
-        return np.abs(w) <= np.maximum(_REST * self._size[0], system.coefficients.threshold)
+        return np.asarray(np.abs(w) <= np.maximum(_REST * self._size[0], system.laws.rests_below))
 
     def _speed_slopes(self, S: Array, rate: Array, times: Array) -> Array:
         """Return for each direction the size of what adds up in derivatives of velocities."""
@@ -430,7 +430,7 @@ class Variation:
         while tau < end:
             h = min(guess, end - tau)
             y = motion.exact(tau, path.at(np.array([tau]))[0])
-            c = self._homogeneous(motion, S, h)
+            c = self._homogeneous(motion, tau, y, S, h)
             for k in range(self.count):
                 for weight, other in near[k]:
                     c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
@@ -447,12 +447,17 @@ class Variation:
             found.append(c)
         return np.array(ends), np.array(found)
 
-    def _homogeneous(self, motion: Motion, S: Array, h: float) -> Array:
-        equations, system = motion.equations, self.system
-        c = np.empty((_ORDER + 1, system.size, self.count))
-        c[0] = equations.consistent(S.copy(), np.zeros((system.drives, self.count)))
-        for j in range(_ORDER):
-            c[j + 1] = equations.apply(c[j])[: system.size] * (h / (j + 1))
+    def _homogeneous(self, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
+        """Return the coefficients of the motions that S alone causes: differences of motions linear in their start."""
+        none = np.zeros((self.system.drives, self.count))
+        S = motion.equations.consistent(S.copy(), none)
+        c = np.zeros((_ORDER + 1, self.system.size, self.count))
+        for k in range(self.count):
+            if not S[:, k].any():
+                continue
+            part = 1.0 / float((np.abs(S[:, k]) / self._size).max())
+            ahead = motion.expand(tau, y + part * S[:, k], _ORDER, h).y
+            c[:, :, k] = (ahead - motion.expand(tau, y - part * S[:, k], _ORDER, h).y) / (2 * part)
         return c
 
     @staticmethod
@@ -556,12 +561,12 @@ class Variation:
             if np.any(np.abs(off[:, k]) > limit[:, k]):
                 self._refuse(piece.stop, k, f"events of {' and '.join(names)} fall together")
                 times[k] = np.nan
-        return times
+        return np.asarray(times)
 
     def _fall(self, motion: Motion, guards: Guards, tau: float, y: Array) -> Array:
         """Return the slopes of all guards along the motion."""
         if motion.is_linear:
-            return guards.series(motion.expand(tau, y, 2))[1]
+            return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self._size).max(initial=0.0))
         h = 0.1 * _PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
@@ -733,7 +738,7 @@ class Variation:
         w = system.relative_velocity(path.last, motion.inputs(tau))
         rests = (following.modes == 0) | (following.modes == -piece.modes)
         rows = (before & rests & (np.abs(w) <= 1e-9 * self._size[0])).nonzero()[0]
-        rows = rows[system.coefficients.threshold[rows] == 0]
+        rows = rows[system.laws.rests_below[rows] == 0]
         if not rows.size:
             return
         still = np.zeros((system.m, self.count))

@@ -17,6 +17,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Karnopp,
     LuGre,
     PreSlip,
     Scene,
@@ -27,7 +28,7 @@ from stickslip import (
     triangle,
 )
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.laws.kernels import BRISTLE, HARD, LINEAR, SMOOTH, ActingForces, Coefficients
+from stickslip.model.laws.table import ActingForces, LawTable, steady_forces
 from stickslip.simulation.result import Result
 
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
@@ -56,16 +57,34 @@ LAWS: list[Law] = [
 
 
 def acting(laws: list[Law], w: np.ndarray) -> ActingForces:
-    c = Coefficients(laws)
-    modes = np.where((c.kind == HARD) | ((c.kind == LINEAR) & (np.abs(w) > 0.1)), np.sign(w), 0).astype(
-        np.int8
-    )
-    return ActingForces(c, np.arange(len(laws)), modes)
+    table = LawTable(laws)
+    slips = table.sticks | (table.has_slip_state & (np.abs(w) > 0.1))
+    return ActingForces(laws, np.where(slips, np.sign(w), 0).astype(np.int8))
 
 
-def test_kinds() -> None:
-    kinds = [HARD, HARD, LINEAR, SMOOTH, SMOOTH, BRISTLE, BRISTLE]
-    np.testing.assert_array_equal(Coefficients(LAWS).kind, kinds)
+def test_how_each_law_behaves_near_rest() -> None:
+    table = LawTable([*LAWS, Karnopp(STRIBECK, 0.01)])
+    np.testing.assert_array_equal(table.sticks.nonzero()[0], [0, 1, 7])
+    np.testing.assert_array_equal(table.has_slip_state.nonzero()[0], [2])
+    np.testing.assert_array_equal(table.has_state.nonzero()[0], [5, 6])
+    np.testing.assert_array_equal(table.slips_beyond, [0, 0, 0.05, 0.05, 0.05, 0, 0, 0])
+    np.testing.assert_allclose(table.rests_below, [0, 0, 0.005, 0, 0, 0, 0, 0.01], rtol=1e-15)
+
+
+@pytest.mark.parametrize("w", [-0.7, -0.08, 0.03, 0.3, 2.0])
+def test_steady_forces_are_those_of_steady_sliding(w: float) -> None:
+    """Bristles have stopped bending: ``sign(w) mu_k N + sigma_2 w``; dwells are over."""
+    mu = math.copysign(STRIBECK.mu_k(abs(w), 1 if w > 0 else -1), w)
+    building = STRIBECK.mu_s(1 if w > 0 else -1) * w / 0.05
+    expected = {
+        0: 7.0 * mu,
+        2: 7.0 * (mu if abs(w) > 0.05 else building),
+        3: 7.0 * abs(mu) * math.tanh(w / 0.05),
+        5: 7.0 * mu + 0.4 * w,
+        6: 7.0 * mu,
+    }
+    for place, force in expected.items():
+        assert steady_forces(LAWS[place], np.array([w]), 7.0)[0] == pytest.approx(force, rel=1e-13)
 
 
 @pytest.mark.parametrize("w", [-0.7, -0.08, 0.03, 0.3, 2.0])
@@ -113,6 +132,8 @@ def test_slopes_are_derivatives(law: Law, w: float) -> None:
         by_w, by_z = part.bristle_slopes(np.array([w]), normal, z)
         assert by_w[0] == pytest.approx((up - down) / (2 * h), rel=1e-5)
         assert by_z[0] == pytest.approx((at(w, z + h)[1] - at(w, z - h)[1]) / (2 * h), rel=1e-5)
+        by_bristle = part.by_bristle(np.array([w]), normal, z)[0]
+        assert by_bristle == pytest.approx((at(w, z + h)[0] - at(w, z - h)[0]) / (2 * h), rel=1e-5)
 
 
 def test_extreme_speeds_neither_overflow_nor_lose_the_law() -> None:

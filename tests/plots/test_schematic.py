@@ -132,14 +132,14 @@ def test_neighbours_stand_beside_each_other():
     shuffled = Scene(*(chain.bodies[k] for k in (4, 0, 7, 2, 8, 5, 1, 3, 6)), *chain.contacts)
     drawing = _Drawing(shuffled)
     for link in drawing.links:
-        first, last = drawing._span(link)
+        first, last = drawing.span(link)
         assert first == last
 
 
 def test_links_in_the_same_gap_have_columns_of_their_own():
     for scene in SCENES.values():
         drawing = _Drawing(scene)
-        spans = [set(range(a, b + 1)) for a, b in map(drawing._span, drawing.links)]
+        spans = [set(range(a, b + 1)) for a, b in map(drawing.span, drawing.links)]
         for k, one in enumerate(spans):
             for j in range(k):
                 assert drawing.column[k] != drawing.column[j] or not one & spans[j]

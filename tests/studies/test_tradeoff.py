@@ -9,7 +9,7 @@ import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
-from stickslip.model.laws.regularized import PreSlip
+from stickslip.model.laws import PreSlip
 from stickslip.studies import work_precision as study
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -322,11 +322,11 @@ def test_a_reference_that_fails_is_tried_again_less_tightly(monkeypatch):
 
     monkeypatch.setattr(Call, "run", fails_when_tight)
     scene = sliding_block()
-    tight, loose, *_ = module._reference(scene, (0.0, 1.0), lambda result, reference: 0.0)
+    tight, loose, *_ = module.reference_of(scene, (0.0, 1.0), lambda result, reference: 0.0)
     assert (tight, loose) == pairs[2]
     monkeypatch.setattr(Call, "run", lambda self, scene, span: simulate(scene, span, rtol=1.0))
     with pytest.raises(ValueError):
-        module._reference(scene, (0.0, 1.0), lambda result, reference: 0.0)
+        module.reference_of(scene, (0.0, 1.0), lambda result, reference: 0.0)
 
 
 def test_a_scene_that_cannot_be_simulated_says_so(monkeypatch):

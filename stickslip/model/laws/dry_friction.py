@@ -1,4 +1,4 @@
-"""Friction laws as frozen data: what a contact's coefficients are, not how they are solved."""
+"""What every friction law is, and the law from which all others take their coefficients."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
+
 from stickslip.model.checks import check_entries, finite
+from stickslip.model.laws.base import Character, Kernel, Use
+from stickslip.model.laws.kinetic import Kinetic
 
 __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
@@ -15,12 +19,31 @@ _MAKERS: dict[str, type[Law]] = {}
 
 
 class Law:
-    """A friction law of a contact."""
+    """A friction law of a contact: held within an interval, or moving with a force.
+
+    While it slips in a known direction its force is ``sign(w) mu_k(|w|) N``, while it is held it lies within
+    ``mu_st N`` on both sides; `character` says when. Other forces are its `kernel`. A law other than `DryFriction` has
+    an attribute `law` with these coefficients.
+    """
 
     @property
     def core(self) -> DryFriction:
         """The dry friction from which the law takes its coefficients."""
-        return self if isinstance(self, DryFriction) else self.law  # type: ignore[attr-defined]
+        core: DryFriction = getattr(self, "law")  # noqa: B009
+        return core
+
+    @property
+    def character(self) -> Character:
+        """How it behaves near rest: by default as dry friction does."""
+        return self.core.character
+
+    @property
+    def kernel(self) -> type[Kernel]:
+        """Its forces where they depend on velocity and it does not slip in a known direction."""
+        raise NotImplementedError
+
+    def check_use(self, use: Use) -> None:
+        """Refuse a contact in which the law does not work."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the law as plain data."""
@@ -35,6 +58,17 @@ class Law:
                 )
             data[field.name] = value.to_dict() if isinstance(value, Law) else value
         return data
+
+    def _check_law(self) -> None:
+        if not isinstance(self.core, DryFriction):
+            raise TypeError(f"{type(self).__name__}: law must be DryFriction, got {self.core!r}")
+
+    def _check_number(self, name: str, positive: bool) -> None:
+        number = finite(getattr(self, name), f"{type(self).__name__}: {name}")
+        if number < 0 or (positive and number == 0):
+            wanted = "positive" if positive else "at least 0"
+            raise ValueError(f"{type(self).__name__}: {name} must be {wanted}, got {number:g}")
+        object.__setattr__(self, name, number)
 
 
 def register(law: type[Law]) -> type[Law]:
@@ -151,48 +185,53 @@ class DryFriction(Law):
         return self.mu_coulomb if direction > 0 or backward is None else backward
 
     @property
+    def core(self) -> DryFriction:
+        """The law itself."""
+        return self
+
+    @property
+    def character(self) -> Character:
+        """Exact sticking."""
+        return Character(sticks=True, velocity_dependent="a kinetic curve" if self.curved else "")
+
+    @property
     def curved(self) -> bool:
         """Whether the kinetic coefficient depends on speed."""
-        return self.stribeck_velocity is not None or self.kinetic is not None
+        return self.stribeck_velocity is not None or self.is_function
+
+    @property
+    def is_function(self) -> bool:
+        """Whether the kinetic coefficient is a function that the user gave."""
+        return self.kinetic is not None
 
     def mu_k(self, speed: float, direction: int) -> float:
         """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""
-        if self.kinetic is not None:
-            try:
-                mu = float(self.kinetic(speed))
-            except Exception as error:
-                raise ValueError(
-                    f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number"
-                ) from error
-            if not 0 <= mu < math.inf:
-                raise ValueError(
-                    f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0"
-                )
-            return mu
-        mu_c = self.mu_c(direction)
-        if self.stribeck_velocity is None:
-            return mu_c
-        return mu_c + (self.mu_s(direction) - mu_c) * math.exp(-self._power(speed))
+        return float(Kinetic([self], np.array([direction < 0]))(np.array([speed]))[0])
 
     def mu_k_slope(self, speed: float, direction: int) -> float:
         """Return the derivative of the kinetic coefficient with respect to speed."""
-        if self.kinetic is not None:
-            h = 1e-6 * max(speed, 1e-3)
-            left, right = max(speed - h, 0.0), speed + h
-            return (self.mu_k(right, direction) - self.mu_k(left, direction)) / (right - left)
-        if self.stribeck_velocity is None or speed <= 0:
-            return 0.0
-        power = self._power(speed)
-        fall = self.mu_s(direction) - self.mu_c(direction)
-        return -fall * self.stribeck_exponent * power / speed * math.exp(-power)
+        return float(Kinetic([self], np.array([direction < 0])).slope(np.array([speed]))[0])
 
-    def _power(self, speed: float) -> float:
-        """Return ``(speed / v_s)^delta``, cut off where the exponential of the Stribeck curve is 0."""
-        assert self.stribeck_velocity is not None
-        ratio = speed / self.stribeck_velocity
-        if ratio <= 1:
-            return ratio**self.stribeck_exponent
-        return math.exp(min(self.stribeck_exponent * math.log(ratio), 7.0))
+    def least(self, direction: int) -> float:
+        """Return the static coefficient just after sticking, from which it rises with the dwell."""
+        return max(self.mu_c(direction), self.mu_k(0.0, direction))
+
+    def kinetic_at(self, speed: float) -> float:
+        """Return the value of `kinetic`.
+
+        Raises
+        ------
+        ValueError
+            If it is no coefficient.
+        """
+        assert self.kinetic is not None
+        try:
+            mu = float(self.kinetic(speed))
+        except Exception as error:
+            raise ValueError(f"DryFriction: kinetic({speed:g}) raised {error!r}; return a number") from error
+        if not 0 <= mu < math.inf:
+            raise ValueError(f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0")
+        return mu
 
 
 def law_from_dict(data: Any, what: str) -> Law:

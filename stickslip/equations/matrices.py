@@ -1,0 +1,25 @@
+"""Matrices are stored dense or sparse, by size: what reads them need not ask."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["dense", "row_maxima"]
+
+Array = NDArray[np.float64]
+
+
+def dense(matrix: Any) -> Array:
+    """Return a matrix as a dense array."""
+    found: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    return found
+
+
+def row_maxima(matrix: Any) -> Array:
+    """Return the largest absolute value in each row (k,)."""
+    if not matrix.shape[0] or not matrix.shape[1]:
+        return np.zeros(matrix.shape[0])
+    return dense(abs(matrix).max(axis=1)).ravel()

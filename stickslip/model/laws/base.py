@@ -1,0 +1,121 @@
+"""What the core asks of a friction law: a few facts, and the forces of many contacts at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.signals import Signal
+
+__all__ = ["Character", "Kernel", "Use", "like"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Character:
+    """How a law behaves near rest, and what it asks of a solver.
+
+    A law either sticks exactly, or has a slip state, or has no modes at all.
+
+    Attributes
+    ----------
+    sticks : bool
+        At rest its force is whatever keeps it there, within ``mu_st N`` on both sides.
+    has_slip_state : bool
+        A binary state tells whether its force builds up with velocity, as its kernel says, or slips with ``mu_k N``.
+    slips_beyond : float
+        Relative velocity in m/s or rad/s from which it slips; without modes, from which it is said to slip.
+    rests_below : float
+        Relative velocity in m/s or rad/s below which a slipping contact counts as at rest, or no longer slips.
+    resolution : float
+        Range of relative velocity in m/s or rad/s in which its force turns over: the tolerances resolve it.
+    stiffness : float or None
+        Force in N or N m per unit of a state of its own, a bristle; None where it has none.
+    velocity_dependent : str
+        What makes its force depend on velocity: then the motion has no Taylor series. Empty where nothing does.
+    """
+
+    sticks: bool = False
+    has_slip_state: bool = False
+    slips_beyond: float = 0.0
+    rests_below: float = 0.0
+    resolution: float = math.inf
+    stiffness: float | None = None
+    velocity_dependent: str = ""
+
+
+@dataclass(frozen=True)
+class Use:
+    """A contact in which a law is used, from `start` to `stop` in s.
+
+    Attributes
+    ----------
+    label : str
+        How messages name the contact.
+    ends : (str, str)
+        What it joins.
+    both_move : bool
+        Whether both ends are bodies, not the ground or a drive.
+    normal : Signal
+        Normal force.
+    """
+
+    label: str
+    ends: tuple[str, str]
+    both_move: bool
+    normal: Signal
+    start: float
+    stop: float
+
+
+class Kernel:
+    """Forces of some contacts of one law that depend on their velocities.
+
+    The methods take relative velocities `w`, normal forces, the part ``exp(-(t - t_start)/tau)`` of ``mu_s - mu_c``
+    that the dwell still withholds, and the contacts' own states `z`: arrays (k,), and but for slopes (k, times), too.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        One per contact.
+    """
+
+    has_state: ClassVar[bool] = False
+
+    def __init__(self, laws: Sequence[Any]) -> None:
+        raise NotImplementedError
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the forces."""
+        raise NotImplementedError
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the derivatives of the forces with respect to `w`, at fixed states `z`."""
+        raise NotImplementedError
+
+    def steady(self, w: Array, normal: Array) -> Array:
+        """Return the forces in steady motion, long after the contacts came to rest the last time."""
+        return self.forces(w, normal, np.zeros_like(w), np.empty((0, *w.shape[1:])))
+
+    def rates(self, w: Array, normal: Array, z: Array) -> Array:
+        """Return ``z'``."""
+        raise NotImplementedError
+
+    def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
+        """Return the derivatives of ``z'`` with respect to `w` and `z`."""
+        raise NotImplementedError
+
+    def by_state(self, w: Array, normal: Array, z: Array) -> Array:
+        """Return the derivatives of the forces with respect to `z`."""
+        raise NotImplementedError
+
+
+def like(values: NDArray[Any], w: Array) -> NDArray[Any]:
+    """Return numbers of contacts (k,) as a column where `w` has one column per time."""
+    return values[:, None] if w.ndim == 2 else values

@@ -1,0 +1,40 @@
+"""The Dahl model: bristles without damping and viscous friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stickslip.model.laws.dry_friction import DryFriction, register
+from stickslip.model.laws.lugre import BristleLaw
+
+__all__ = ["Dahl"]
+
+
+@register
+@dataclass(frozen=True)
+class Dahl(BristleLaw):
+    """The Dahl model: ``r = sigma_0 z``, ``z' = w - sigma_0 |w| z / (mu_k N)`` (Dahl 1968).
+
+    Sliding one way from rest, ``r = mu_k N (1 - exp(-sigma_0 x / (mu_k N)))``, whatever the speed. As with
+    `LuGre`, the normal force should stay above 0.
+
+    Parameters
+    ----------
+    law : DryFriction
+        The coefficients; the static one is not used.
+    stiffness : float
+        sigma_0 in N/m or N m/rad, positive.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the stiffness is not positive.
+    """
+
+    law: DryFriction
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        self._check_law()
+        self._check_number("stiffness", positive=True)

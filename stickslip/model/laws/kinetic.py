@@ -1,0 +1,161 @@
+"""Kinetic friction: coefficients that fall along a Stribeck curve or follow a function, and the forces of slip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.laws.base import Kernel, like
+
+__all__ = ["Curve", "Kinetic", "Slipping"]
+
+Array = NDArray[np.float64]
+
+_UNDERFLOW = 745.0
+_STEEPEST = 1e-3
+"""Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper."""
+
+
+class Curve(Protocol):
+    """What describes a kinetic coefficient."""
+
+    @property
+    def stribeck_velocity(self) -> float | None:
+        """In m/s or rad/s."""
+        ...
+
+    @property
+    def stribeck_exponent(self) -> float:
+        """Exponent of the Stribeck curve."""
+        ...
+
+    @property
+    def is_function(self) -> bool:
+        """Whether the coefficient is a function of speed that the user gave."""
+        ...
+
+    def mu_s(self, direction: int) -> float:
+        """Return the static coefficient."""
+        ...
+
+    def mu_c(self, direction: int) -> float:
+        """Return the Coulomb coefficient."""
+        ...
+
+    def kinetic_at(self, speed: float) -> float:
+        """Return the value of the user's function."""
+        ...
+
+
+class Kinetic:
+    """Kinetic coefficients of some contacts, ``mu_c + (mu_s - mu_c) exp(-(|w|/v_s)^delta)`` or a function.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        One per contact.
+    backward : array (k,) of bool, optional
+        Which of them slip backward; by default `w` tells.
+    """
+
+    def __init__(self, curves: Sequence[Curve], backward: NDArray[np.bool_] | None = None) -> None:
+        static = np.array([[c.mu_s(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
+        level = np.array([[c.mu_c(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
+        velocity = [c.stribeck_velocity for c in curves]
+        fall = np.where([v is not None for v in velocity], static - level, 0.0)
+        if backward is not None:
+            level, fall = (np.tile(np.where(backward, x[1], x[0]), (2, 1)) for x in (level, fall))
+        self._level, self._fall = level, fall
+        self._velocity = np.array([1.0 if v is None else v for v in velocity])
+        self.exponent = np.array([c.stribeck_exponent for c in curves])
+        # beyond this speed the exponential is 0, and its argument may overflow
+        with np.errstate(over="ignore"):
+            self._gone = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
+        self._steepest = np.where(self.exponent < 1, _STEEPEST * self._velocity, 0.0)
+        self._isotropic = all(np.array_equal(x[0], x[1]) for x in (level, fall))
+        self._bent = bool(fall.any())
+        self._functions = [(row, c) for row, c in enumerate(curves) if c.is_function]
+
+    def __call__(self, w: Array) -> Array:
+        """Return the coefficients at `w` (k,) or (k, times)."""
+        mu = self._of_side(self._level, w)
+        if self._bent:
+            ratio = np.minimum(np.abs(w), like(self._gone, w)) / like(self._velocity, w)
+            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio ** like(self.exponent, w)))
+        if self._functions:
+            mu = mu + np.zeros(w.shape)
+            speeds = np.abs(w)
+            for row, curve in self._functions:
+                found = speeds[row]
+                mu[row] = (
+                    [curve.kinetic_at(v) for v in found.tolist()]
+                    if w.ndim == 2
+                    else curve.kinetic_at(float(found))
+                )
+        return mu
+
+    def slope(self, w: Array) -> Array:
+        """Return the derivatives with respect to speed at `w` (k,), as they help a solver.
+
+        Where the exponent is below 1 they grow beyond limits towards rest. Newton's method with these is thrown across
+        the rest that a contact has just left, which ends in a storm of events: there they are cut off.
+        """
+        slope = np.zeros_like(w)
+        if self._bent:
+            ratio = np.clip(np.abs(w), self._steepest, self._gone) / self._velocity
+            moving = w != 0
+            ratio[~moving] = 1.0
+            power = ratio**self.exponent
+            slope = -self._of_side(self._fall, w) * np.exp(-power) * self.exponent * power / ratio
+            slope *= moving / self._velocity
+        for row, curve in self._functions:
+            slope[row] = _difference(curve, float(abs(w[row])))
+        return slope
+
+    def _of_side(self, values: Array, w: Array) -> Array:
+        forward = like(values[0], w)
+        return forward if self._isotropic else np.where(w < 0, like(values[1], w), forward)
+
+
+def _difference(curve: Curve, speed: float) -> float:
+    """Return the slope of a function by a difference that stays on the side of positive speeds."""
+    h = 1e-6 * max(speed, 1e-3)
+    left, right = max(speed - h, 0.0), speed + h
+    return (curve.kinetic_at(right) - curve.kinetic_at(left)) / (right - left)
+
+
+class Slipping(Kernel):
+    """Slip in a known direction, with a kinetic coefficient that depends on speed.
+
+    The step in which a contact comes to rest ends beyond it. There the curve is turned round its value at rest, so that
+    it has no kink within the step; a curve that is vertical at rest stays level.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        One per contact.
+    sign : array (k,)
+        Their directions, -1 or +1.
+    """
+
+    def __init__(self, curves: Sequence[Curve], sign: Array) -> None:
+        self._sign, self._mu = sign, Kinetic(curves, sign < 0)
+        self._turned = self._mu.exponent >= 1
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return ``sign mu_k N``."""
+        sign = like(self._sign, w)
+        speed = sign * w
+        if not np.count_nonzero(speed < 0):
+            return sign * self._mu(speed) * normal
+        beyond = (speed < 0) & like(self._turned, w)
+        mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))
+        return sign * np.where(beyond, 2 * self._mu(np.zeros_like(w)) - mu, mu) * normal
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the derivatives with respect to `w`."""
+        speed = self._sign * w
+        return self._mu.slope(np.where(self._turned, np.abs(speed), np.maximum(speed, 0.0))) * normal

@@ -1,0 +1,136 @@
+"""Bristles that bend until they slip: the LuGre model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.laws.base import Character, Kernel, Use, like
+from stickslip.model.laws.dry_friction import DryFriction, Law, register
+from stickslip.model.laws.kinetic import Kinetic
+
+__all__ = ["BristleLaw", "LuGre"]
+
+Array = NDArray[np.float64]
+
+_TINY = 1e-300
+_FASTEST = 1e12
+"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
+
+
+class _Bristles(Kernel):
+    """``r = sigma_0 z + sigma_1 z' + sigma_2 w`` with ``z' = w - sigma_0 |w| z / g(w)``."""
+
+    has_state = True
+
+    def __init__(self, laws: Sequence[BristleLaw]) -> None:
+        self._mu = Kinetic([law.core for law in laws])
+        self._stiffness, self._damping, self._viscous = np.array([law.sigma for law in laws]).T
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        s0, s1, s2 = (like(s, w) for s in (self._stiffness, self._damping, self._viscous))
+        return np.asarray(s0 * z + s1 * self.rates(w, normal, z) + s2 * w)
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return np.asarray(self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous)
+
+    def steady(self, w: Array, normal: Array) -> Array:
+        return np.asarray(np.sign(w) * self._mu(w) * normal + like(self._viscous, w) * w)
+
+    def rates(self, w: Array, normal: Array, z: Array) -> Array:
+        return w - self._relaxation(w, normal) * z
+
+    def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
+        speed, g = np.abs(w), self._mu(w) * normal
+        free = g * _FASTEST > self._stiffness * speed
+        g = np.where(free, g, 1.0)
+        by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
+        return 1.0 - z * np.sign(w) * by_speed, -self._relaxation(w, normal)
+
+    def by_state(self, w: Array, normal: Array, z: Array) -> Array:
+        return np.asarray(self._stiffness - self._damping * self._relaxation(w, normal))
+
+    def _relaxation(self, w: Array, normal: Array) -> Array:
+        """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
+        push = like(self._stiffness, w) * np.abs(w)
+        return np.asarray(push / np.maximum(self._mu(w) * normal, push / _FASTEST + _TINY))
+
+
+class BristleLaw(Law):
+    """A law whose force is that of a bristle with a state of its own, its deflection."""
+
+    stiffness: float
+
+    @property
+    def sigma(self) -> tuple[float, float, float]:
+        """Stiffness, damping and viscous friction."""
+        return self.stiffness, 0.0, 0.0
+
+    @property
+    def character(self) -> Character:
+        """Without modes, with a state."""
+        return Character(stiffness=self.stiffness, velocity_dependent="bristles")
+
+    @property
+    def kernel(self) -> type[Kernel]:
+        """The forces at all velocities."""
+        return _Bristles
+
+    def check_use(self, use: Use) -> None:
+        """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
+        pressed = use.normal.clipped(use.start, use.stop)
+        times = [use.start, *pressed.breaks(use.start, use.stop)]
+        foot = next((t for t in times if pressed(t) == 0 and pressed.slope(t) > 0), None)
+        if foot is not None:
+            raise ValueError(
+                f"{use.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
+                "let it start above 0, or use DryFriction"
+            )
+
+
+@register
+@dataclass(frozen=True)
+class LuGre(BristleLaw):
+    """The LuGre bristle model.
+
+    ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the
+    Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
+    ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
+    shorter than 2.7 of these times, and a normal force that rises from 0 makes them infinitely stiff.
+
+    Parameters
+    ----------
+    law : DryFriction
+        The coefficients; its Stribeck velocity makes g fall from static to Coulomb friction.
+    stiffness : float
+        sigma_0 in N/m or N m/rad, positive.
+    damping : float
+        sigma_1 in N s/m or N m s/rad.
+    viscous : float
+        sigma_2 in N s/m or N m s/rad.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a parameter is negative or the stiffness not positive.
+    """
+
+    law: DryFriction
+    stiffness: float
+    damping: float = 0.0
+    viscous: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        self._check_law()
+        self._check_number("stiffness", positive=True)
+        self._check_number("damping", positive=False)
+        self._check_number("viscous", positive=False)
+
+    @property
+    def sigma(self) -> tuple[float, float, float]:
+        """Stiffness, damping and viscous friction."""
+        return self.stiffness, self.damping, self.viscous

@@ -1,0 +1,141 @@
+"""Pre-slip: friction that builds up over a small velocity (Breedveld 2000, section 6.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.laws.base import Character, Kernel, like
+from stickslip.model.laws.dry_friction import DryFriction, Law, register
+from stickslip.model.laws.kinetic import Kinetic
+
+__all__ = ["PreSlip", "Shape", "Smooth"]
+
+Array = NDArray[np.float64]
+Shape = Literal["linear", "tanh", "arctan"]
+
+_MEMORY = 0.1
+"""A slipping contact is back in pre-slip below this part of its pre-slip velocity (eq. 4)."""
+
+
+class _Building(Kernel):
+    """Piecewise linear: the force reaches the breakaway level at the pre-slip velocity (eq. 3)."""
+
+    def __init__(self, laws: Sequence[PreSlip]) -> None:
+        velocity = np.array([law.velocity for law in laws])
+        sides = [[(law.core.mu_s(s), law.core.least(s)) for law in laws] for s in (1, -1)]
+        top, least = np.moveaxis(np.array(sides), 2, 0) / velocity
+        self._top, self._rise = top, top - least
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        return self.slopes(w, normal, lag, z) * w
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        top, rise = (np.where(w < 0, like(x[1], w), like(x[0], w)) for x in (self._top, self._rise))
+        return np.asarray((top - rise * lag) * normal)
+
+
+class Smooth(Kernel):
+    """The kinetic coefficient times a smooth step of ``x = w / velocity``."""
+
+    def __init__(self, laws: Sequence[Any]) -> None:
+        self._mu = Kinetic([law.core for law in laws])
+        self._velocity = np.array([law.velocity for law in laws])
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return ``mu_k N step(w / velocity)``."""
+        return self._mu(w) * normal * self.step(w / like(self._velocity, w))
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the derivatives with respect to `w`."""
+        x = w / self._velocity
+        rise = self.step_slope(x) / self._velocity
+        return np.asarray(normal * (self._mu(w) * rise + self._mu.slope(w) * np.abs(self.step(x))))
+
+    def step(self, x: Array) -> Array:
+        """Return a step from -1 to 1, odd in `x`."""
+        raise NotImplementedError
+
+    def step_slope(self, x: Array) -> Array:
+        """Return its derivative."""
+        raise NotImplementedError
+
+
+class _Tanh(Smooth):
+    def step(self, x: Array) -> Array:
+        return np.tanh(x)
+
+    def step_slope(self, x: Array) -> Array:
+        return 1.0 - np.tanh(x) ** 2
+
+
+class _Arctan(Smooth):
+    def step(self, x: Array) -> Array:
+        return 2 / np.pi * np.arctan(0.5 * np.pi * x)
+
+    def step_slope(self, x: Array) -> Array:
+        return 1.0 / (1.0 + (0.5 * np.pi * x) ** 2)
+
+
+_SHAPES: dict[str, type[Kernel]] = {"linear": _Building, "tanh": _Tanh, "arctan": _Arctan}
+
+
+@register
+@dataclass(frozen=True)
+class PreSlip(Law):
+    """Friction that builds up over a small velocity, without exact sticking.
+
+    "linear": ``r = mu_st N w / v_pre`` until ``|w| > v_pre``, then ``mu_k N sign(w)`` until
+    ``|w| < 0.1 v_pre``: the slip state remembers that the peak exists only on breaking away, and mu_st rises
+    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9). "tanh" and "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)``
+    and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``, smooth, without slip state or dwell, and with
+    no peak but that of a Stribeck curve.
+
+    Parameters
+    ----------
+    law : DryFriction
+        The coefficients.
+    velocity : float
+        Pre-slip velocity v_pre in m/s or rad/s, positive.
+    shape : str
+        "linear", "tanh" or "arctan".
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the velocity is not positive or the shape unknown.
+    """
+
+    law: DryFriction
+    velocity: float = 1e-3
+    shape: Shape = "linear"
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        self._check_law()
+        self._check_number("velocity", positive=True)
+        if self.shape not in _SHAPES:
+            raise ValueError(
+                f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}"
+            )
+
+    @property
+    def character(self) -> Character:
+        """With a slip state where it is linear; smooth shapes have no modes."""
+        is_linear = self.shape == "linear"
+        return Character(
+            has_slip_state=is_linear,
+            slips_beyond=self.velocity,
+            rests_below=_MEMORY * self.velocity if is_linear else 0.0,
+            resolution=self.velocity,
+            velocity_dependent="a pre-slip velocity",
+        )
+
+    @property
+    def kernel(self) -> type[Kernel]:
+        """The forces below the pre-slip velocity, or at all velocities."""
+        return _SHAPES[self.shape]

@@ -1,0 +1,154 @@
+"""The laws of all rows side by side: their coefficients as arrays, and the forces that depend on velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.laws.base import Kernel
+from stickslip.model.laws.dry_friction import Law
+from stickslip.model.laws.kinetic import Kinetic, Slipping
+
+__all__ = ["ActingForces", "LawTable", "steady_forces"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+class LawTable:
+    """What the laws of all rows say, as arrays; lines 0 and 1 are for forward and backward slip.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        One per row.
+
+    Attributes
+    ----------
+    mu_s, mu_c, least : array (2, m)
+        Static and Coulomb coefficients, and those from which the static ones rise with the dwell.
+    sticks, has_slip_state, curved : array (m,) of bool
+    """
+
+    def __init__(self, laws: Sequence[Law]) -> None:
+        self.laws = laws
+        cores, sides = [law.core for law in laws], (1, -1)
+        self.mu_s = np.array([[c.mu_s(s) for c in cores] for s in sides]).reshape(2, -1)
+        self.mu_c = np.array([[c.mu_c(s) for c in cores] for s in sides]).reshape(2, -1)
+        at_rest = [Kinetic(cores, np.full(len(cores), s < 0))(np.zeros(len(cores))) for s in sides]
+        self.least = np.maximum(self.mu_c, at_rest)
+        self.dwell = np.array([c.dwell for c in cores])
+        self.curved = np.array([c.curved for c in cores], dtype=bool)
+        self.characters = [law.character for law in laws]
+        self.sticks = np.array([c.sticks for c in self.characters], dtype=bool)
+        self.has_slip_state = np.array([c.has_slip_state for c in self.characters], dtype=bool)
+        self.has_state = np.array([c.stiffness is not None for c in self.characters], dtype=bool)
+        self.slips_beyond = np.array([c.slips_beyond for c in self.characters])
+        self.rests_below = np.array([c.rests_below for c in self.characters])
+        self.resolution = np.array([c.resolution for c in self.characters])
+
+
+class ActingForces:
+    """Friction forces of the contacts that act through their velocity, in one set of modes.
+
+    Parameters
+    ----------
+    laws : sequence of Law
+        One per contact.
+    sign : array (k,)
+        Directions of the contacts that slip in a known one, 0 for those that their kernels describe.
+
+    Attributes
+    ----------
+    bristles : array
+        Which of the contacts have states of their own.
+    """
+
+    def __init__(self, laws: Sequence[Law], sign: NDArray[np.int8]) -> None:
+        """Sort the contacts by how they act."""
+        slips = sign.nonzero()[0]
+        kinds: dict[type[Kernel], list[int]] = {}
+        for place in (sign == 0).nonzero()[0].tolist():
+            kinds.setdefault(laws[place].kernel, []).append(place)
+        sorted_out: list[tuple[Indices, Kernel]] = []
+        if slips.size:
+            sorted_out.append(
+                (slips, Slipping([laws[k].core for k in slips.tolist()], sign[slips].astype(float)))
+            )
+        sorted_out += [(np.array(places), kind([laws[k] for k in places])) for kind, places in kinds.items()]
+        stateful = [places for places, kernel in sorted_out if kernel.has_state]
+        self.bristles: Indices = np.sort(np.concatenate([np.empty(0, dtype=np.intp), *stateful]))
+        self._parts = [
+            (_all(places, sign.size), _all(self.bristles.searchsorted(places), self.bristles.size), kernel)
+            if kernel.has_state
+            else (_all(places, sign.size), slice(0, 0), kernel)
+            for places, kernel in sorted_out
+        ]
+        self._stateful = [part for part in self._parts if part[2].has_state]
+
+    def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the forces (k,) or (k, times).
+
+        Parameters
+        ----------
+        w, normal : array like the result
+            Relative velocities and normal forces.
+        lag : array like the result
+            Part of ``mu_s - mu_c`` that the dwell still withholds, ``exp(-(t - t_start)/tau)``.
+        z : array (bristles,) or (bristles, times)
+            States of the contacts' own.
+        """
+        r = np.empty_like(w)
+        for rows, own, kernel in self._parts:
+            r[rows] = kernel.forces(w[rows], normal[rows], lag[rows], z[own])
+        return r
+
+    def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
+        """Return the derivatives (k,) of the forces with respect to `w`, at fixed states."""
+        d = np.empty_like(w)
+        for rows, own, kernel in self._parts:
+            d[rows] = kernel.slopes(w[rows], normal[rows], lag[rows], z[own])
+        return d
+
+    def steady(self, w: Array, normal: Array) -> Array:
+        """Return the forces in steady motion."""
+        r = np.empty_like(w)
+        for rows, _, kernel in self._parts:
+            r[rows] = kernel.steady(w[rows], normal[rows])
+        return r
+
+    def bristle_rates(self, w: Array, normal: Array, z: Array) -> Array:
+        """Return the rates of the contacts' own states."""
+        rates = np.empty_like(z)
+        for rows, own, kernel in self._stateful:
+            rates[own] = kernel.rates(w[rows], normal[rows], z[own])
+        return rates
+
+    def bristle_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
+        """Return the derivatives of these rates with respect to `w` and `z`."""
+        by_w, by_z = np.empty_like(z), np.empty_like(z)
+        for rows, own, kernel in self._stateful:
+            by_w[own], by_z[own] = kernel.rate_slopes(w[rows], normal[rows], z[own])
+        return by_w, by_z
+
+    def by_bristle(self, w: Array, normal: Array, z: Array) -> Array:
+        """Return the derivatives of the forces with respect to the contacts' own states."""
+        found = np.empty_like(z)
+        for rows, own, kernel in self._stateful:
+            found[own] = kernel.by_state(w[rows], normal[rows], z[own])
+        return found
+
+
+def steady_forces(law: Law, w: Array, normal: float) -> Array:
+    """Return the forces of one law in steady motion at several relative velocities, none of them 0."""
+    character = law.character
+    slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
+    sign = np.where(slips, np.sign(w), 0).astype(np.int8)
+    return ActingForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
+
+
+def _all(places: Indices, size: int) -> Indices | slice:
+    """Return places as a slice where they are all there are: numpy then copies nothing."""
+    return slice(None) if places.size == size else places

@@ -1,0 +1,222 @@
+"""Limit cycles: periods and multipliers in closed form, unstable cycles, and what has none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    CycleError,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    limit_cycle,
+    simulate,
+    sine,
+)
+
+BELT_PERIOD = 7.61125925410131
+"""2 (F_s - F_c) / (k v) + (2 pi - 2 atan((F_s - F_c) / (v sqrt(k m)))) / w, k 2, m 1, v 0.1, F_s 1.5, F_c 1."""
+
+BELT_SLOPE = -46.2962962962963
+
+
+def belt(v: float = 0.1, law: DryFriction | None = None) -> Scene:
+    return Scene(
+        Body("m", inertia=1.0, velocity=v),
+        Drive("belt", velocity=v),
+        Spring("m", GROUND, stiffness=2.0),
+        Contact("c", "m", "belt", law or DryFriction(1.5, 1.0), normal=1.0),
+    )
+
+
+def pulled(law: DryFriction | None = None) -> Scene:
+    """The same seen from the belt: the block stays behind, and all positions drift."""
+    return Scene(
+        Body("m", inertia=1.0),
+        Drive("hand", velocity=0.1),
+        Spring("m", "hand", stiffness=2.0),
+        Contact("c", "m", GROUND, law or DryFriction(1.5, 1.0), normal=1.0),
+    )
+
+
+def den_hartog(friction: float = 0.5, ratio: float = 0.8) -> tuple[Scene, float]:
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, DryFriction(friction, friction), normal=1.0),
+        Force("m", sine(1.0, ratio / (2 * math.pi))),
+    )
+    return scene, 2 * math.pi / ratio
+
+
+def test_a_block_on_a_belt() -> None:
+    cycle = limit_cycle(belt())
+    assert cycle.period == pytest.approx(BELT_PERIOD, abs=1e-13)
+    assert cycle.multipliers.tolist() == [0.0]
+    assert cycle.stable and cycle.sticks and not cycle.forced and cycle.closes < 1e-14
+    assert sorted(cycle.sequence) == ["c: BACKWARD -> STUCK", "c: STUCK -> BACKWARD"]
+    assert cycle.sensitivities(["belt.velocity"]) == pytest.approx([BELT_SLOPE], abs=1e-9)
+    # it slips around F_c / k with the amplitude sqrt(((F_s - F_c) / k)^2 + m v^2 / k)
+    assert cycle.amplitude("m") == pytest.approx(math.hypot(0.25, 0.1 / math.sqrt(2)), abs=1e-9)
+    assert "forgets" in str(cycle) and "stable" in str(cycle)
+
+
+def test_the_scene_of_a_cycle_repeats_it() -> None:
+    cycle = limit_cycle(belt())
+    result = simulate(cycle.scene, (0.0, 5 * cycle.period), method="BDF", rtol=1e-10, atol=1e-12)
+    times = np.array([event.t for event in result.events])
+    assert np.allclose(times[2:] - times[:-2], BELT_PERIOD, atol=1e-7)
+
+
+def test_positions_that_nothing_reads_may_drift() -> None:
+    cycle = limit_cycle(pulled())
+    assert cycle.period == pytest.approx(BELT_PERIOD, abs=1e-12)
+    slopes = cycle.sensitivities(["hand.velocity", "c.law.mu_static"])
+    # stick phase 2 (F_s - F_c) / (k v), and the slip phase
+    ratio = (1.5 - 1.0) / (0.1 * math.sqrt(2.0))
+    by_static = 2 / (2.0 * 0.1) - 2 / math.sqrt(2.0) / (1 + ratio**2) / (0.1 * math.sqrt(2.0))
+    assert slopes == pytest.approx([BELT_SLOPE, by_static], abs=1e-8)
+    moved = cycle.result.position("m")
+    assert moved[-1] - moved[0] == pytest.approx(0.1 * BELT_PERIOD, abs=1e-12)
+
+
+def test_dwell_remembers_how_long_the_contact_stuck() -> None:
+    """The breakaway level depends on the time stuck before: a multiplier that is not 0, whatever the start."""
+    scene = pulled(DryFriction(1.5, 1.0, dwell=2.0))
+    cycle = limit_cycle(scene)
+    stuck = [event.t for event in simulate(scene, (0.0, 200.0)).events if event.after == 0]
+    assert stuck[-1] - stuck[-2] == pytest.approx(cycle.period, abs=1e-10)
+    gaps = np.diff(stuck)[3:8] - cycle.period
+    assert gaps[1:] / gaps[:-1] == pytest.approx(cycle.multipliers[0].real * np.ones(4), rel=0.02)
+
+
+def test_forced_oscillator_of_den_hartog() -> None:
+    """Frequency ratio 0.8, friction ratio 0.5: the moduli are exact to 14 digits."""
+    scene, period = den_hartog()
+    cycle = limit_cycle(scene, period=period)
+    assert cycle.period == period and cycle.forced and cycle.stable and not cycle.sticks
+    assert np.abs(cycle.multipliers) == pytest.approx([0.49815078400816] * 2, abs=1e-13)
+    twice = limit_cycle(scene, period=2 * period)
+    assert np.abs(twice.multipliers) == pytest.approx([0.49815078400816**2] * 2, abs=1e-13)
+
+
+def test_a_family_of_cycles_is_neutral() -> None:
+    scene = Scene(Body("m", inertia=1.0, position=1.0), Spring("m", GROUND, stiffness=4.0))
+    cycle = limit_cycle(scene)
+    assert cycle.period == pytest.approx(math.pi, abs=1e-12)
+    assert cycle.neutral and not cycle.stable and abs(cycle.multipliers[0]) == pytest.approx(1.0, abs=1e-7)
+
+
+def leine(velocity: float = 0.0, position: float = 0.0, damping: float = 0.0) -> Scene:
+    """The oscillator of Leine et al. (1998), with a damper."""
+    law = DryFriction(1.0, 1.0, kinetic=lambda v: 1.0 / (1.0 + 3.0 * abs(v)))
+    return Scene(
+        Body("m", inertia=1.0, velocity=velocity, position=position),
+        Drive("belt", velocity=0.2),
+        Spring("m", GROUND, stiffness=1.0, damping=damping),
+        Contact("c", "m", "belt", law, normal=1.0),
+    )
+
+
+@pytest.mark.slow
+def test_leine_belt() -> None:
+    cycle = limit_cycle(leine(0.2))
+    assert cycle.period == pytest.approx(12.0010312948306, abs=3e-9)
+    assert cycle.multipliers.tolist() == [0.0]
+
+
+@pytest.mark.slow
+def test_an_unstable_cycle_lies_between_rest_and_stick_slip() -> None:
+    """With a damper the block at rest on the running belt is stable, and so is stick-slip."""
+    start = 1 / 1.6 + 0.13
+    cycle = limit_cycle(leine(position=start, damping=1.2), guess=2 * math.pi, transient=0)
+    assert not cycle.stable and cycle.sequence == () and cycle.period == pytest.approx(6.3321659579, abs=1e-8)
+    # deviations grow by the multiplier in each turn
+    body = cycle.scene.bodies[0]
+    (growth,) = np.abs(cycle.multipliers)
+    for part in (1e-4, -1e-4):
+        off = cycle.scene.replace("m", position=body.position + part, velocity=body.velocity)
+        result = simulate(off, (0.0, 3 * cycle.period), rtol=1e-11, atol=1e-13)
+        size = [
+            np.ptp(result.sample(np.linspace(k, k + 1, 2001) * cycle.period).position("m")) for k in (0, 1, 2)
+        ]
+        sizes = np.array(size) - 2 * cycle.amplitude("m")
+        assert sizes[2] / sizes[1] == pytest.approx(growth, rel=0.02)
+
+
+def test_two_blocks_on_a_belt() -> None:
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=0.1) for name in "ab"),
+        Drive("belt", velocity=0.1),
+        Spring("a", GROUND, stiffness=2.0),
+        Spring("b", GROUND, stiffness=2.2),
+        Spring("a", "b", stiffness=1.0),
+        *(Contact(f"c{name}", name, "belt", DryFriction(1.5, 1.0), normal=1.0) for name in "ab"),
+    )
+    cycle = limit_cycle(scene)
+    assert cycle.stable and cycle.multipliers.size == 3 and np.count_nonzero(cycle.multipliers) == 1
+    result = simulate(cycle.scene, (0.0, 10 * cycle.period))
+    last = [event.t for event in result.events if event.contact == "ca" and event.after == 0]
+    assert np.diff(last) == pytest.approx(cycle.period * np.ones(len(last) - 1), abs=1e-11)
+
+
+def test_what_has_no_cycle() -> None:
+    rests = Scene(
+        Body("m", inertia=1.0, position=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0),
+    )
+    with pytest.raises(CycleError, match="does not change"):
+        limit_cycle(rests)
+    with pytest.raises(CycleError, match="does not change"):
+        limit_cycle(
+            Scene(Body("m", inertia=1.0, position=1.0), Spring("m", GROUND, stiffness=1.0, damping=0.5))
+        )
+
+
+def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
+    """A drive whose load repeats after 1 s, and a block that answers with another half its frequency."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=1.0),
+        Spring("m", GROUND, stiffness=math.pi**2),
+        Force("m", sine(1.0, 1.0)),
+    )
+    with pytest.raises(CycleError, match="only after 2 periods"):
+        limit_cycle(scene, period=1.0)
+
+
+def test_bad_arguments_are_refused() -> None:
+    scene, period = den_hartog()
+    with pytest.raises(ValueError, match="give their period"):
+        limit_cycle(scene)
+    with pytest.raises(ValueError, match="do not repeat"):
+        limit_cycle(scene, period=0.9 * period)
+    with pytest.raises(ValueError, match="not both"):
+        limit_cycle(scene, period=period, guess=1.0)
+    with pytest.raises(ValueError, match="period must be a positive time"):
+        limit_cycle(scene, period=-1.0)
+    with pytest.raises(ValueError, match="transient must be"):
+        limit_cycle(scene, period=period, transient=-1.0)
+    with pytest.raises(ValueError, match="give a guess"):
+        limit_cycle(belt(), transient=0)
+    with pytest.raises(TypeError, match="must be a Scene"):
+        limit_cycle("belt")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="has name, velocity"):
+        limit_cycle(belt()).sensitivities(["belt.speed"])
+
+
+def test_damped_belt_is_another_cycle() -> None:
+    scene = Scene(*belt().elements, Damper("m", GROUND, damping=0.05))
+    cycle = limit_cycle(scene)
+    result = simulate(scene, (0.0, 60.0))
+    stuck = [event.t for event in result.events if event.after == 0]
+    assert stuck[-1] - stuck[-2] == pytest.approx(cycle.period, abs=1e-12)
