@@ -44,7 +44,9 @@ def at_limit(
         with np.errstate(over="ignore"):
             size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
-        at = part <= max(0.0, float(part.min())) + _TIE
+        least = float(part.min())
+        # where the solver found a root of what is uncertain altogether, its value is the least
+        at = part <= max(0.0, least) + _TIE if least <= _ALONE else values == values.min()
         fired[guards.row[at]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         near = (part <= _ALONE).nonzero()[0]

@@ -163,15 +163,17 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     search = _Search(system, stretch, now, y, since, labels, candidates)
     motion, guards = search.run(_foreseen(system, trial, now))
-    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
+    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
-        if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
+        # the sign of what has died away is a solver's error
+        watched = np.where(died, 0, shown).astype(np.int8)
+        if np.any(watched[is_open] != labels[is_open]):
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level)
     return Settled(shown, motion, guards)
 
 
