@@ -85,6 +85,8 @@ class Forest:
         c = system.laws
         if loads.has_functions or system.size > system.first_bristle:
             return "its motions have no series"
+        if system.piecewise.count:
+            return "some of its forces are piecewise linear"
         if not system.is_friction.all() or not system.hard.all() or c.curved.any() or c.rests_below.any():
             return "not all of its rows are contacts with constant coefficients"
         if not system.alive.all() or (system.mu_c.min(initial=1.0) <= 0) or (system.inertia <= 0).any():
