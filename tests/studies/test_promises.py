@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from itertools import pairwise
 from random import Random
 
@@ -61,11 +62,14 @@ def test_a_recommended_call_is_as_exact_as_promised(seed: int) -> None:
     def velocities(result: Result) -> np.ndarray:
         return result(np.sort(times))[: len(scene.bodies)]
 
+    promised = 0
     for error in (1e-1, 1e-2, 1e-4, 1e-7):
         for may_creep in (True, False):
-            if error < study.limit:
-                continue
-            advice = study.recommend(error=error, may_creep=may_creep)
-            found = eval(advice.call, {"simulate": simulate, "scene": scene})
-            # between the times of the study a step at an event may be a little larger
-            assert np.abs(velocities(found) - velocities(exact)).max() <= 1.2 * error, advice
+            # on a slow machine no call within the budget may be that exact: then nothing is promised
+            with suppress(ValueError):
+                advice = study.recommend(error=error, may_creep=may_creep)
+                found = eval(advice.call, {"simulate": simulate, "scene": scene})
+                # between the times of the study a step at an event may be a little larger
+                assert np.abs(velocities(found) - velocities(exact)).max() <= 1.2 * error, advice
+                promised += 1
+    assert promised >= 2
