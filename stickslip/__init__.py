@@ -1,5 +1,6 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
+from stickslip.model.controllers import pid
 from stickslip.model.elements import (
     GROUND,
     Block,
@@ -39,6 +40,7 @@ from stickslip.model.when import When
 from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
+from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
@@ -64,6 +66,7 @@ __all__ = [
     "Force",
     "Gap",
     "Gear",
+    "Joined",
     "Karnopp",
     "LuGre",
     "Mode",
@@ -85,10 +88,12 @@ __all__ = [
     "When",
     "explain",
     "feedback",
+    "join",
     "limit_cycle",
     "load",
     "normal",
     "output",
+    "pid",
     "piecewise_linear",
     "position",
     "power",
