@@ -44,7 +44,10 @@ from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
+from stickslip.studies.fits import Fit, fit
+from stickslip.studies.linear_model import LinearModel, linearize
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -55,6 +58,7 @@ __all__ = [
     "TIME",
     "Block",
     "Body",
+    "Branch",
     "Contact",
     "Cycle",
     "CycleError",
@@ -63,11 +67,13 @@ __all__ = [
     "Drive",
     "DryFriction",
     "Event",
+    "Fit",
     "Force",
     "Gap",
     "Gear",
     "Joined",
     "Karnopp",
+    "LinearModel",
     "LuGre",
     "Mode",
     "OneWay",
@@ -86,10 +92,13 @@ __all__ = [
     "Stop",
     "Tie",
     "When",
+    "continue_cycle",
     "explain",
     "feedback",
+    "fit",
     "join",
     "limit_cycle",
+    "linearize",
     "load",
     "normal",
     "output",

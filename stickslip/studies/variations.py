@@ -16,6 +16,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -28,10 +29,12 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import Parameter
 
-__all__ = ["Direction", "Variation", "along_parameter", "along_start"]
+__all__ = ["Direction", "Variation", "along_parameter", "along_start", "simulated"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -88,6 +91,20 @@ class Direction:
     y: Array
     since: Array
     size: float = 1.0
+
+
+def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
+    """Return a simulated motion whose pieces are those of the whole scene, from event to event.
+
+    A longest step, however long, keeps large scenes from being followed part by part.
+
+    Raises
+    ------
+    ValueError, TypeError, SimulationError
+        As `simulate` does.
+    """
+    span = arguments.span(t_span)
+    return simulate(scene, span, max_step=span[1] - span[0], **options)
 
 
 def start_of(system: System, t: float) -> tuple[Array, Array]:
