@@ -113,7 +113,7 @@ class Motion:
         self.has_law = equations.acting.size > 0
         self.dependence, self.regions = system.dependence, stretch.regions
         self.has_functions = stretch.has_functions or not (
-            self.dependence is None or self.dependence.is_linear
+            self.dependence is None or self.dependence.is_linear_in(self.regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
         self._dwelling = system.dwelling
