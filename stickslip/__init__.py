@@ -7,10 +7,12 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
@@ -41,6 +43,7 @@ __all__ = [
     "DryFriction",
     "Event",
     "Force",
+    "Gap",
     "Gear",
     "Karnopp",
     "LuGre",
@@ -55,6 +58,7 @@ __all__ = [
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "Stop",
     "Tie",
     "explain",
     "limit_cycle",

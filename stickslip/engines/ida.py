@@ -177,7 +177,8 @@ class _Residual:
         friction = motion.equations.friction @ q
         if motion.has_law:
             friction[motion.equations.acting] = motion.acting_forces(tau, y)
-        return np.asarray(system.C @ y + system.Q @ q[: system.inputs] - system.GT @ friction)
+        equations = motion.equations
+        return np.asarray(equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction)
 
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in the balance, the other states' rates, and the constraint."""
@@ -223,7 +224,7 @@ class _Residual:
     def _by_states(self, tau: float, y: Array) -> Any:
         motion, system = self._motion, self._system
         n, size, count = system.n, self._size, self.start.size - self._size
-        forces = scipy.sparse.csr_array(system.C)
+        forces = scipy.sparse.csr_array(motion.equations.C)
         acting = motion.equations.acting
         if acting.size:
             rows = scipy.sparse.csr_array(system.G)[acting]

@@ -34,7 +34,7 @@ def band_order(system: System) -> Indices | None:
     pattern = scipy.sparse.lil_array((size, size))
     pattern[:n, :n] = joined
     pattern = pattern.tocsr()
-    springs = abs(scipy.sparse.csr_array(system.C))
+    springs = scipy.sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
     inner = system.placed < n
     rows, columns = system.n + np.flatnonzero(inner), system.placed[inner]

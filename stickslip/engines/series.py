@@ -160,7 +160,7 @@ class Series:
             groups.append(moving)
         if held.any():
             size = np.abs(g[:, held])
-            scale = guards.force_scale[held]
+            scale = guards.value_scale[held]
             scale = np.where(scale > 0, scale, np.maximum(size.max(axis=0), _TINY))
             groups.append((size / scale).max(axis=1))
         sizes = np.array(groups)
@@ -181,8 +181,8 @@ class Series:
 
     def _floor(self, motion: Motion, guards: Guards) -> Array:
         """Return what each guard has the roundoff of: the largest speeds so far, or forces at the start."""
-        speeds = (motion.system.abs_G @ self._speed)[guards.row]
-        return np.where(guards.is_velocity, speeds, guards.force_scale)
+        speeds = np.append(motion.system.abs_G @ self._speed, 0.0)[guards.row]
+        return np.where(guards.is_velocity, speeds, guards.value_scale)
 
     def _first(self, g: Array, floor_of: Callable[[], Array]) -> float | None:
         """Return the first root in (0, 1] of any column of power coefficients."""

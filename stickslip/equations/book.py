@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.piecewise import Linear, Region
 from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.model.signal_makers import Constant, Signal
 
-__all__ = ["Book", "Coupling", "Row"]
+__all__ = ["Book", "Coupling", "Piecewise", "Row"]
 
 
 @dataclass(frozen=True)
@@ -24,11 +25,14 @@ class Row:
     law : Law or None
         The friction law; None for a row of another kind.
     kind : str
-        "friction", "tie" (always held) or "one-way" (held while its force is positive).
+        "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its force
+        is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes).
     normal : Signal
         In N.
     rested : float
         How long in s it has been held at the start.
+    restitution : float
+        Of impacts.
     """
 
     name: str
@@ -37,6 +41,7 @@ class Row:
     kind: str
     normal: Signal
     rested: float
+    restitution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,26 @@ class Coupling:
     rest: float
 
 
+@dataclass(frozen=True)
+class Piecewise:
+    """A piecewise-linear function of the state.
+
+    Attributes
+    ----------
+    label : str
+    regions : tuple of Region
+    acts : dict of int to float
+        Its force on a body, as a multiple of its value, by index.
+    row : int
+        The row whose force it is, -1 for none.
+    """
+
+    label: str
+    regions: tuple[Region, ...]
+    acts: Mapping[int, float]
+    row: int
+
+
 class Book:
     """The entries of a scene."""
 
@@ -59,6 +84,9 @@ class Book:
         self.rows: list[Row] = []
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Signal]] = []
+        self.piecewises: list[Piecewise] = []
+        self.signals: list[Signal] = []
+        self.read: set[int] = set()
         self.index: dict[str, int] = {}
         for element in scene.elements:
             element.place(self)
@@ -83,9 +111,11 @@ class Book:
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        restitution: float = 0.0,
     ) -> None:
         """Enter a row."""
-        self.rows.append(Row(name, self._by_index(coefficients), law, kind, _signal(normal), rested))
+        own = self._by_index(coefficients)
+        self.rows.append(Row(name, own, law, kind, _signal(normal), rested, restitution))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
@@ -96,6 +126,30 @@ class Book:
     def push(self, body: str, force: Signal | float) -> None:
         """Enter a force on a body."""
         self.forces.append((self.index[body], _signal(force)))
+
+    def read_position(self, name: str) -> None:
+        """Make the position of a body or drive a state."""
+        if name != GROUND:
+            self.read.add(self.index[name])
+
+    def piecewise(
+        self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
+    ) -> int:
+        """Enter a piecewise-linear function of the state."""
+        for region in regions:
+            for expression in (region.value, *(border for border, _ in region.borders)):
+                self._note(expression)
+        j = len(self.rows) - 1 if row is not None else -1
+        while j >= 0 and self.rows[j].name != row:
+            j -= 1
+        self.piecewises.append(Piecewise(label, tuple(regions), self._by_index(acts), j))
+        return len(self.piecewises) - 1
+
+    def _note(self, expression: Linear) -> None:
+        """Enter the positions and signals that an expression reads."""
+        for name in expression.positions:
+            self.read_position(name)
+        self.signals += [s for _, s in expression.signals if not any(s is known for known in self.signals)]
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}

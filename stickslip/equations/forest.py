@@ -91,6 +91,8 @@ class Forest:
         c = system.laws
         if loads.has_functions or system.size > system.first_bristle:
             return "its motions have no series"
+        if system.piecewise.count:
+            return "some of its forces are piecewise linear"
         if not system.is_friction.all() or not system.hard.all() or c.curved.any() or c.rests_below.any():
             return "not all of its rows are contacts with constant coefficients"
         if not system.alive.all() or (system.mu_c.min(initial=1.0) <= 0) or (system.inertia <= 0).any():
@@ -143,13 +145,11 @@ class Forest:
         columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
         places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
         position = full[:, places].tocoo()
-        position = sparse.csr_array(
-            (position.data, (position.coords[0], columns[position.coords[1]])), shape=(n, n)
-        )
+        position = sparse.csr_array((position.data, (position.row, columns[position.col])), shape=(n, n))
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side
         pattern = (abs(velocity) + abs(position)).tocoo()
-        i, k = pattern.coords
+        i, k = pattern.row, pattern.col
         order = np.lexsort((k, i))
         i, k = i[order], k[order]
         self.near = k.astype(np.intp)

@@ -59,7 +59,9 @@ class Guards:
     Attributes
     ----------
     row : array of int
-        The row of each guard.
+        The row of each guard, -1 where it is the border of a region.
+    is_border : array of bool
+        Guards that are borders of regions.
     violated : array of bool
         Guards that are negative at the start or just after it.
     order : array of int
@@ -67,7 +69,8 @@ class Guards:
     """
 
     def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
-        self.motion, self.at_rest = motion, at_rest
+        # guards of no row have the number -1
+        self.motion, self.at_rest = motion, np.append(at_rest, False)
         equations = motion.equations
         loose = equations.open
         if loose.size:
@@ -77,12 +80,13 @@ class Guards:
         self._constant, self._has_constant = equations.guard_constant, equations.has_constant
         self._has_levels = equations.has_levels
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
+        self.is_border = equations.is_border
         self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
         self._dwell = equations.guard_dwell[equations.rising]
         if equations.has_threshold:
             self._constant = self._constant.copy()
             slips = equations.slips
-            self._constant[:slips] = np.where(at_rest[equations.slip], 0.0, equations.threshold)
+            self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
             self._has_constant = bool(self._constant.any())
         if loose.size:
             none = np.zeros(loose.size)
@@ -92,6 +96,7 @@ class Guards:
                 np.append(x, none) for x in (self._mu, self._constant, self.direction)
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
+            self.is_border = np.append(self.is_border, none != 0)
         self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
@@ -164,12 +169,18 @@ class Guards:
         g0 = self.start[0]
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         near: Array | float = 0.0
-        if not self.is_velocity.all():
-            held = ~self.is_velocity
-            soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
+        held = ~(self.is_velocity | self.is_border)
+        soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
+        if held.any():
             near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
         if self._has_constant:
             near = near + _NEAR * self._constant
+        if self.is_border.any():
+            size = self.motion.equations.border_magnitudes(
+                np.abs(self.motion.y), np.abs(self.motion.start_inputs)
+            )
+            near = near + np.zeros(self.size)
+            near[self.is_border] = _NEAR * size + soon * np.abs(self.start[1, self.is_border])
         close = ~(g0 > near)
         if self.at_rest.any():
             close |= self.is_velocity & self.at_rest[self.row]
@@ -179,10 +190,12 @@ class Guards:
 
     def _look_closer(self, rows: Indices, fired: Mask) -> None:
         coefficients, majorant = self.start, self.majorant
-        size = self.scale
+        size, has_fired = self.scale, np.append(fired, False)
+        functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
+        of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
         horizon = max(self.motion.horizon, _TINY)
         for i in rows.tolist():
-            closeness = _AS_FIRED if fired[self.row[i]] else AT_LIMIT
+            closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.at_rest[self.row[i]]:
@@ -194,7 +207,9 @@ class Guards:
                 else:
                     limits = [closeness * majorant[1, i], AT_LIMIT * majorant[2, i]]
             else:
-                if not abs(coefficients[0, i]) <= closeness * size[i] + rough:
+                at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
+                # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
+                if not (at_stop or abs(coefficients[0, i]) <= closeness * size[i] + rough):
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough
@@ -227,7 +242,7 @@ class Guards:
     @cached_property
     def _never(self) -> Mask:
         """Guards of rows that cannot move because held rows lock the same motion."""
-        never = self.is_velocity & self.at_rest[self.row]
+        never = np.asarray(self.is_velocity & self.at_rest[self.row])
         rows = never.nonzero()[0]
         never[rows] = self.motion.equations.locked(self.row[rows])
         return never
@@ -262,12 +277,19 @@ class Guards:
     @cached_property
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
-        size = self.value_majorant + np.abs(self._constant)
-        return np.where(self.is_velocity, size, self.force_scale)
+        adds_up = self.is_velocity | self.is_border
+        return np.where(adds_up, self.value_majorant + np.abs(self._constant), self.force_scale)
+
+    @cached_property
+    def value_scale(self) -> Array:
+        """The same for guards of forces and borders; without meaning for velocities."""
+        if not self.is_border.any():
+            return self.force_scale
+        return np.where(self.is_border, self.value_majorant, self.force_scale)
 
     @cached_property
     def force_scale(self) -> Array:
-        """The same for guards of forces; without meaning for velocities."""
+        """The same for guards of forces; without meaning for others."""
         return np.asarray(
             self.levels(self.motion.start_inputs) + np.abs(self.motion.start.z[0][self._source])
         )

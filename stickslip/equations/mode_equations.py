@@ -10,11 +10,12 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense, row_maxima
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
 from stickslip.model.laws.table import ActingForces
 
-__all__ = ["AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
+__all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
@@ -22,14 +23,16 @@ _LOCKED = 1e-11
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-OPEN, FREE, AT_HIGH, AT_LOW = 2, 3, 4, 5
+OPEN, FREE, AT_HIGH, AT_LOW, APART = 2, 3, 4, 5, 6
 """Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
-upper or lower level (MODEL rule 8)."""
+upper or lower level (MODEL rule 8); a row whose force is a piecewise-linear function, whatever its velocity."""
+
+_NO_REGIONS = np.empty(0, dtype=np.int16)
 
 
-def equations_in(modes: NDArray[np.int8], system: System) -> ModeEquations:
-    """Return the equations of a system in one set of modes; the system remembers the latest."""
-    found: ModeEquations = system.remembered(_made, modes.tobytes())
+def equations_in(modes: NDArray[np.int8], system: System, regions: Regions = _NO_REGIONS) -> ModeEquations:
+    """Return the equations of a system in one set of modes and regions; the system remembers the latest."""
+    found: ModeEquations = system.remembered(_made, modes.tobytes() + regions.tobytes())
     return found
 
 
@@ -42,33 +45,36 @@ def acting_in(modes: NDArray[np.int8], system: System) -> NDArray[np.bool_]:
     return np.asarray((modes == FREE) | (slides & (np.abs(modes) == 1)) | (builds & (modes == 0)))
 
 
-def _made(system: System, modes: bytes) -> ModeEquations:
-    return ModeEquations(system, np.frombuffer(modes, dtype=np.int8))
+def _made(system: System, key: bytes) -> ModeEquations:
+    modes = np.frombuffer(key[: system.m], dtype=np.int8)
+    return ModeEquations(system, modes, np.frombuffer(key[system.m :], dtype=np.int16))
 
 
 class ModeEquations:
     """The equations in one set of modes.
 
     With ``v = T v_ind + U u`` the rates are ``y' = A y + B q + K e`` and what is watched is ``z = E y + H q + L e``:
-    the relative velocities of all rows, the forces of the held ones, and what rows at their level would carry if
-    they had none. ``e`` are the friction forces that depend on velocity. `q` are the inputs of the system, followed by
-    ``exp(-age / dwell) N`` of the rows with a dwell time.
+    the relative velocities of all rows, the forces of the held ones, what rows at their level would carry if they had
+    none, and the borders of the regions of piecewise-linear functions. ``e`` are the friction forces that depend on
+    velocity. `q` are the inputs of the system, followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
 
     Parameters
     ----------
     system : System
     modes : array (m,)
-        For each row -1, 0, +1, OPEN, FREE, AT_HIGH or AT_LOW.
+        For each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART.
+    regions : array (p,)
+        The region of each piecewise-linear function.
     """
 
-    def __init__(self, system: System, modes: NDArray[np.int8]) -> None:
-        self.system, self.modes = system, modes
+    def __init__(self, system: System, modes: NDArray[np.int8], regions: Regions = _NO_REGIONS) -> None:
+        self.system, self.modes, self.regions = system, modes, regions
         self.is_held = (modes == 0) & system.hard
         self.held = self.is_held.nonzero()[0]
         self.pre = ((modes == 0) & system.laws.has_slip_state).nonzero()[0]
         self.slip = (np.abs(modes) == 1).nonzero()[0]
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
-        self.at_level = (modes >= AT_HIGH).nonzero()[0]
+        self.at_level = ((modes == AT_HIGH) | (modes == AT_LOW)).nonzero()[0]
         self.acting = acting_in(modes, system).nonzero()[0]
         directions = np.where(np.abs(modes) == 1, modes, 0)[self.acting]
         self.law = ActingForces([system.laws.laws[j] for j in self.acting.tolist()], directions)
@@ -80,14 +86,36 @@ class ModeEquations:
         self.T_dependent = self.balance.led_by_bodies
         self.U_dependent = self.balance.led_by_drives
         self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
+        self._place_regions()
         self._place_friction()
         self._place_guards()
         self._shares = self._place_shares() if self.at_level.size else None
-        self.rows = system.m + self.held.size + self.at_level.size
+        self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
         self._maps: dict[tuple[int, bool], TaylorMap | None] = {}
         if not system.sparse:
             self._assemble()
+
+    # -- piecewise-linear functions --------------------------------------------------------------------------
+
+    def _place_regions(self) -> None:
+        """Forces from states and inputs, with the functions as they are in their regions; borders of these."""
+        system, functions = self.system, self.system.piecewise
+        self.C, self.Q = system.C, system.Q
+        self.borders = np.empty(0, dtype=np.intp)
+        if not functions.count:
+            return
+        at = functions.places(self.regions)
+        self.C = self.C + functions.acts @ functions.value_y[at]
+        self.Q = self.Q + functions.acts @ functions.value_q[at]
+        self.borders = functions.borders_of(self.regions)
+        self._border_y = functions.border_y[self.borders]
+        self._border_q = functions.border_q[self.borders]
+
+    @cached_property
+    def _link_sizes(self) -> tuple[Any, Any]:
+        system = self.system
+        return (abs(self.C), abs(self.Q)) if system.piecewise.count else (system.abs_C, system.abs_Q)
 
     # -- friction that is linear in the inputs ---------------------------------------------------------------
 
@@ -122,23 +150,30 @@ class ModeEquations:
         """Each guard is ``turn z[source] + level``, with a level from a normal force, a dwell and a velocity.
 
         First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the
-        rows that carry their level.
+        rows that carry their level, then the borders of regions, which belong to no row (-1).
         """
         system, c = self.system, self.system.laws
         m, h = system.m, self.held.size
         held_place = np.full(m, -1)
         held_place[self.held] = m + np.arange(h)
-        friction = self.held[system.is_friction[self.held]]
-        lower = self.held[~system.is_tie[self.held]]
+        # a stop at its lower limit is bounded above, at its upper one below
+        at_lower = np.zeros(m, dtype=bool)
+        if system.has_stops:
+            functions = system.piecewise
+            at_lower[functions.row[functions.is_stop & (self.regions == 2)]] = True
+        friction = self.held[(system.is_friction | at_lower)[self.held]]
+        lower = self.held[~(system.is_tie | at_lower)[self.held]]
         pre, top = self.pre, self.at_level
         first = m + h
         none = np.zeros
         self.slips = self.slip.size
-        contacts = [self.slip, friction, lower, pre, pre, top]
+        edge = np.full(self.borders.size, -1)
+        contacts = [self.slip, friction, lower, pre, pre, top, edge]
         source = [self.slip, held_place[friction], held_place[lower], pre, pre, first + np.arange(top.size)]
+        source.append(first + top.size + np.arange(edge.size))
         ones = [np.ones(x.size) for x in contacts]
         sign_top = np.where(self.modes[top] == AT_HIGH, 1.0, -1.0)
-        turn = [self.modes[self.slip].astype(float), -ones[1], ones[2], -ones[3], ones[4], sign_top]
+        turn = [self.modes[self.slip].astype(float), -ones[1], ones[2], -ones[3], ones[4], sign_top, ones[6]]
         side_top = self.side[top]
         friction_lower = system.is_friction[lower]
         mu = [
@@ -148,6 +183,7 @@ class ModeEquations:
             none(pre.size),
             none(pre.size),
             -system.mu_s[side_top, top],
+            none(edge.size),
         ]
         rise = [
             none(self.slips),
@@ -156,25 +192,31 @@ class ModeEquations:
             none(pre.size),
             none(pre.size),
             -system.rise[side_top, top],
+            none(edge.size),
         ]
         banded = c.slips_beyond[pre]
         constant = [none(self.slips), none(friction.size), none(lower.size), banded, banded, none(top.size)]
+        constant.append(none(edge.size))
         self.guard_row = np.concatenate(contacts).astype(np.intp)
         self.guard_source = np.concatenate(source).astype(np.intp)
         self.guard_turn, self.guard_mu = np.concatenate(turn), np.concatenate(mu)
         self.guard_rise, self.guard_constant = np.concatenate(rise), np.concatenate(constant)
-        self.guard_dwell = system.inputs + system.dwell_place[self.guard_row]
+        dwell_place = np.append(system.dwell_place, -1)
+        self.guard_dwell = system.inputs + dwell_place[self.guard_row]
         self.rising = (self.guard_rise != 0).nonzero()[0]
         self.threshold = -c.rests_below[self.slip]
         self.has_threshold = bool(self.threshold.any())
         sizes = np.cumsum([0, *(x.size for x in contacts)])
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
         self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
-        self.direction = np.concatenate([none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5]])
+        self.is_border = self.guard_row < 0
+        self.direction = np.concatenate(
+            [none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5], 0 * ones[6]]
+        )
         self.has_levels, self.has_constant = bool(self.guard_mu.any()), bool(self.guard_constant.any())
         # a row that carries its level pushes with it: where that rises, the motion follows
         self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
-        rests = (self.modes == 0) | (self.modes >= AT_HIGH)
+        rests = (self.modes == 0) | (self.modes == AT_HIGH) | (self.modes == AT_LOW)
         self.resting_dwells = rests[system.dwelling].nonzero()[0]
 
     def _place_shares(self) -> Array:
@@ -258,7 +300,10 @@ class ModeEquations:
         n = system.n
         moved = np.array(y)
         moved[:n] = balance.T @ y[:n]
-        return self._out(system.C @ moved, moved[:n], None, None)
+        out = self._out(self.C @ moved, moved[:n], None, None)
+        if self.borders.size:
+            out[-self.borders.size :] = self._border_y @ moved
+        return out
 
     def _of_inputs(self, q: Array) -> Array:
         system, balance = self.system, self.balance
@@ -267,8 +312,11 @@ class ModeEquations:
         led = balance.U @ u
         moved = np.zeros((system.size, *q.shape[1:]))
         moved[:n] = led
-        forces = system.C @ moved + system.Q @ q[: system.inputs] - system.GT @ (self.friction @ q)
-        return self._out(forces, led, u, system.drive_accelerations(q))
+        forces = self.C @ moved + self.Q @ q[: system.inputs] - system.GT @ (self.friction @ q)
+        out = self._out(forces, led, u, system.drive_accelerations(q))
+        if self.borders.size:
+            out[-self.borders.size :] = self._border_y @ moved + self._border_q @ q[: system.inputs]
+        return out
 
     def _of_friction(self, r: Array) -> Array:
         system = self.system
@@ -291,7 +339,8 @@ class ModeEquations:
             out[size + m : size + m + self.held.size] = balance.held_forces(forces, acceleration, rate)
         if self._shares is not None:
             inertia = system.inertia if forces.ndim == 1 else system.inertia[:, None]
-            out[size + m + self.held.size :] = self._shares @ (forces - inertia * acceleration)
+            first = size + m + self.held.size
+            out[first : first + self.at_level.size] = self._shares @ (forces - inertia * acceleration)
         return out
 
     def consistent(self, y: Array, u: Array) -> Array:
@@ -321,7 +370,7 @@ class ModeEquations:
             return self.A
         system, balance, n = self.system, self.balance, self.system.n
         fold = scipy.sparse.block_diag([balance.T, scipy.sparse.eye_array(system.size - n)], format="csr")
-        return self._spread((system.C @ fold).tocsr(), balance.T)
+        return self._spread((self.C @ fold).tocsr(), balance.T)
 
     def _spread(self, forces: Any, v: Any) -> Any:
         """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
@@ -333,8 +382,8 @@ class ModeEquations:
         rows = scipy.sparse.csr_array((rest, system.size))
         if v is not None and system.moved.size:
             part = scipy.sparse.csr_array(v)[system.moved].tocoo()
-            places = (system.moved_state - n)[part.coords[0]]
-            rows = scipy.sparse.csr_array((part.data, (places, part.coords[1])), shape=(rest, system.size))
+            places = (system.moved_state - n)[part.row]
+            rows = scipy.sparse.csr_array((part.data, (places, part.col)), shape=(rest, system.size))
         return scipy.sparse.vstack([scipy.sparse.csr_array(top), rows], format="csr")
 
     # -- what adds up ----------------------------------------------------------------------------------------
@@ -358,7 +407,8 @@ class ModeEquations:
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         largest = system.largest_coefficient if q.ndim == 1 else system.largest_coefficient[:, None]
-        forces = system.abs_C @ y + system.abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
+        abs_C, abs_Q = self._link_sizes
+        forces = abs_C @ y + abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
         found = np.zeros((size + self.rows, *q.shape[1:]))
         rate, z = found[:size], found[size:]
         rate[:n] = balance.acceleration_magnitudes(forces)
@@ -373,5 +423,14 @@ class ModeEquations:
         if self.held.size:
             z[m : m + self.held.size] = balance.force_magnitudes(forces)
         if self._shares is not None:
-            z[m + self.held.size :] = np.abs(self._shares) @ forces
+            first = m + self.held.size
+            z[first : first + self.at_level.size] = np.abs(self._shares) @ forces
+        if self.borders.size:
+            z[-self.borders.size :] = self.border_magnitudes(y, q)
         return found
+
+    def border_magnitudes(self, y: Array, q: Array) -> Array:
+        """Return what adds up in the borders, from absolute values of states and inputs."""
+        functions = self.system.piecewise
+        found = functions.abs_border_y[self.borders] @ y
+        return np.asarray(found + functions.abs_border_q[self.borders] @ q[: self.system.inputs])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
 from stickslip.equations.loads import Loads
+from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
 from stickslip.model.scene import Scene
@@ -62,20 +63,23 @@ class System:
         self.sparse = n + m > _DENSE_LIMIT
         self.inertia = np.array([body.inertia for body in book.bodies])
         self.normals = [row.normal for row in book.rows]
-        self.others = [signal for _, signal in book.forces] + [_signal(d.velocity) for d in book.drives]
-        self.first_force, self.first_drive = m, m + len(book.forces)
+        self.others = [signal for _, signal in book.forces] + book.signals
+        self.others += [_signal(drive.velocity) for drive in book.drives]
+        self.first_force, self.first_signal = m, m + len(book.forces)
+        self.first_drive = self.first_signal + len(book.signals)
         self.first_acceleration = self.first_drive + drives
         self.inputs = self.first_acceleration + drives + 1
         self._place_states(book)
         self._place_laws(book)
         self._join(book)
+        self.piecewise = PiecewiseMatrices(book, self)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        self.placed = np.array(sorted(stretched), dtype=np.intp)
+        self.placed = np.array(sorted(stretched | book.read), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
@@ -83,14 +87,18 @@ class System:
         c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
-        self.is_friction = ~(self.is_tie | self.is_one_way)
+        self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
+        self.is_stop = np.array([row.kind == "stop" for row in book.rows], dtype=bool)
+        self.has_stops = bool(self.is_stop.any())
+        self.restitution = np.array([row.restitution for row in book.rows])
+        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
-        self.hard = c.sticks
-        self.all_hard = bool(self.hard.all())
+        self.hard = c.sticks & ~self.is_gap
+        self.all_hard = bool((self.hard | self.is_gap).all())
         self.free = ~(c.sticks | c.has_slip_state)
         bristles = np.flatnonzero(c.has_state)
         self.size = self.first_bristle + bristles.size
@@ -106,12 +114,12 @@ class System:
 
     def _join(self, book: Book) -> None:
         n, drives = self.n, self.drives
-        rows, driven = _Triplets(), _Triplets()
+        rows, driven = Triplets(), Triplets()
         for j, row in enumerate(book.rows):
             for i, c in row.coefficients.items():
                 (rows if i < n else driven).add(j, i if i < n else i - n, c)
-        self.G, self.D = self._matrix(rows, (self.m, n)), self._matrix(driven, (self.m, drives))
-        state, inputs = _Triplets(), _Triplets()
+        self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, drives))
+        state, inputs = Triplets(), Triplets()
         for link in book.couplings:
             for i, c in link.coefficients.items():
                 if i >= n:
@@ -126,11 +134,12 @@ class System:
                 inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
         for k, (i, _) in enumerate(book.forces):
             inputs.add(i, self.first_force + k, 1.0)
-        self.C, self.Q = self._matrix(state, (n, self.size)), self._matrix(inputs, (n, self.inputs))
-        self.has_couplings = bool(state.values)
+        self.C, self.Q = self.matrix(state, (n, self.size)), self.matrix(inputs, (n, self.inputs))
+        self.has_couplings = bool(state.values or book.piecewises)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
+        self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
         # places of the velocities whose integrals the positions are
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
@@ -139,7 +148,8 @@ class System:
             [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
         )
 
-    def _matrix(self, triplets: _Triplets, shape: tuple[int, int]) -> Any:
+    def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
+        """Return entries as a matrix, dense or sparse as the scene is."""
         if not self.sparse:
             dense = np.zeros(shape)
             if triplets.rows:
@@ -149,6 +159,14 @@ class System:
         matrix = scipy.sparse.coo_array(entries, shape=shape).tocsr()
         matrix.eliminate_zeros()
         return matrix
+
+    def at_start(self) -> Array:
+        """Return the state that the scene gives."""
+        scene, y = self.scene, np.zeros(self.size)
+        y[: self.n] = [body.velocity for body in scene.bodies]
+        places: list[Any] = [*scene.bodies, *scene.drives]
+        y[self.n : self.first_bristle] = [places[i].position for i in self.placed]
+        return y
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces are cut off at 0."""
@@ -194,21 +212,6 @@ class System:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
         return System, (self.scene,)
-
-
-class _Triplets:
-    """Entries of a matrix under construction."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-        self.columns: list[int] = []
-        self.values: list[float] = []
-
-    def add(self, row: int, column: int, value: float) -> None:
-        if value:
-            self.rows.append(row)
-            self.columns.append(column)
-            self.values.append(value)
 
 
 def _signal(value: Signal | float) -> Signal:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -11,10 +13,13 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.events.impact import struck
 
-__all__ = ["at_limit", "jumped", "relaxed", "shown_at_end"]
+__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
@@ -22,18 +27,61 @@ _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
 _CONSTANT = 1e-7
+_AT_STOP = 1e-12
+"""Part of what adds up in a stretch within which it is at a limit."""
+
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
 
-def at_limit(
-    motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
-) -> tuple[Mask, Mask, Modes | None]:
-    """Return the rows whose relative velocity, and those whose guard, has just come to 0.
+class AtLimit(NamedTuple):
+    """What has come to its limit at the end of a path.
 
-    Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed comes third.
+    Attributes
+    ----------
+    touching : array (m,) of bool
+        Rows whose relative velocity has come to 0.
+    fired : array (m,) of bool
+        Rows whose guard has.
+    crossed : array of int
+        Borders of regions.
+    let_go : array (m,) of int8, or None
+        Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed.
     """
-    m = motion.system.m
+
+    touching: Mask
+    fired: Mask
+    crossed: Indices
+    let_go: Modes | None
+
+
+class Jump(NamedTuple):
+    """What impacts and jumping drives do at an instant.
+
+    Attributes
+    ----------
+    parted : array (m,) of bool
+        Rows whose relative velocity jumps.
+    y : array (size,)
+        The state after it.
+    sides : array (m,) of int8
+        +1 where a stop rests at its upper limit then, -1 at its lower one.
+    hit : array (m,) of bool
+        Stops that have been hit.
+    impulses : array (m,) or None
+        Of the rows, None for none.
+    """
+
+    parted: Mask
+    y: Array
+    sides: Modes
+    hit: Mask
+    impulses: Array | None
+
+
+def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
+    """Return what has just come to its limit."""
+    m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
@@ -45,40 +93,91 @@ def at_limit(
             size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
-        fired[guards.row[at]] = True
+        fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
+        crossed = motion.equations.borders[at[guards.is_border]]
         near = (part <= _ALONE).nonzero()[0]
         alone = near.size == 1 and not relaxed_ones
         if alone and at[near[0]] and guards.direction[near[0]] and not guards.is_velocity[near[0]]:
             let_go = np.zeros(m, dtype=np.int8)
             let_go[guards.row[near]] = guards.direction[near]
-    return touching, fired, let_go
+    return AtLimit(touching, fired, crossed, let_go)
 
 
-def jumped(motion: Motion, loads: Loads, path: Path, t: float) -> tuple[Mask, Array]:
-    """Return the rows whose relative velocity jumps with a drive at `t`, the end of a path, and the state after it.
+def at_stops(
+    system: System,
+    y: Array,
+    q: Array,
+    before: Modes | None = None,
+    largest: Array | None = None,
+    crossed: Indices | tuple[()] = (),
+) -> tuple[Modes, Mask]:
+    """Return at which limits stops are, and which of them have come there only now.
 
-    Ties and one-way clutches hand the jump on, momentum conserved but for what drives take up; friction does not,
-    because its force is finite.
+    Parameters
+    ----------
+    system : System
+    y, q : array
+        States and inputs.
+    before : array (m,), optional
+        The modes that rows showed, None at the start.
+    largest : array (size,), optional
+        How large the states have been on the way.
+    crossed : array of int, optional
+        Borders that have been found at 0.
+
+    Returns
+    -------
+    array (m,) of int8
+        +1 at the upper limit, -1 at the lower one, 0 elsewhere.
+    array (m,) of bool
     """
-    system = motion.system
-    if not system.drives:
-        return np.zeros(system.m, dtype=bool), path.last
-    before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
+    sides = np.zeros(system.m, dtype=np.int8)
+    if not system.has_stops:
+        return sides, np.zeros(system.m, dtype=bool)
+    functions = system.piecewise
+    upper, lower, size = functions.limits(y, q, y if largest is None else largest)
+    of, row = functions.is_stop, functions.row[functions.is_stop]
+    sides[row] = np.where(upper <= _AT_STOP * size, 1, np.where(lower <= _AT_STOP * size, -1, 0))[of]
+    for border in crossed:
+        if of[functions.owner[border]]:
+            sides[functions.row[functions.owner[border]]] = 1 if functions.beyond[border] == 1 else -1
+    was = np.zeros(system.m, dtype=bool) if before is None else system.is_stop & (np.abs(before) == 1)
+    if before is not None:
+        sides[was] = before[was]
+    return sides, (sides != 0) & ~was
+
+
+def jumped(
+    motion: Motion, loads: Loads, path: Path, t: float, labels: Modes, crossed: Indices, margin: float
+) -> Jump:
+    """Return what impacts and jumping drives do at `t`, the end of a path.
+
+    Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
+    rebound with less than `margin` stay.
+    """
+    system, y, n = motion.system, path.last, motion.system.n
     q = loads.after(t).at(t)
+    before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
     after = system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
     jump = np.where(np.abs(after - before) > _SAME * size, after - before, 0.0)
-    if system.is_friction.all() or not jump.any():
-        return np.asarray(system.D @ jump != 0), path.last
-    y, n = path.last.copy(), system.n
-    rigid = system.is_tie.copy()
-    y[:n] = system.balance(rigid.tobytes()).project(y[:n], after)
-    # clutches that the jump would turn forward lock
-    rigid |= system.is_one_way & (system.relative_velocity(y, q) > _SAME * size.max())
-    y[:n] = system.balance(rigid.tobytes()).project(path.last[:n], after)
-    change = np.abs(system.G @ (y[:n] - path.last[:n]) + system.D @ jump)
-    return np.asarray(change > _SAME * max(float(np.abs(y[:n]).max()), float(size.max()))), y
+    sides, new = at_stops(system, y, q, labels, path.largest, crossed)
+    w = system.G @ y[:n] + system.D @ before
+    hit = new & (sides * w > 0)
+    if not (jump.any() or hit.any()):
+        sides[new & (sides * w < -margin)] = 0
+        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+    if not hit.any() and (system.is_friction | system.is_gap).all():
+        return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+    found = struck(system, y[:n], before, after, sides, hit)
+    change = np.abs(system.G @ (found.v - y[:n]) + system.D @ jump)
+    speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
+    y = y.copy()
+    y[:n] = found.v
+    # rebounds slower than the margin do not happen
+    sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
+    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found.impulses)
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

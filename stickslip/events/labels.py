@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
-from stickslip.equations.mode_equations import AT_HIGH, FREE, OPEN
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 
 __all__ = ["label"]
@@ -57,7 +57,7 @@ def label(
     if np.any(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
         named = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
-    shown = np.where(is_open, named, np.where(modes >= AT_HIGH, 0, modes))
+    shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8)
 
 

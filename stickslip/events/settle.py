@@ -14,8 +14,9 @@ from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN, equations_in
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
@@ -54,14 +55,17 @@ class Settled:
     Attributes
     ----------
     labels : array (m,)
-        The mode that each row shows: -1, 0 or +1.
+        The mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is.
     motion : Motion
     guards : Guards
+    impulses : array (m,) or None
+        With which the motion began, None for none.
     """
 
     labels: Modes
     motion: Motion
     guards: Guards
+    impulses: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,12 @@ class Situation:
         Bounds of the sizes of the states since the modes before began.
     let_go : array (m,) of int, optional
         The direction in which a held row is pushed that alone has come to its limit.
+    regions : array (p,), optional
+        The regions of the piecewise-linear functions before, None at the start.
+    sides : array (m,), optional
+        +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
+    impulses : array (m,) or None
+        Of the rows, just before.
     """
 
     t: float
@@ -95,11 +105,13 @@ class Situation:
     fired: Mask
     was: Array | None = None
     let_go: Modes | None = None
+    regions: Regions | None = None
+    sides: Modes | None = None
+    impulses: Array | None = None
 
-    @property
-    def at_level(self) -> Mask:
+    def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
-        return self.fired if self.labels is None else self.fired & (self.labels == 0)
+        return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
 
 
 def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
@@ -127,16 +139,14 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     stretch = loads.after(now.t)
     q = stretch.at(now.t)
     closed = _closed(system, stretch.rate(now.t), q)
+    at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
+    if system.has_stops:
+        closed &= ~system.is_stop | at_stop
     all_closed = bool(closed.all())
     w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(rough, system.laws.rests_below)
-    resting = now.touching | (np.abs(w) <= limit)
-    if not system.all_friction:
-        # a one-way clutch cannot turn forward: what is left of that is roundoff, or a drive has jumped
-        resting |= system.is_tie | system.is_one_way & (w > 0)
-    if not system.all_hard:
-        resting &= system.hard
+    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
     if now.labels is not None and not all_closed:
         # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
@@ -160,8 +170,11 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         trial = np.where(system.hard, trial, _slip_states(system, w, now)).astype(np.int8)
     if not all_closed:
         trial = np.where(closed, trial, OPEN).astype(np.int8)
+    functions = system.piecewise
+    if functions.count:
+        trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
-    search = _Search(system, stretch, now, y, since, labels, candidates)
+    search = _Search(system, stretch, now, y, since, labels, candidates, functions.at(y, q, now.regions))
     motion, guards = search.run(_foreseen(system, trial, now))
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
@@ -171,13 +184,26 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level)
-    return Settled(shown, motion, guards)
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+    if functions.count:
+        shown = functions.shown(shown, motion.equations.regions)
+    return Settled(shown, motion, guards, now.impulses)
+
+
+def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask) -> Mask:
+    """Tell which rows have a relative velocity of 0, or may not move."""
+    resting = now.touching | slow
+    if not system.all_friction:
+        # a one-way clutch cannot turn forward: what is left of that is roundoff
+        resting |= system.is_tie | system.is_one_way & (w > 0)
+    if not system.all_hard:
+        resting &= system.hard
+    return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
 
 
 def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
     """Return the modes to try first: a row that alone has come to its limit, and that no loop spares, lets go."""
-    if now.let_go is None or np.any(trial[now.let_go != 0] != 0):
+    if now.let_go is None or np.any((trial[now.let_go != 0] != 0) | system.is_stop[now.let_go != 0]):
         return trial
     loop = system.balance(((trial == 0) & system.hard).tobytes()).loop
     return trial if loop.max(initial=-1) >= 0 else trial + now.let_go
@@ -246,9 +272,13 @@ class _Search:
         since: Array,
         labels: Modes,
         candidates: Mask,
+        regions: Regions,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
+        self._regions, self._at_level = regions, now.at_level(system)
+        none = np.zeros(system.m, dtype=np.int8)
+        self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
 
     def at_rest(self, labels: Modes) -> Mask:
@@ -271,21 +301,49 @@ class _Search:
             trial = following
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
-        motion = Motion(
-            equations_in(trial, self._system),
-            self._stretch,
-            self._now.t,
-            self._y,
-            self._since,
-        )
-        return motion, Guards(motion, self._labels, self._candidates, self._now.at_level)
+        """Return the motion in some modes, its piecewise-linear functions in the regions that it goes into.
+
+        The functions are continuous: regions that meet at a border agree there about all forces, and about the first
+        derivative with which the border leaves 0. So stepping over each border that is violated ends in the region.
+        """
+        seen: set[bytes] = set()
+        functions = self._system.piecewise
+        if self._system.has_stops:
+            row = functions.row[functions.is_stop]
+            side = np.where(self._sides[row] > 0, 1, 2)
+            self._regions = self._regions.copy()
+            self._regions[functions.is_stop] = np.where(trial[row] == APART, 0, side)
+        while True:
+            equations = equations_in(trial, self._system, self._regions)
+            motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
+            guards = Guards(motion, self._labels, self._candidates, self._at_level)
+            seen.add(self._regions.tobytes())
+            over = (guards.violated & guards.is_border)[guards.is_border]
+            over &= ~functions.is_stop[functions.owner[equations.borders]]
+            if not over.any():
+                return motion, guards
+            following = self._beyond(motion, over)
+            if following.tobytes() in seen:
+                return motion, guards
+            self._regions = following
+
+    def _beyond(self, motion: Motion, over: Mask) -> Regions:
+        """Return the regions beyond some of the borders; of those of one function the first counts."""
+        functions, following = self._system.piecewise, self._regions.copy()
+        for border in motion.equations.borders[over][::-1].tolist():
+            following[functions.owner[border]] = functions.beyond[border]
+        return following
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
+        violated = guards.violated & ~guards.is_border
         if not guards.violated.any():
             return None
-        held = ~guards.is_velocity
-        over = (guards.violated & held).nonzero()[0]
+        if (again := self._closed_again(trial, motion, guards)) is not None:
+            return again
+        if not violated.any():
+            return None
+        over = (violated & ~guards.is_velocity).nonzero()[0]
         following = trial.copy()
         carrying = over[guards.direction[over] == 0]
         if carrying.size:
@@ -293,7 +351,7 @@ class _Search:
             following[guards.row[carrying]] = 0
             return following
         if not over.size:
-            following[guards.row[guards.violated]] = 0
+            following[guards.row[violated]] = 0
             return following
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
@@ -313,12 +371,27 @@ class _Search:
         """
         equations = motion.equations
         largest = np.full(rows.size, ratio.max())
-        if rows.size > 1 and not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0:
+        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
+        if rows.size > 1 and no_loops and equations.is_held[rows].all():
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
             each = np.zeros(number.max() + 1)
             np.maximum.at(each, number, ratio)
             largest = each[number]
         return np.asarray(ratio >= largest * (1 - AT_LIMIT))
+
+    def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
+        """Return modes in which stops are closed that would pass their limit, None if there are none."""
+        functions, borders = self._system.piecewise, motion.equations.borders
+        over = (guards.violated & guards.is_border)[guards.is_border]
+        over &= functions.is_stop[functions.owner[borders]]
+        if not over.any():
+            return None
+        following = trial.copy()
+        for border in borders[over].tolist():
+            row = functions.row[functions.owner[border]]
+            following[row] = 0
+            self._sides[row] = 1 if functions.beyond[border] == 1 else -1
+        return following
 
     def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
@@ -327,7 +400,7 @@ class _Search:
         their level in their place.
         """
         system, following = self._system, trial.copy()
-        top = (trial >= AT_HIGH).nonzero()[0]
+        top = ((trial == AT_HIGH) | (trial == AT_LOW)).nonzero()[0]
         if top.size:
             rest = motion.equations.is_held.copy()
             rest[rows] = False
@@ -343,8 +416,9 @@ class _Search:
                     return following
             let_go = top[along > least]
             following[top] = 0
-            following[let_go] = np.where(trial[let_go] == AT_HIGH, 1, -1)
-        following[rows] = np.sign(side)
+            moving = np.where(trial[let_go] == AT_HIGH, 1, -1)
+            following[let_go] = np.where(system.is_stop[let_go], APART, moving)
+        following[rows] = np.where(system.is_stop[rows], APART, np.sign(side))
         return following
 
     def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
@@ -415,7 +489,8 @@ class _Search:
         found = share(*self._build(trial))
         if found is not None:
             limit = np.where(found.side > 0, AT_HIGH, AT_LOW)
-            trial[found.rows] = limit if found.holds else np.sign(found.side)
+            moving = np.where(self._system.is_stop[found.rows], APART, np.sign(found.side))
+            trial[found.rows] = limit if found.holds else moving
         return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
@@ -442,9 +517,9 @@ class _Search:
         base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
         system = self._system
         choices = [
-            (0,) if system.is_tie[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
+            (0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
         ]
-        for values in sorted(product(*choices), key=lambda v: sum(map(abs, v))):
+        for values in sorted(product(*choices), key=np.count_nonzero):
             trial = base.copy()
             trial[rows] = values
             yield trial

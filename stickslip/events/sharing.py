@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
+from stickslip.events.nonnegative import nonnegative_least_squares
 
 __all__ = ["Share", "share"]
 
@@ -76,7 +76,7 @@ def share(motion: Motion, guards: Guards) -> Share | None:
     wide = np.vstack([rows.T, needed / size])
     target = np.zeros(wide.shape[0])
     target[-1] = 1.0
-    weights, _ = scipy.optimize.nnls(wide, target)
+    weights = nonnegative_least_squares(wide, target)
     rest = wide @ weights - target
     some = weights > _PART * weights.max(initial=0.0)
     return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _IDLE))

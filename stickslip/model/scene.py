@@ -18,12 +18,14 @@ from stickslip.model.elements import (
     Drive,
     Element,
     Force,
+    Gap,
     Gear,
     Named,
     OneWay,
     Planetary,
     Row,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.elements.base import listed
@@ -40,6 +42,7 @@ __all__ = [
     "Drive",
     "Element",
     "Force",
+    "Gap",
     "Gear",
     "Motion",
     "OneWay",
@@ -47,6 +50,7 @@ __all__ = [
     "Row",
     "Scene",
     "Spring",
+    "Stop",
     "Tie",
 ]
 
@@ -69,7 +73,8 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Spring, Damper or Force; bodies are referred to by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper or Force; they refer to bodies
+        by name.
     motion : "rotation" or "translation", optional
         How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
 
@@ -77,7 +82,7 @@ class Scene:
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, springs, dampers, forces : tuple
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers, forces : tuple
         Those of one kind, in the order given.
 
     Raises

@@ -40,6 +40,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
     Mode.STUCK: {"facecolor": "0.35"},
     Mode.BACKWARD: {"facecolor": "0.85", "hatch": "...."},
+    Mode.OPEN: {"facecolor": "white"},
 }
 
 
@@ -217,7 +218,9 @@ def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
 def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
-    shades = ListedColormap(["#b5a642", "0.25", "0.93"])
-    mesh = raster(ax, coarse.t, rows, names, cmap=shades, norm=BoundaryNorm([-1.5, -0.5, 0.5, 1.5], 3))
-    bar = color_bar(ax, mesh, "", ticks=[-1, 0, 1])
-    bar.ax.set_yticklabels([Mode(mode).name for mode in (-1, 0, 1)])
+    shown = list(range(-1, 3 if (rows == Mode.OPEN).any() else 2))
+    shades = ListedColormap(["#b5a642", "0.25", "0.93", "white"][: len(shown)])
+    norm = BoundaryNorm([-1.5, *(mode + 0.5 for mode in shown)], len(shown))
+    mesh = raster(ax, coarse.t, rows, names, cmap=shades, norm=norm)
+    bar = color_bar(ax, mesh, "", ticks=shown)
+    bar.ax.set_yticklabels([Mode(mode).name for mode in shown])

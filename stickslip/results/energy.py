@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy
@@ -27,14 +29,16 @@ class EnergyLedger:
     t : array (n,)
         Times in s.
     kinetic, spring : array (n,)
-        Stored in the bodies and in the springs.
+        Stored in the bodies, and in the springs and gaps.
     loads, drives : array (n,)
         Work done on the scene by the forces, and by the drives through contacts, ties, clutches, springs and dampers.
     contacts : dict of str to array (n,)
         Heat of each contact by name; with bristle laws it holds what the bristles store, too. Ties and one-way
         clutches make none.
+    impacts : dict of str to array (n,)
+        What impacts took at each stop and one-way clutch by name, and what jumps of drives took there.
     dampers : dict of str to array (n,)
-        Heat of each damper and of each spring's damping; a label that returns is numbered.
+        Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
     """
 
     t: Array = field(repr=False)
@@ -44,6 +48,7 @@ class EnergyLedger:
     drives: Array = field(repr=False)
     contacts: dict[str, Array] = field(repr=False)
     dampers: dict[str, Array] = field(repr=False)
+    impacts: dict[str, Array] = field(repr=False)
 
     @property
     def stored(self) -> Array:
@@ -52,8 +57,9 @@ class EnergyLedger:
 
     @property
     def heat(self) -> Array:
-        """Heat of all contacts and dampers together."""
-        return sum((*self.contacts.values(), *self.dampers.values()), np.zeros_like(self.t))
+        """Heat of all contacts, dampers and impacts together."""
+        parts = (*self.contacts.values(), *self.dampers.values(), *self.impacts.values())
+        return sum(parts, np.zeros_like(self.t))
 
     @property
     def work(self) -> Array:
@@ -81,6 +87,7 @@ class EnergyLedger:
         rows += [("work of loads", self.loads[-1]), ("work of drives", self.drives[-1])]
         rows += [(f"heat of contact {name!r}", heat[-1]) for name, heat in self.contacts.items()]
         rows += [(f"heat of {label}", heat[-1]) for label, heat in self.dampers.items()]
+        rows += [(f"impacts of {name!r}", heat[-1]) for name, heat in self.impacts.items()]
         rows.append(("balance error", self.error[-1]))
         wide = max(len(name) for name, _ in rows)
         lines = [f"energy in J at {self.t[-1]:g} s (at the start {self.stored[0]:.9g} stored)"]
@@ -116,7 +123,36 @@ def energy(result: Outcome) -> EnergyLedger:
     dampers = dict(zip(labels, work[2 + m :], strict=True))
     kinetic = 0.5 * system.inertia @ samples.y[: system.n] ** 2
     spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
-    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1], heat, dampers)
+    spring += 0.5 * links.gaps.stiffness @ links.gaps.depth(samples.y) ** 2
+    given, taken = _jumps(samples)
+    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1] + given, heat, dampers, taken)
+
+
+def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
+    """Return what impulses of rows took from drives, and what got lost at stops and one-way clutches.
+
+    Over an impulse r the relative velocity goes from w- to w+: its work is ``r (w- + w+) / 2``.
+    """
+    trajectory, system = samples.trajectory, samples.system
+    rows = (system.is_stop | system.is_one_way).nonzero()[0]
+    given = np.zeros(len(trajectory.pieces))
+    taken = np.zeros((rows.size, given.size))
+    # impulses at the very start come before all that is counted
+    struck = [k for k, piece in enumerate(trajectory.pieces) if k and piece.impulses is not None]
+    if struck:
+        numbers = np.array(struck, dtype=np.intp)
+        ends = np.array([trajectory.pieces[k - 1].end for k in struck])
+        before = Samples.at_local(trajectory, numbers - 1, ends)
+        after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
+        impulses = np.array([trajectory.pieces[k].impulses for k in struck], dtype=float).T
+        middle = 0.5 * (before.relative_velocities + after.relative_velocities)
+        taken[:, numbers] = (impulses * middle)[rows]
+        if system.drives:
+            moved = 0.5 * (before.drive_velocities + after.drive_velocities)
+            given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
+    total = np.cumsum(taken, axis=1)[:, samples.piece_of]
+    lost = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
+    return np.cumsum(given)[samples.piece_of], lost
 
 
 class _Links:
@@ -132,30 +168,60 @@ class _Links:
         self.damping = np.array([link.damping for link in couplings])
         self.damped = (self.damping > 0).nonzero()[0]
         self._rest = np.array([link.rest for link in couplings])
-        entries = [(k, i, c) for k, link in enumerate(couplings) for i, c in link.coefficients.items()]
-        values = np.array(entries, dtype=float).reshape(-1, 3)
-        places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
-        shape = (len(couplings), system.n + system.drives)
-        self.ends = scipy.sparse.csr_array((values[:, 2], places), shape=shape)
+        self.ends = _coefficients([link.coefficients for link in couplings], system)
+        self.gaps = _Gaps(system)
         self._system = system
 
     def stretch(self, y: Array) -> Array:
         """Return the stretches beyond rest of all links in m or rad, 0 where nothing is stiff."""
-        system = self._system
-        positions = np.zeros((system.n + system.drives, y.shape[1]))
-        positions[system.placed] = y[system.n : system.first_bristle]
-        found = self.ends @ positions - self._rest[:, None]
+        found = self.ends @ _positions(self._system, y) - self._rest[:, None]
         return np.where(self.stiffness[:, None] > 0, found, 0.0)
+
+
+class _Gaps:
+    """Gaps as arrays."""
+
+    def __init__(self, system: System) -> None:
+        gaps = system.scene.gaps
+        self.rows = system.is_gap.nonzero()[0]
+        self.stiffness = np.array([gap.stiffness for gap in gaps])
+        self.damped = np.array([k for k, gap in enumerate(gaps) if gap.damping], dtype=np.intp)
+        self.labels = [gaps[k].label for k in self.damped.tolist()]
+        self._lower, self._upper = (np.array([[getattr(g, x)] for g in gaps]) for x in ("lower", "upper"))
+        self._ends = _coefficients([system.rows[j].coefficients for j in self.rows.tolist()], system)
+        self._system = system
+
+    def depth(self, y: Array) -> Array:
+        """Return how far all gaps are beyond their upper limit, negative beyond the lower one, in m or rad."""
+        if not self.rows.size:
+            return np.zeros((0, y.shape[1]))
+        stretch = self._ends @ _positions(self._system, y)
+        return np.asarray(np.maximum(stretch - self._upper, 0.0) + np.minimum(stretch - self._lower, 0.0))
+
+
+def _coefficients(rows: Sequence[Mapping[int, float]], system: System) -> Any:
+    """Return coefficients on bodies and drives as a matrix."""
+    entries = [(k, i, c) for k, row in enumerate(rows) for i, c in row.items()]
+    values = np.array(entries, dtype=float).reshape(-1, 3)
+    places = (values[:, 0].astype(np.intp), values[:, 1].astype(np.intp))
+    return scipy.sparse.csr_array((values[:, 2], places), shape=(len(rows), system.n + system.drives))
+
+
+def _positions(system: System, y: Array) -> Array:
+    """Return the positions of all bodies and drives, 0 where they are no states."""
+    positions = np.zeros((system.n + system.drives, y.shape[1]))
+    positions[system.placed] = y[system.n : system.first_bristle]
+    return positions
 
 
 def _labels(links: _Links) -> list[str]:
     """Return the names of what is damped; one that returns is numbered."""
     found: list[str] = []
-    for k in links.damped.tolist():
-        label, count = links.labels[k], 1
+    for name in (*(links.labels[k] for k in links.damped.tolist()), *links.gaps.labels):
+        label, count = name, 1
         while label in found:
             count += 1
-            label = f"{links.labels[k]} #{count}"
+            label = f"{name} #{count}"
         found.append(label)
     return found
 
@@ -174,4 +240,7 @@ def _powers(at: Samples, links: _Links) -> Array:
         given = system.D.T @ forces + links.ends[:, system.n :].T @ pulls
         drives = (given * at.drive_velocities).sum(axis=0)
     heat = links.damping[links.damped, None] * rates[links.damped] ** 2
-    return np.concatenate([[loads], [drives], (forces * at.relative_velocities)[links.rows], heat])
+    gaps, w = links.gaps, at.relative_velocities
+    elastic = gaps.stiffness[:, None] * gaps.depth(at.y)
+    dragged = ((forces[gaps.rows] - elastic) * w[gaps.rows])[gaps.damped]
+    return np.concatenate([[loads], [drives], (forces * w)[links.rows], heat, dragged])

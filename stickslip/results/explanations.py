@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.elements import KINDS
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Contact, OneWay, Scene
+from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
@@ -124,11 +124,21 @@ def _others(system: System) -> list[str]:
     rows = [element for element in system.scene.rows if not isinstance(element, Contact)]
     if not rows:
         return []
-    lines = [f"Ties and one-way clutches: {len(rows)}"]
+    limits = system.scene.gaps or system.scene.stops
+    kinds = "Ties, one-way clutches, gaps and stops" if limits else "Ties and one-way clutches"
+    lines = [f"{kinds}: {len(rows)}"]
     for element in rows[:_LISTED]:
         w = _sum(element.coefficients)
         if isinstance(element, OneWay):
             lines.append(f"  {element.name}: {w} <= 0; guards: 1 overrunning (w), 1 locked (its force)")
+        elif isinstance(element, Gap):
+            lines.append(f"  {element.name}: {_gap(element)}")
+        elif isinstance(element, Stop):
+            ends = _limits_of(element)
+            lines.append(
+                f"  {element.name}: stretch {w}; rigid at {ends}, restitution {element.restitution:g}; "
+                "guards: open (its stretch at each limit), 1 closed (its force)"
+            )
         else:
             lines.append(f"  {element.name}: {w} = 0 for ever; no guard")
     if len(rows) > _LISTED:
@@ -137,6 +147,19 @@ def _others(system: System) -> list[str]:
     if weightless:
         lines.append(f"  without inertia, moved by ties alone: {_listed(weightless)}")
     return lines
+
+
+def _gap(gap: Gap) -> str:
+    """Return the limits of a gap, its law and its guards."""
+    law = f"elastic beyond {_limits_of(gap)}, stiffness {gap.stiffness:g}"
+    if gap.damping:
+        law += f", damping {gap.damping:g}"
+    clip = ", closed (its stretch, and where the clip of its damping turns)" if gap.damping else ", 1 closed"
+    return f"stretch {_sum(gap.coefficients)}; {law}; guards: open (its stretch at each limit){clip}"
+
+
+def _limits_of(row: Gap | Stop) -> str:
+    return " and ".join(f"{limit:g}" for limit in (row.lower, row.upper) if math.isfinite(limit))
 
 
 def _sum(coefficients: Mapping[str, float]) -> str:
@@ -234,6 +257,7 @@ def _modes(system: System, modes: NDArray[np.int8]) -> str:
         FREE: "smooth",
         AT_HIGH: "stuck",
         AT_LOW: "stuck",
+        APART: "apart",
     }
     names: dict[str, list[str]] = {word: [] for word in words.values()}
     for row, mode, alive in zip(system.rows, modes.tolist(), system.alive, strict=True):
@@ -331,11 +355,40 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
         return _slip_state(event, character, limits)
     if character.rests_below > 0 and event.cause == "relative velocity 0":
         return f"came into the dead band of {character.rests_below:g}; {_held(limits)}"
+    if event.cause in _AT_LIMITS:
+        return _at_limit(event, limits)
+    if event.cause == "jump of velocities":
+        return f"its relative velocity jumped from {limits.w[0]:.6g} to {limits.w[1]:.6g} {_with(limits)}"
+    if event.cause == "force 0" and event.before != Mode.STUCK:
+        return f"its force came to 0: {event.before.name.lower()} limit left"
     if law is None and event.before == Mode.STUCK:
         others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
     sentence = _SENTENCES.get(event.cause)
     return event.cause if sentence is None else sentence(event, limits)
+
+
+_AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
+
+
+def _at_limit(event: Event, at: _Limits) -> str:
+    """Return what a gap or a stop did at a limit."""
+    if event.cause == "impact":
+        limit = "upper" if at.w[0] > 0 else "lower"
+        ends = "closed" if event.after != Mode.OPEN else f"rebounded with {at.w[1]:.6g}"
+        return f"struck its {limit} limit at relative velocity {at.w[0]:.6g}, {ends}"
+    if event.after == Mode.OPEN:
+        limit = "upper" if event.before == Mode.FORWARD else "lower"
+        others = (
+            f" with the change of {', '.join(at.others)}" if "another" in event.cause and at.others else ""
+        )
+        return f"left its {limit} limit{others} at relative velocity {at.w[1]:.6g}"
+    limit = "upper" if event.after == Mode.FORWARD else "lower"
+    return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"
+
+
+def _with(at: _Limits) -> str:
+    return f"with the change of {', '.join(at.others)}" if at.others else "with a drive"
 
 
 def _slip_state(event: Event, character: Character, at: _Limits) -> str:

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.model.modes import Mode
 from stickslip.model.scene import GROUND, Body, Drive, Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
@@ -169,7 +171,7 @@ class Samples:
         return self._read(self.row(row), lambda tables: tables.normals)
 
     def mode(self, row: str) -> Modes:
-        """Return the mode of a row: -1, 0 or +1."""
+        """Return the mode of a row: -1, 0 or +1, or 2 where a gap is open."""
         return np.asarray(self._read(self.row(row), lambda tables: tables.modes), dtype=np.int8)
 
     def levels(self, row: str) -> tuple[Array, Array]:
@@ -188,6 +190,15 @@ class Samples:
         found = np.zeros_like(self.t)
         for i, c in self.system.rows[self.row(row)].coefficients.items():
             found = found + c * self._velocity(i)
+        return found
+
+    def stretch(self, row: str) -> Array:
+        """Return ``sum c_i x_i`` of a row, in m or rad: the integral of its relative velocity."""
+        system = self.system
+        names = [*system.names, *(drive.name for drive in self.scene.drives)]
+        found = np.zeros_like(self.t)
+        for i, c in system.rows[self.row(row)].coefficients.items():
+            found = found + c * self.position(names[i])
         return found
 
     # -- all rows at once ---------------------------------------------------------------------------------
@@ -223,7 +234,10 @@ class Samples:
             shown[free] = np.where(inner[free] == FREE, system.sign_of(w)[free], shown[free])
         upper, lower = self._levels(normals, shown, slow, since)
         forces = self._moving(inner, normals, upper, lower)
-        self._hold(q, forces)
+        pushed = self._piecewise(q)
+        self._hold(q, forces, pushed)
+        shows = system.piecewise.is_force.nonzero()[0]
+        forces[system.piecewise.row[shows]] = pushed[shows]
         inputs = q[system.first_force : system.first_acceleration].copy()
         return Tables(forces, upper, lower, normals, shown, inputs)
 
@@ -251,7 +265,29 @@ class Samples:
             groups.setdefault(key, []).append((number, chosen))
         return groups.items()
 
-    def _hold(self, q: Array, forces: Array) -> None:
+    def _piecewise(self, q: Array) -> Array:
+        """Return the values of the piecewise-linear functions, a line each."""
+        functions = self.system.piecewise
+        found = np.zeros((functions.count, self.t.size))
+        if not functions.count:
+            return found
+        for regions, chosen in self._by_regions():
+            at = functions.places(regions)
+            found[:, chosen] = (
+                functions.value_y[at] @ self.y[:, chosen] + functions.value_q[at] @ q[:, chosen]
+            )
+        return found
+
+    def _by_regions(self) -> Iterable[tuple[Regions, Indices]]:
+        """Return each set of regions, and which times it holds."""
+        groups: dict[bytes, list[Indices]] = {}
+        every = np.arange(self.t.size)
+        for number, chosen in by_piece(self.piece_of):
+            groups.setdefault(self.trajectory.pieces[number].regions.tobytes(), []).append(every[chosen])
+        for key, places in groups.items():
+            yield np.frombuffer(key, dtype=np.int16), np.concatenate(places)
+
+    def _hold(self, q: Array, forces: Array, pushed: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         for part, some, own in self.trajectory.by_part(self.piece_of):
             inner, _, _ = part.modes(own, self.t[some])
@@ -260,6 +296,8 @@ class Samples:
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
+        if pushed.size:
+            pushes += system.piecewise.acts @ pushed
         drives = system.drive_accelerations(q) if system.drives else None
         for held, chosen in sets:
             rows = np.frombuffer(held, dtype=bool).nonzero()[0]
@@ -280,8 +318,12 @@ class Samples:
             lag = np.exp(-(self.t - since) / system.dwell[slow, None])
             risen = static - (static - least) * lag
             levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
-        # a tie holds any force, a one-way clutch any forward one
-        levels[:, system.is_tie] = levels[0, system.is_one_way] = np.inf
+        if system.has_stops:
+            of, shown = system.is_stop, modes[system.is_stop]
+            levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
+            levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
+        # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
+        levels[:, system.is_tie | system.is_gap] = levels[0, system.is_one_way] = np.inf
         return levels[0], levels[1]
 
     @cached_property

@@ -16,6 +16,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
 
@@ -49,6 +50,10 @@ class Piece:
         Modes that the rows show: -1, 0 or +1.
     since : array (m,)
         When each row last became held, in s.
+    regions : array (p,) of int16
+        The region of each piecewise-linear function.
+    impulses : array (m,) or None
+        Of the rows, with which the motion began; None for none.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """
@@ -59,6 +64,8 @@ class Piece:
     modes: Modes
     labels: Modes
     since: Array = field(repr=False)
+    regions: Regions = field(repr=False)
+    impulses: Array | None = field(repr=False)
     path: Path | None = field(repr=False)
 
     @property
@@ -72,7 +79,9 @@ class Piece:
         at, t = np.array([k]), patchwork.starts[k : k + 1]
         inner, shown, since = patchwork.modes(at, t)
         y = patchwork.states(at, t)[:, 0]
-        return cls(float(t[0]), float(patchwork.stops[k]), y, inner[:, 0], shown[:, 0], since[:, 0], path)
+        none = np.empty(0, dtype=np.int16)
+        stop = float(patchwork.stops[k])
+        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since[:, 0], none, None, path)
 
 
 @dataclass(frozen=True)
@@ -174,7 +183,7 @@ class Trajectory:
     def motion(self, number: int) -> Motion:
         """Return the motion of a piece, built again."""
         piece = self.pieces[number]
-        equations = equations_in(piece.modes, self.system)
+        equations = equations_in(piece.modes, self.system, piece.regions)
         return Motion(equations, self.loads.after(piece.t), piece.t, piece.y, piece.since)
 
     def places(self, times: Array) -> Indices:

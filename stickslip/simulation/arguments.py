@@ -95,7 +95,7 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
 
 def check_ties(system: System, loads: Loads, start: float) -> None:
     """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
-    rigid = ~system.is_friction
+    rigid = system.is_tie | system.is_one_way
     if not rigid.any():
         return
     _check_drives(system)
@@ -122,6 +122,29 @@ def check_ties(system: System, loads: Loads, start: float) -> None:
         raise ValueError(
             f"{element.label}: its relative velocity at the start is {w[j]:.12g}, but it cannot turn forward "
             f"({given}); exchange a and b, or give velocities at which b is not slower than a"
+        )
+
+
+def check_stops(system: System, loads: Loads, start: float, step: float | None) -> None:
+    """Refuse stops that start beyond a limit, and those that a fixed-step method cannot locate."""
+    if not system.has_stops:
+        return
+    stops = {element.name: element for element in system.scene.stops}
+    if step is not None:
+        raise ValueError(
+            f"{next(iter(stops.values())).label}: a fixed-step method cannot locate impacts; "
+            "use method='series' or 'BDF', or a Gap in its place"
+        )
+    y, functions = system.at_start(), system.piecewise
+    upper, lower, size = functions.limits(y, loads.after(start).at(start), y)
+    beyond = (np.minimum(upper, lower) < -_BROKEN * size).nonzero()[0]
+    for k in beyond.tolist():
+        stop = stops[system.rows[functions.row[k]].name]
+        limit, side = (stop.upper, "upper") if upper[k] < lower[k] else (stop.lower, "lower")
+        stretch = stop.upper - upper[k] if side == "upper" else stop.lower + lower[k]
+        raise ValueError(
+            f"{stop.label}: at the start its stretch is {stretch:.12g}, beyond its {side} limit {limit:g}; "
+            "give its bodies positions within the limits"
         )
 
 

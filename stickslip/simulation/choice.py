@@ -56,10 +56,11 @@ def choose(
 def _why_stiff(system: System, duration: float) -> str | None:
     """Return that a scene is stiff, from the dampers and springs at each body."""
     heavy = (system.inertia > 0).nonzero()[0]
-    damping = -system.C.diagonal()[heavy] / system.inertia[heavy]
+    widest = system.piecewise.widest(system.C)
+    damping = widest.diagonal()[heavy] / system.inertia[heavy]
     fastest = float(damping.max(initial=0.0))
     stiffness = [
-        -system.C[i, state] / system.inertia[i]
+        widest[i, state] / system.inertia[i]
         for i, state in system.position_state.items()
         if i < system.n and system.inertia[i] > 0
     ]

@@ -98,7 +98,18 @@ class Recorder:
     @staticmethod
     def _piece(now: Settled, stop: float, path: Path | None) -> Piece:
         motion = now.motion
-        return Piece(motion.t, stop, motion.y, motion.equations.modes, now.labels, motion.since, path)
+        equations = motion.equations
+        return Piece(
+            motion.t,
+            stop,
+            motion.y,
+            equations.modes,
+            now.labels,
+            motion.since,
+            equations.regions,
+            now.impulses,
+            path,
+        )
 
     def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
         """Keep an event."""

@@ -219,6 +219,16 @@ class Result:
         """
         return self.samples.relative_velocity(contact)
 
+    def stretch(self, contact: str) -> Array:
+        """Return the stretch ``radius_a x_a - radius_b x_b`` of a row at the times `t`, in m or rad.
+
+        Raises
+        ------
+        ValueError
+            If there is no such row.
+        """
+        return self.samples.stretch(contact)
+
     def power(self, contact: str) -> Array:
         """Return the power ``r w`` that a contact dissipates at the times `t`, in W.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,16 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import at_limit, jumped, relaxed, shown_at_end
+from stickslip.events.endings import Jump, at_limit, at_stops, jumped, relaxed, shown_at_end
+from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, settle
+from stickslip.model.modes import Mode
 from stickslip.simulation.local import Local
 
 __all__ = ["Run"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
@@ -50,6 +53,8 @@ class Run:
     span : (float, float)
     margin : float
         Velocity in m/s or rad/s of the relaxation check.
+    rebound : float
+        Velocity in m/s or rad/s below which stops do not rebound.
     quiet : float
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
@@ -64,13 +69,14 @@ class Run:
         keeper: Keeper,
         span: tuple[float, float],
         margin: float,
+        rebound: float,
         quiet: float,
         blur: float,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
-        self._margin, self._quiet, self._blur = margin, quiet, blur
+        self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -81,15 +87,33 @@ class Run:
 
     def begin(self) -> None:
         """Settle the modes at the start."""
-        system, scene = self.system, self.system.scene
-        y = np.zeros(system.size)
-        y[: system.n] = [body.velocity for body in scene.bodies]
-        places: list[Any] = [*scene.bodies, *scene.drives]
-        y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+        system = self.system
+        y = system.at_start()
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        situation = Situation(self.t, y, None, since, nothing, nothing)
+        hit = self._strike_at_start(y) if system.has_stops else nothing
+        situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
         self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        for j in hit.nonzero()[0].tolist():
+            self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
+
+    def _strike_at_start(self, y: Array) -> Mask:
+        """Let stops rebound, in place, that start at a limit and go on into it; return which."""
+        system = self.system
+        q = self.loads.after(self.t).at(self.t)
+        sides, _ = at_stops(system, y, q)
+        u = system.drive_velocities(q)
+        hit = sides * (system.relative_velocity(y, q)) > 0
+        if hit.any():
+            y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
+        return hit
+
+    def _sides(self, y: Array) -> Modes:
+        """Return at which limits stops rest at the start."""
+        system, q = self.system, self.loads.after(self.t).at(self.t)
+        sides, _ = at_stops(system, y, q)
+        sides[sides * system.relative_velocity(y, q) < -self._rebound] = 0
+        return sides
 
     def to_end(self) -> None:
         """Advance, settle, repeat."""
@@ -129,12 +153,11 @@ class Run:
         self.restarts += 1
         self._is_whole = ending.is_whole
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
-        parted, y = jumped(motion, self.loads, path, t)
-        touching = ending.touching | ((ending.labels == 0) & ~parted)
         before = ending.labels
-        self._settle(
-            Situation(t, y, before, ending.since, touching, ending.fired, ending.largest), before, []
-        )
+        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._rebound)
+        touching = ending.touching | ((before == 0) & ~jump.parted)
+        situation = Situation(t, jump.y, before, ending.since, touching, ending.fired, ending.largest)
+        self._settle(situation, before, [], jump)
 
     def watch(self, t: float, j: int) -> None:
         """Go on to an event of a row."""
@@ -144,30 +167,49 @@ class Run:
 
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion = now.motion
-        self._watch_progress(t, path.hit)
+        self._watch_progress(t, path.hit and not now.guards.is_border.any())
         if t >= self._stop:
             return
         self.restarts += 1
         before = shown_at_end(motion, path, now.labels)
-        touching, fired, let_go = at_limit(motion, now.guards, path, ones)
+        at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        parted, y = jumped(motion, self.loads, path, t)
-        touching |= (before == 0) & ~parted
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound)
+        touching = at.touching | (before == 0) & ~jump.parted
         since = np.where(before == 0, motion.since, t)
-        self._settle(Situation(t, y, before, since, touching, fired, path.largest, let_go), before, ones)
+        situation = Situation(
+            t,
+            jump.y,
+            before,
+            since,
+            touching,
+            at.fired,
+            path.largest,
+            at.let_go,
+            motion.equations.regions,
+            jump.sides,
+            jump.impulses,
+        )
+        self._settle(situation, before, ones, jump)
 
-    def _settle(self, situation: Situation, before: Modes, ones: list[int]) -> None:
+    def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
         self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
-        for j in changed.nonzero()[0].tolist():
-            self._note(t, j, int(before[j]), bool(fired[j]), j in ones)
+        for j in (changed | jump.hit).nonzero()[0].tolist():
+            self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
 
-    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool) -> None:
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
-        if self.now.motion.equations.modes[j] == OPEN:
+        if jump.hit[j]:
+            cause = "impact"
+        elif self.system.is_stop[j] and after == Mode.OPEN:
+            cause = "force 0" if fired else "leaves with another event"
+        elif self.system.is_gap[j] or self.system.is_stop[j]:
+            cause = "leaves" if after == Mode.OPEN else "touches"
+        elif self.now.motion.equations.modes[j] == OPEN:
             cause = "open"
         elif relaxed_now:
             cause = "relaxation"
@@ -178,7 +220,7 @@ class Run:
         elif after == 0:
             cause = "relative velocity 0" if fired else "stuck with another event"
         else:
-            cause = "reversal"
+            cause = "jump of velocities" if jump.impulses is not None and jump.parted[j] else "reversal"
         self._recent = [*self._recent[-19:], j]
         self.keeper.note(t, j, before, after, cause)
 

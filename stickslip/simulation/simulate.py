@@ -14,6 +14,7 @@ from stickslip.equations.forest import Forest
 from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
+from stickslip.events.impact import Jammed
 from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
@@ -32,6 +33,9 @@ _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force"
 _FORMULATIONS = get_args(Formulation)
 _BLUR = 1e-12
 """Part of the forces that is uncertain at least."""
+
+_REBOUND = 1e-11
+"""Part of the scene's velocities below which stops do not rebound in the series engine."""
 
 
 def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
@@ -113,14 +117,18 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start)
+    arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
     wanted = tolerances(system, start, stop, rtol, atol, margin, chosen.resolution)
     task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
     blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
+    # the series knows velocities to roundoff: so small rebounds are real
+    exact = name == "series" and margin is None
+    rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, wanted.quiet, blur)
+    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, rebound, wanted.quiet, blur)
     if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(
             forest,
@@ -197,6 +205,10 @@ class _Simulation:
             message = f"no consistent modes for the contacts {names}"
             remedy = "their laws contradict each other: look at their coefficients"
             raise self._error(message, remedy) from conflict
+        except Jammed as conflict:
+            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            message = f"an impact has no solution: {names} are pressed together by drives or ties"
+            raise self._error(message, "use a Gap there, or let the drives leave room") from conflict
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), LOOK_AT_SCENE) from fault
         except KeyboardInterrupt as interrupted:

@@ -108,12 +108,20 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
             stretched = max(stretched, abs(offset) / min(map(abs, link.coefficients.values())))
         for i, c in link.coefficients.items():
             stiffness[i] += link.stiffness * c * c
+    for gap, j in zip(scene.gaps, system.is_gap.nonzero()[0].tolist(), strict=True):
+        coefficients = system.rows[j].coefficients
+        at = sum(c * place[i] for i, c in coefficients.items())
+        depth = max(at - gap.upper, gap.lower - at, 0.0)
+        stretched = max(stretched, depth / min(map(abs, coefficients.values())))
+        for i, c in coefficients.items():
+            # where its damping is clipped a gap is as stiff as two
+            stiffness[i] += 2 * gap.stiffness * c * c
     heavy = system.inertia > 0
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
-    forces = len(scene.forces)
-    speeds += [_largest(signal, start, stop) for signal in system.others[forces:]]
+    forces, drives = len(scene.forces), system.first_drive - system.first_force
+    speeds += [_largest(signal, start, stop) for signal in system.others[drives:]]
     speeds.append(frequency * stretched)
     speed = max(speeds)
     if speed == 0:

@@ -195,6 +195,11 @@ def limit_cycle(
         raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
     options = {"method": method, "rtol": rtol, "atol": atol}
     system = compiled(scene)
+    if system.piecewise.count:
+        raise ValueError(
+            f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
+            "leave it out, or simulate until the motion repeats"
+        )
     if system.first_bristle < system.size:
         raise ValueError(
             "limit_cycle: laws with bristles have a state of their own, from which no scene starts"

@@ -109,6 +109,11 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         If the scene exists at no values near by, or has another structure there.
     """
     nominal, (start, stop, stepped) = trajectory.system, trajectory.span
+    if nominal.piecewise.count:
+        raise ValueError(
+            f"{what}: derivatives through {nominal.piecewise.labels[0]} are not known; "
+            "compare two simulations with close values, or leave it out"
+        )
     h = _PART * (abs(parameter.value) or 1.0)
     refused: Exception | None = None
     differs = False

@@ -6,10 +6,12 @@ from stickslip.model.elements.contact import Contact
 from stickslip.model.elements.damper import Damper
 from stickslip.model.elements.drive import Drive
 from stickslip.model.elements.force import Force
+from stickslip.model.elements.gap import Gap
 from stickslip.model.elements.gear import Gear
 from stickslip.model.elements.one_way import OneWay
 from stickslip.model.elements.planetary import Planetary
 from stickslip.model.elements.spring import Spring
+from stickslip.model.elements.stop import Stop
 from stickslip.model.elements.tie import Tie
 
 __all__ = [
@@ -22,6 +24,7 @@ __all__ = [
     "Drive",
     "Element",
     "Force",
+    "Gap",
     "Gear",
     "Link",
     "Named",
@@ -29,6 +32,7 @@ __all__ = [
     "Planetary",
     "Row",
     "Spring",
+    "Stop",
     "Tie",
 ]
 
@@ -40,6 +44,8 @@ KINDS: dict[str, type[Element]] = {
     "gears": Gear,
     "planetaries": Planetary,
     "one_ways": OneWay,
+    "gaps": Gap,
+    "stops": Stop,
     "springs": Spring,
     "dampers": Damper,
     "forces": Force,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Protocol
 
 from stickslip.model.checks import finite
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.piecewise import Region
 from stickslip.model.signal_makers import as_signal
 from stickslip.model.signals import Signal
 
@@ -37,6 +39,7 @@ class Book(Protocol):
         kind: str = "friction",
         normal: Signal | float = 0.0,
         rested: float = 0.0,
+        restitution: float = 0.0,
     ) -> None:
         """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
         ...
@@ -49,6 +52,40 @@ class Book(Protocol):
 
     def push(self, body: str, force: Signal | float) -> None:
         """Enter a force on a body."""
+        ...
+
+    def read_position(self, name: str) -> None:
+        """Make the position of a body or drive a state, as springs do: something else reads it."""
+        ...
+
+    def piecewise(
+        self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
+    ) -> int:
+        """Enter a continuous piecewise-linear function of the state, and return its number.
+
+        In each set of modes the function is in one of its regions: there it is linear, and the borders of the region
+        are guards like all others. Settling picks the region after each event. A push limited to -1 and 1::
+
+            q = Linear(positions={"cart": -k})
+            regions = [Region(q, ((q + 1, 1), (1 - q, 2)))]
+            regions += [Region(Linear(constant=-1), ((-1 - q, 0),)), Region(Linear(constant=1), ((q - 1, 0),))]
+            book.piecewise("push on 'cart'", regions, acts={"cart": 1})
+
+        Where something other than a force on a body reads the value, leave `acts` empty; in one set of modes the value
+        is ``functions.value_y[at] @ y + functions.value_q[at] @ q`` with ``functions = system.piecewise`` and ``at =
+        functions.places(equations.regions)``.
+
+        Parameters
+        ----------
+        label : str
+            How messages name it.
+        regions : sequence of Region
+            Their borders name each other by their place in this sequence.
+        acts : dict of str to float
+            By name of the body: its force on body i is ``acts[i]`` times the value. It may be empty.
+        row : str, optional
+            The row that shows the modes of the regions. Where it is of kind "gap" the value is its force r.
+        """
         ...
 
 
@@ -171,6 +208,21 @@ class Radii(Link):
     def coefficients(self) -> dict[str, float]:
         """What the velocities of the ends are multiplied by in the relative velocity."""
         return {self.a: self.radius_a, self.b: -self.radius_b}
+
+    def _check_limits(self) -> None:
+        """Check the limits of a stretch: in order, and at least one of them finite."""
+        lower, upper = (getattr(self, name) for name in ("lower", "upper"))
+        for name, limit, none in (("lower", lower, -math.inf), ("upper", upper, math.inf)):
+            if not (isinstance(limit, (int, float)) and limit == none):
+                self._number(name)
+        if lower == -math.inf and upper == math.inf:
+            raise ValueError(
+                f"{self.label}: neither lower nor upper is given; give at least one of the limits"
+            )
+        if lower > upper:
+            raise ValueError(
+                f"{self.label}: lower must not be above upper, got {lower:g} and {upper:g}; exchange them"
+            )
 
     def _check_radii(self) -> None:
         for name in ("radius_a", "radius_b"):

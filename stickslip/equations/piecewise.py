@@ -1,0 +1,219 @@
+"""Piecewise-linear functions of the state as matrices: values and borders of all regions, and which region it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.book import Book
+from stickslip.model.piecewise import Linear
+from stickslip.model.scene import GROUND
+
+__all__ = ["PiecewiseMatrices", "Regions", "Triplets"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Regions = NDArray[np.int16]
+
+_WITHIN = 1e-9
+"""Part of what adds up in a border by which a state may lie beyond it and still count as at it."""
+
+
+class Triplets:
+    """Entries of a matrix under construction."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+        self.columns: list[int] = []
+        self.values: list[float] = []
+
+    def add(self, row: int, column: int, value: float) -> None:
+        """Enter a value; values at the same place add up."""
+        if value:
+            self.rows.append(row)
+            self.columns.append(column)
+            self.values.append(value)
+
+
+class Layout(Protocol):
+    """What a system says of its states and inputs."""
+
+    n: int
+    size: int
+    inputs: int
+    first_signal: int
+    first_drive: int
+
+    @property
+    def position_state(self) -> Mapping[int, int]:
+        """Place of each position among the states, by index of the body."""
+        ...
+
+    def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
+        """Return entries as a matrix."""
+        ...
+
+
+class PiecewiseMatrices:
+    """All piecewise-linear functions of a layout.
+
+    Attributes
+    ----------
+    count : int
+        Number p of functions.
+    acts : array or sparse (n, p)
+        Forces on the bodies from the values.
+    value_y, value_q : array or sparse (all regions, size), (all regions, inputs)
+        Values from states and inputs, the regions of all functions one below the other.
+    border_y, border_q : array or sparse (borders, size), (borders, inputs)
+        Borders of all regions.
+    first : array (p,) of int
+        Place of each function's first region.
+    owner, within, beyond : array (borders,) of int
+        The function of each border, its region (its place among all), and the number of the region beyond.
+    row : array (p,) of int
+        The row that shows the modes of each, -1 for none.
+    is_force : array (p,) of bool
+        Those that are the force of their row.
+    is_stop : array (p,) of bool
+        Those that only tell between which limits a stop is.
+    mode : array (all regions,) of int8
+        What the row shows.
+    """
+
+    def __init__(self, book: Book, layout: Layout) -> None:
+        functions = book.piecewises
+        self.count = len(functions)
+        self.labels = [function.label for function in functions]
+        regions = [region for function in functions for region in function.regions]
+        sizes = [len(function.regions) for function in functions]
+        self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
+        self.mode = np.array([region.mode for region in regions], dtype=np.int8)
+        self.row = np.array([function.row for function in functions], dtype=np.intp)
+        kinds = ["" if row < 0 else book.rows[row].kind for row in self.row.tolist()]
+        self.is_stop = np.array([kind == "stop" for kind in kinds], dtype=bool)
+        self.is_force = np.array([kind == "gap" for kind in kinds], dtype=bool)
+        signals = {id(signal): layout.first_signal + k for k, signal in enumerate(book.signals)}
+        values, borders = (_Expressions(book, layout, signals) for _ in range(2))
+        owner, within, beyond, acts = [], [], [], Triplets()
+        for k, function in enumerate(functions):
+            for i, c in function.acts.items():
+                if i < layout.n:
+                    acts.add(i, k, c)
+            for region in function.regions:
+                for border, other in region.borders:
+                    borders.add(border)
+                    owner.append(k)
+                    within.append(values.count)
+                    beyond.append(other)
+                values.add(region.value)
+        self.acts = layout.matrix(acts, (layout.n, self.count))
+        self.value_y, self.value_q = values.matrices()
+        self.border_y, self.border_q = borders.matrices()
+        self.owner, self.within, self.beyond = (np.array(x, dtype=np.intp) for x in (owner, within, beyond))
+        self.abs_border_y, self.abs_border_q = abs(self.border_y), abs(self.border_q)
+
+    def places(self, regions: Regions) -> Indices:
+        """Return the places of one region of each function among all regions."""
+        return np.asarray(self.first + regions)
+
+    def borders_of(self, regions: Regions) -> Indices:
+        """Return the borders of one region of each function."""
+        return np.asarray((self.places(regions)[self.owner] == self.within).nonzero()[0])
+
+    def at(self, y: Array, q: Array, regions: Regions | None) -> Regions:
+        """Return the regions in which a state lies; those given are kept where it lies within or at their borders.
+
+        Parameters
+        ----------
+        y, q : array
+            States and inputs.
+        regions : array (p,) or None
+        """
+        q = q[: self.border_q.shape[1]]
+        depth = self.border_y @ y + self.border_q @ q
+        size = self.abs_border_y @ np.abs(y) + self.abs_border_q @ np.abs(q)
+        outside = depth < -_WITHIN * size
+        found = np.zeros(self.count, dtype=np.int16) if regions is None else regions.copy()
+        left = np.zeros(self.count, dtype=bool)
+        left[self.owner[outside & (self.places(found)[self.owner] == self.within)]] = True
+        for k in left.nonzero()[0].tolist():
+            own = (self.owner == k).nonzero()[0]
+            last = int(self.within[own].max()) + 1
+            part = np.divide(depth[own], size[own], out=np.zeros(own.size), where=size[own] > 0)
+            least = np.full(last - self.first[k], np.inf)
+            np.minimum.at(least, self.within[own] - self.first[k], part)
+            # of regions that meet there, the one that lies deepest
+            found[k] = int(least.argmax())
+        return found
+
+    def limits(self, y: Array, q: Array, largest: Array) -> tuple[Array, Array, Array]:
+        """Return how far each stop is from its upper and from its lower limit, and what adds up in that.
+
+        Infinite where there is no limit; a line per function. `largest` are the sizes of the states.
+        """
+        q = q[: self.border_q.shape[1]]
+        depth = self.border_y @ y + self.border_q @ q
+        size = self.abs_border_y @ np.maximum(np.abs(y), np.abs(largest)) + self.abs_border_q @ np.abs(q)
+        upper, lower, sizes = np.full(self.count, np.inf), np.full(self.count, np.inf), np.zeros(self.count)
+        of_stops = self.is_stop[self.owner]
+        for side, found in ((1, upper), (2, lower)):
+            some = of_stops & (self.beyond == side)
+            found[self.owner[some]] = depth[some]
+        np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
+        return upper, lower, sizes
+
+    def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
+        """Return the modes that rows show, with those that show regions."""
+        labels, of = labels.copy(), self.row >= 0
+        labels[self.row[of]] = self.mode[self.places(regions)[of]]
+        return labels
+
+    def widest(self, links: Any) -> Any:
+        """Return how strongly states can push the bodies at most, beside springs and dampers: sums of sizes."""
+        found = abs(links)
+        for k in range(self.count):
+            last = self.first[k + 1] if k + 1 < self.count else self.mode.size
+            values = abs(self.value_y[self.first[k] : last])
+            most = values.max(axis=0)
+            most = most.toarray() if hasattr(most, "toarray") else most
+            found = found + abs(self.acts[:, [k]]) @ np.atleast_2d(most)
+        return found
+
+
+class _Expressions:
+    """Linear expressions as rows over states and inputs."""
+
+    def __init__(self, book: Book, layout: Layout, signals: dict[int, int]) -> None:
+        self._book, self._layout, self._signals = book, layout, signals
+        self._y, self._q = Triplets(), Triplets()
+        self.count = 0
+
+    def add(self, expression: Linear) -> None:
+        """Enter an expression as the next row."""
+        layout, index, row = self._layout, self._book.index, self.count
+        for name, c in expression.positions.items():
+            if name != GROUND:
+                self._y.add(row, layout.position_state[index[name]], c)
+        for name, c in expression.velocities.items():
+            if name == GROUND:
+                continue
+            if (i := index[name]) < layout.n:
+                self._y.add(row, i, c)
+            else:
+                self._q.add(row, layout.first_drive + i - layout.n, c)
+        for c, signal in expression.signals:
+            self._q.add(row, self._signals[id(signal)], c)
+        self._q.add(row, layout.inputs - 1, expression.constant)
+        self.count += 1
+
+    def matrices(self) -> tuple[Any, Any]:
+        """Return the matrices on states and on inputs."""
+        layout = self._layout
+        return (
+            layout.matrix(self._y, (self.count, layout.size)),
+            layout.matrix(self._q, (self.count, layout.inputs)),
+        )

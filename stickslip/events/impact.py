@@ -1,0 +1,168 @@
+"""Velocities that jump: impacts at stops, and drives whose velocity jumps, as pure functions.
+
+With ``sep`` the velocities with which the members of one-sided rows part, N their coefficients and P their impulses,
+
+    M (v+ - v-) = N^T P,    0 <= P  complementary to  sep+ + e sep- >= 0,
+
+while ties hold. That is the point of ``{v : ties hold, sep >= -e sep-}`` nearest to ``v-`` in kinetic energy: it is
+unique, also where impulses are not. It is found by the least distance programming of Lawson and Hanson (Solving Least
+Squares Problems, 1974, ch. 23). Their active set method ends: each step has a smaller residual than all before, and so
+no set of rows comes twice.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.equations.system import System
+from stickslip.events.nonnegative import nonnegative_least_squares
+
+__all__ = ["Jammed", "Struck", "struck"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Sides = NDArray[np.int8]
+
+_SAME = 1e-12
+"""Part of a speed by which velocities that are equal may differ."""
+
+_RANK = 1e-12
+_NO_DISTANCE = 1e-8
+
+
+class Jammed(Exception):
+    """No velocities satisfy the rows: drives press rigid ones together.
+
+    Parameters
+    ----------
+    rows : array of int
+        The rows concerned.
+    """
+
+    def __init__(self, rows: NDArray[np.intp]) -> None:
+        super().__init__("no velocities satisfy the rows")
+        self.rows = rows
+
+
+class Struck(NamedTuple):
+    """Velocities of the bodies after an instant, and the impulses of all rows, which act with ``-c_i r`` on body i."""
+
+    v: Array
+    impulses: Array
+
+
+def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, hit: Mask) -> Struck:
+    """Return the velocities after impacts, and after jumps of drives.
+
+    First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
+    that turns a free one-way clutch forward, or drives a stop into its limit again, these and all others take part in a
+    second impact without restitution. So no impact makes energy.
+
+    Parameters
+    ----------
+    system : System
+    v : array (n,)
+        Velocities of the bodies before.
+    before, after : array (d,)
+        Velocities of the drives.
+    sides : array (m,)
+        +1 where a stop is at its upper limit, -1 at its lower one, 0 elsewhere.
+    hit : array (m,) of bool
+        Stops that come to their limit now.
+
+    Raises
+    ------
+    Jammed
+        If no velocities satisfy all rows.
+    """
+    speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
+    least = _SAME * speed * system.largest_lever
+    turn = np.where(system.is_one_way, 1, sides).astype(float)
+    w = _relative(system, v, before)
+    wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
+    taking_part = (sides != 0) | system.is_one_way & (w >= -least)
+    found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)
+    # what must not be passed in the end
+    every = (sides != 0) | system.is_one_way
+    if np.any(every & (turn * _relative(system, found, after) > least)):
+        found, more = _nearest(system, found, after, every, turn, np.zeros(system.m), least)
+        impulses += more
+    ties = system.is_tie.nonzero()[0]
+    if ties.size:
+        balance = system.balance(system.is_tie.tobytes())
+        impulses[ties] = balance.held_forces(-(system.GT @ impulses), found - v)
+    return Struck(found, impulses)
+
+
+def _relative(system: System, v: Array, u: Array) -> Array:
+    w: Array = system.G @ v
+    return w + system.D @ u if system.drives else w
+
+
+def _nearest(
+    system: System, v: Array, u: Array, part: Mask, turn: Array, wanted: Array, least: Array
+) -> tuple[Array, Array]:
+    """Return the velocities nearest to `v` with which ties hold and rows of `part` separate as fast as `wanted`.
+
+    With them the impulses of these rows.
+    """
+    impulses = np.zeros(system.m)
+    ties = system.is_tie
+    balance = system.balance(ties.tobytes())
+    v = balance.project(v, u)
+    rows = part.nonzero()[0]
+    sign = -turn[rows]
+    short = wanted[rows] - sign * _relative(system, v, u)[rows]
+    if not np.any(short > least[rows]):
+        return v, impulses
+    columns: Any = system.GT[:, rows]
+    push = (columns.toarray() if system.sparse else columns) * sign
+    answer = balance.accelerations(push)
+    gram = push.T @ answer
+    # only rows that something joins to those that are too slow
+    label = scipy.sparse.csgraph.connected_components(np.abs(gram) > 0, directed=False)[1]
+    some = np.isin(label, label[short > least[rows]])
+    rows, short, answer = rows[some], short[some], answer[:, some]
+    impulse = _complementary(gram[np.ix_(some, some)], short, rows)
+    impulses[rows] = turn[rows] * impulse
+    v = v + answer @ impulse
+    # what stays together does so to the last bit
+    closed = ties.copy()
+    closed[rows[(impulse > 0) & (wanted[rows] == 0)]] = True
+    return np.asarray(system.balance(closed.tobytes()).project(v, u)), impulses
+
+
+def _complementary(gram: Array, short: Array, rows: NDArray[np.intp]) -> Array:
+    """Return ``P >= 0`` complementary to ``gram P - short >= 0``, with `gram` symmetric and not negative."""
+    size = np.sqrt(np.maximum(gram.diagonal(), 0.0))
+    stiff = size > 0
+    if np.any(~stiff & (short > 0)):
+        raise Jammed(rows[~stiff & (short > 0)])
+    size[~stiff] = 1.0
+    unit, gap = gram / np.multiply.outer(size, size), short / size
+    scale = float(np.abs(gap).max())
+    values, vectors = np.linalg.eigh(unit)
+    kept = values > _RANK * values.max()
+    lines = np.sqrt(values[kept])[:, None] * vectors[:, kept].T
+    matrix = np.vstack([lines, gap / scale])
+    target = np.zeros(matrix.shape[0])
+    target[-1] = 1.0
+    found = nonnegative_least_squares(matrix, target)
+    distance = float(np.linalg.norm(matrix @ found - target))
+    if distance <= _NO_DISTANCE:
+        raise Jammed(rows[found > 0])
+    # once the active rows are known their impulses follow from their equations: without the solver's roundoff
+    impulse = found / (1.0 - gap / scale @ found) * scale
+    active = (found > _RANK * found.max(initial=0.0)).nonzero()[0]
+    while active.size:
+        exact = np.linalg.lstsq(unit[np.ix_(active, active)], gap[active], rcond=_RANK)[0]
+        if (exact >= 0).all():
+            impulse = np.zeros(rows.size)
+            impulse[active] = exact
+            break
+        active = active[exact >= 0]
+    return np.asarray(impulse / size)

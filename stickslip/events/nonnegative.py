@@ -1,0 +1,65 @@
+"""Nonnegative least squares, after Lawson and Hanson (Solving Least Squares Problems, 1974, ch. 23).
+
+`scipy.optimize.nnls` (1.17) is not used: in degenerate corners it returns answers that are none, with residual 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["nonnegative_least_squares"]
+
+Array = NDArray[np.float64]
+
+_TINY = 1e-13
+_ROUNDS = 100
+
+
+def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
+    """Return the ``x >= 0`` for which ``|matrix x - target|`` is least.
+
+    The columns that count are linearly independent, because each enters with a part that the others cannot explain.
+    Each round leaves a smaller residual than all before, so no set of columns comes twice, and the rounds end.
+
+    Parameters
+    ----------
+    matrix : array (n, m)
+    target : array (n,)
+
+    Raises
+    ------
+    ArithmeticError
+        If roundoff keeps the rounds from ending.
+    """
+    count = matrix.shape[1]
+    x, counts = np.zeros(count), np.zeros(count, dtype=bool)
+    least = _TINY * np.linalg.norm(matrix, axis=0) * np.linalg.norm(target)
+    for _ in range(_ROUNDS * (count + 1)):
+        slope = np.where(counts, 0.0, matrix.T @ (target - matrix @ x) - least)
+        while True:
+            entering = int(slope.argmax()) if count else 0
+            if not count or slope[entering] <= 0:
+                return x
+            counts[entering] = True
+            trial = _solved(matrix, target, counts)
+            if trial[entering] > 0:
+                break
+            # what roundoff let in
+            counts[entering], slope[entering] = False, 0.0
+        while (trial[counts] <= 0).any():
+            falling = counts & (trial <= 0)
+            part = float((x[falling] / (x[falling] - trial[falling])).min())
+            x = x + part * (trial - x)
+            leaving = falling & (x <= _TINY * np.abs(x).max(initial=0.0))
+            counts[leaving] = False
+            x[~counts] = 0.0
+            trial = _solved(matrix, target, counts)
+        x = trial
+    raise ArithmeticError("an impact or a share of forces is too ill-conditioned to solve")
+
+
+def _solved(matrix: Array, target: Array, counts: NDArray[np.bool_]) -> Array:
+    found = np.zeros(counts.size)
+    found[counts] = np.linalg.lstsq(matrix[:, counts], target, rcond=None)[0]
+    return found

@@ -1,0 +1,108 @@
+"""A gap: an elastic stop, or the play between teeth."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from math import inf
+
+from stickslip.model.elements.base import Book, Radii, Row
+from stickslip.model.modes import Mode
+from stickslip.model.piecewise import Linear, Region
+
+__all__ = ["Gap"]
+
+
+@dataclass(frozen=True)
+class Gap(Row, Radii):
+    """A gap: free between its limits, an elastic stop beyond them. It never pulls.
+
+    Its stretch is ``s = radius_a x_a - radius_b x_b``. Beyond a limit, with the penetration d > 0 and its rate d', it
+    pushes back with ``k d + clip(c d', -k d, k d)``: the force starts from 0, and damping alone neither pulls nor
+    pushes (the law of ElastoGap in the Modelica Standard Library). Its force r acts with ``-radius_a r`` on `a` and
+    ``+radius_b r`` on `b`, so it is positive at the upper limit and negative at the lower one.
+
+    Its modes are OPEN between the limits, FORWARD beyond the upper one and BACKWARD beyond the lower one. Each change
+    of mode is an event. Where the clip begins or ends to act the force has a corner: that is located, too, but it is
+    no event, because the mode stays.
+
+    Parameters
+    ----------
+    name : str
+        Unique among the contacts and other rows of the scene.
+    a, b : str
+        Names of bodies or drives, or GROUND.
+    lower, upper : float
+        Limits of the stretch in m or rad; infinite where there is none.
+    stiffness : float
+        k in N/m or N m/rad, positive.
+    damping : float
+        c in N s/m or N m s/rad.
+    radius_a, radius_b : float
+        What the positions of `a` and `b` are multiplied by; not 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, the limits are exchanged or both infinite, the stiffness is not positive, the damping
+        negative, or a radius 0.
+    """
+
+    name: str
+    a: str
+    b: str
+    _: KW_ONLY
+    lower: float = -inf
+    upper: float = inf
+    stiffness: float
+    damping: float = 0.0
+    radius_a: float = 1.0
+    radius_b: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        self._two_ends()
+        self._check_limits()
+        if self._number("stiffness") <= 0:
+            raise ValueError(
+                f"{self.label}: stiffness must be positive, got {self.stiffness:g}; use a Stop for a rigid limit"
+            )
+        self._not_negative("damping")
+        self._check_radii()
+
+    def place(self, book: Book) -> None:
+        """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
+        book.row(self.name, self.coefficients, kind="gap")
+        book.piecewise(
+            self.label,
+            self._regions(),
+            acts={name: -c for name, c in self.coefficients.items()},
+            row=self.name,
+        )
+
+    def _regions(self) -> list[Region]:
+        """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""
+        stretch, rate = Linear(positions=self.coefficients), Linear(velocities=self.coefficients)
+        regions: list[Region] = []
+        ways_out: list[tuple[Linear, int]] = []
+        for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):
+            if limit in (inf, -inf):
+                continue
+            depth = side * (stretch - limit)
+            push, drag = self.stiffness * depth, self.damping * side * rate
+            first = 1 + len(regions)
+            if self.damping == 0:
+                ways_out.append((-depth, first))
+                regions.append(Region(side * push, ((depth, 0),), side))
+                continue
+            # what touches goes inwards: the damping would push more than the spring
+            inwards, between, outwards = first, first + 1, first + 2
+            ways_out.append((-depth, inwards))
+            regions += [
+                Region(side * 2.0 * push, ((depth, 0), (drag - push, between)), side),
+                Region(
+                    side * (push + drag), ((depth, 0), (push - drag, inwards), (push + drag, outwards)), side
+                ),
+                Region(Linear(), ((depth, 0), (-(push + drag), between)), side),
+            ]
+        return [Region(Linear(), tuple(ways_out), Mode.OPEN), *regions]

@@ -1,0 +1,335 @@
+"""Rigid stops against closed forms, in every formulation and engine."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Gear,
+    Mode,
+    OneWay,
+    Result,
+    Scene,
+    SimulationError,
+    Spring,
+    Stop,
+    Tie,
+    explain,
+    load,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+
+ENGINES: dict[str, tuple[dict[str, Any], float]] = {
+    "series": ({"method": "series"}, 1e-11),
+    "BDF": ({"method": "BDF"}, 2e-6),
+    "Adams": ({"method": "Adams"}, 2e-6),
+    "merged": ({"formulation": "merged", "method": "BDF"}, 2e-6),
+    "multiplier": ({"formulation": "multiplier"}, 2e-6),
+}
+every_engine = pytest.mark.parametrize(("options", "off"), ENGINES.values(), ids=ENGINES)
+
+
+def times(result: Result, name: str) -> list[float]:
+    return [event.t for event in result.events if event.contact == name]
+
+
+def balanced(result: Result, off: float) -> None:
+    assert result.success
+    assert result.energy().relative_error < max(off, 1e-12)
+
+
+@every_engine
+def test_a_slider_between_rigid_stops(options: dict[str, Any], off: float) -> None:
+    """m = 1, mu g = 0.5, e = 0.8 from the middle at 5 m/s: ``v^2`` falls by 2 mu g s along each way s."""
+    scene = Scene(
+        Body("slider", inertia=1, position=0.5, velocity=5),
+        Contact("dry", "slider", GROUND, DryFriction(0.5, 0.5), normal=1),
+        Stop("walls", "slider", GROUND, lower=0, upper=1, restitution=0.8),
+    )
+    result = simulate(scene, (0, 5), **options)
+    expected = [0.1005050633883347, 0.3572033884104603, 0.6926271833524003]
+    expected += [1.146233217046369, 1.80978775573666, 3.178058493638328]
+    np.testing.assert_allclose(times(result, "walls"), expected, rtol=0, atol=off)
+    hits = [event for event in result.events if event.contact == "walls"]
+    assert {(e.before, e.after, e.cause) for e in hits} == {(Mode.OPEN, Mode.OPEN, "impact")}
+    rest = result.events[-1]
+    assert (rest.contact, rest.after) == ("dry", Mode.STUCK)
+    assert rest.t == pytest.approx(3.800109416415555, abs=off)
+    assert result.position("slider")[-1] == pytest.approx(0.096736837632, abs=max(off, 1e-12))
+    balanced(result, off)
+    ledger = result.energy()
+    assert ledger.impacts["walls"][-1] + ledger.contacts["dry"][-1] == pytest.approx(12.5, abs=30 * off)
+    assert "struck its upper limit at relative velocity 4.9497" in result.explain()
+
+
+@every_engine
+def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> None:
+    """Falls from 1 m: impacts at ``t1 (1 + 2 e + 2 e^2 + ...)``, which end at ``t1 (1 + e)/(1 - e)``; then it rests."""
+    g, e = 9.81, 0.6
+    scene = Scene(
+        Body("ball", inertia=2.0, position=1.0),
+        Force("ball", -2.0 * g),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=e),
+    )
+    result = simulate(scene, (0, 3), **options)
+    t1 = math.sqrt(2 / g)
+    expected = [t1 * (1 + 2 * sum(e**k for k in range(1, n))) for n in range(1, 12)]
+    np.testing.assert_allclose(times(result, "floor")[:11], expected, rtol=0, atol=10 * off)
+    end = result.events[-1]
+    assert (end.before, end.after, end.cause) == (Mode.OPEN, Mode.BACKWARD, "impact")
+    # rebounds below the velocity margin do not happen
+    assert end.t == pytest.approx(t1 * (1 + e) / (1 - e), abs=1e-9 if off < 1e-9 else 1e-4)
+    assert result.velocity("ball")[-1] == 0
+    assert abs(result.position("ball")[-1]) < 1e-9
+    assert result.force("floor")[-1] == pytest.approx(-2 * g, abs=1e-9)
+    balanced(result, off)
+    assert result.energy().impacts["floor"][-1] == pytest.approx(2 * g, abs=30 * off)
+
+
+@every_engine
+def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any], off: float) -> None:
+    """Pressed with 3 N, then pulled with a growing force: the stop opens at 0 N, the contact lets go at 2 N."""
+    scene = Scene(
+        Body("block", inertia=1.0, position=1.0),
+        Force("block", piecewise_linear([0, 1, 9], [3, 3, -5])),
+        Contact("dry", "block", GROUND, DryFriction(2, 1), normal=1),
+        Stop("end", "block", GROUND, upper=1.0),
+    )
+    result = simulate(scene, (0, 7), **options)
+    assert {(e.contact, e.after) for e in result.events} == {("dry", Mode.BACKWARD), ("end", Mode.OPEN)}
+    # stop and friction share what holds the block; both let go where friction alone cannot hold
+    assert times(result, "dry") == pytest.approx([6.0], abs=off)
+    assert result.mode("end")[0] == Mode.FORWARD
+    assert result.mode("end")[-1] == Mode.OPEN
+    assert result.force("end").min() > -1e-9
+    total = result.force("end") + result.force("dry")
+    early = result.t < 6
+    np.testing.assert_allclose(
+        total[early], np.where(result.t < 1, 3, 4 - result.t)[early], rtol=0, atol=1e-9
+    )
+    t = 7 - 6
+    assert result.velocity("block")[-1] == pytest.approx(-(t + t * t / 2), abs=10 * off)
+    balanced(result, off)
+
+
+@every_engine
+def test_a_load_lifts_a_body_off_its_stop(options: dict[str, Any], off: float) -> None:
+    """A force ``sin(2 pi t / 4) - 0.5`` from its second second on: closed while it presses."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.0),
+        Force("m", sine(1.0, frequency=0.25)),
+        Stop("end", "m", GROUND, upper=0.0),
+    )
+    result = simulate(scene, (0, 3), **options)
+    assert [(e.before, e.after, e.cause) for e in result.events] == [(Mode.FORWARD, Mode.OPEN, "force 0")]
+    assert result.events[0].t == pytest.approx(2.0, abs=off)
+    # x'' = sin(pi t / 2) from 2 s on: x' = -(2/pi) (1 + cos(pi t/2))
+    at = result.sample([1.0, 3.0])
+    assert at.force("end")[0] == pytest.approx(1.0, abs=1e-9)
+    assert at.velocity("m")[1] == pytest.approx(-2 / math.pi, abs=off)
+
+
+def cradle(play: float) -> Scene:
+    """Five equal balls of diameter 1; the first comes with 1 m/s from 1 m away."""
+    return Scene(
+        *(
+            Body(
+                f"{k}",
+                inertia=1.0,
+                position=(1 + play) * k - (1.0 if k == 0 else 0.0),
+                velocity=float(k == 0),
+            )
+            for k in range(5)
+        ),
+        *(Stop(f"{k}-{k + 1}", f"{k}", f"{k + 1}", upper=-1.0, restitution=1.0) for k in range(4)),
+    )
+
+
+@every_engine
+def test_a_cradle_of_five(options: dict[str, Any], off: float) -> None:
+    """With play it goes ball by ball; where all touch, Newton's law for all rows at once throws four on together.
+
+    Balls 2 to 5 get ``v``, ball 1 ``v - 1``: momentum ``5 v - 1 = 1``, so v = 0.4, and no energy is lost.
+    """
+    apart = simulate(cradle(1e-3), (0, 3), **options)
+    assert [e.contact for e in apart.events] == ["0-1", "1-2", "2-3", "3-4"]
+    np.testing.assert_allclose(
+        [apart.velocity(f"{k}")[-1] for k in range(5)], [0, 0, 0, 0, 1], atol=max(off, 1e-12)
+    )
+    np.testing.assert_allclose([e.t for e in apart.events], [1.001, 1.002, 1.003, 1.004], atol=off)
+    touching = simulate(cradle(0.0), (0, 3), **options)
+    final = [touching.velocity(f"{k}")[-1] for k in range(5)]
+    np.testing.assert_allclose(final, [-0.6, 0.4, 0.4, 0.4, 0.4], rtol=0, atol=max(off, 1e-12))
+    balanced(touching, off)
+
+
+@every_engine
+def test_a_ball_between_closing_walls(options: dict[str, Any], off: float) -> None:
+    """The wall comes with 1/2 m/s: each blow adds 1 m/s. Its width times the ball's speed against it stays."""
+    scene = Scene(
+        Drive("wall", velocity=-0.5, position=1.0),
+        Body("ball", inertia=1.0, position=0.5, velocity=1.0),
+        Stop("right", "ball", "wall", upper=0.0, restitution=1.0),
+        Stop("left", "ball", GROUND, lower=0.0, restitution=1.0),
+    )
+    result = simulate(scene, (0, 1.7), **options)
+    expected, x, v, t = [], 0.5, 1.0, 0.0
+    while True:
+        # to the wall at 1 - t/2, and back to 0
+        meet = (1 - t / 2 - x) / (v + 0.5)
+        t, x, v = t + meet, x + v * meet, v + 1.0
+        back = t + x / v
+        if back > 1.7:
+            break
+        expected += [t, back]
+        t, x = back, 0.0
+    expected = [t for t in [*expected, t] if t < 1.7]
+    np.testing.assert_allclose([e.t for e in result.events], expected, rtol=0, atol=20 * off)
+    balanced(result, off)
+    assert result.energy().drives[-1] == pytest.approx(
+        0.5 * (result.velocity("ball")[-1] ** 2 - 1), abs=1e3 * off
+    )
+
+
+def test_a_ball_that_walls_crush_is_an_error() -> None:
+    scene = Scene(
+        Drive("wall", velocity=-0.5, position=1.0),
+        Body("ball", inertia=1.0, position=0.5),
+        Stop("right", "ball", "wall", upper=0.0),
+        Stop("left", "ball", GROUND, lower=0.0),
+    )
+    with pytest.raises(SimulationError, match="'left'") as caught:
+        simulate(scene, (0, 3))
+    assert "Gap" in str(caught.value)
+    assert caught.value.t == pytest.approx(2.0)
+
+
+@every_engine
+def test_an_impact_through_gears_and_clutches(options: dict[str, Any], off: float) -> None:
+    """A rack hits its end: the impulse passes the gear, and the one-way clutch lets the flywheel run ahead.
+
+    Inertia at the rack 1 + 4/0.5^2 = 17 with the gear ``v = 0.5 w``; e = 0.5: v goes from 1 to -0.5.
+    """
+    scene = Scene(
+        Body("rack", inertia=1.0, velocity=1.0),
+        Body("pinion", inertia=4.0, velocity=2.0),
+        Body("flywheel", inertia=3.0, velocity=2.0),
+        Gear("teeth", "rack", "pinion", ratio=0.5),
+        OneWay("free", "pinion", "flywheel"),
+        Contact("bearing", "flywheel", GROUND, DryFriction(0.3, 0.3), normal=1.0),
+        Stop("end", "rack", GROUND, upper=2.0, restitution=0.5),
+    )
+    result = simulate(scene, (0, 3), **options)
+    # the bearing slows all of it: 0.3 * 2 N at the rack, inertia 1 + (4 + 3) * 4
+    a = 0.6 / 29
+    hit = (1 - math.sqrt(1 - 4 * a)) / a
+    assert times(result, "end") == pytest.approx([hit], abs=off)
+    speed = 1 - a * hit
+    after = result.sample([hit + 1e-9])
+    assert after.velocity("rack")[0] == pytest.approx(-0.5 * speed, abs=1e3 * off)
+    assert after.velocity("pinion")[0] == pytest.approx(-speed, abs=1e3 * off)
+    assert after.velocity("flywheel")[0] == pytest.approx(2 * speed, abs=1e3 * off)
+    lost = result.energy().impacts
+    assert lost["end"][-1] == pytest.approx(0.5 * 17 * speed**2 * 0.75, abs=1e3 * off)
+    assert lost["free"][-1] == 0
+    balanced(result, off)
+
+
+@every_engine
+def test_a_jump_of_a_drive_is_counted(options: dict[str, Any], off: float) -> None:
+    """A drive that jumps from 0 to 2 m/s takes a tied wheel with it: it gives ``J u^2 / 2``, and nothing is lost.
+
+    A wheel behind a one-way clutch is caught: the drive gives ``J u^2``, and half of it is lost there.
+    """
+    scene = Scene(
+        Drive("motor", velocity=piecewise_linear([0, 1, 1, 3], [0, 0, 2, 2])),
+        Body("tied", inertia=3.0),
+        Body("caught", inertia=5.0),
+        Tie("belt", {"motor": 1.0, "tied": -1.0}),
+        OneWay("clutch", "motor", "caught"),
+    )
+    result = simulate(scene, (0, 3), **options)
+    ledger = result.energy()
+    assert ledger.kinetic[-1] == pytest.approx(16.0, abs=off)
+    # velocities of the drive change while the clutch is locked: half of its jump acts on average
+    assert ledger.relative_error < max(off, 1e-12)
+    assert ledger.drives[-1] == pytest.approx(16.0 + ledger.impacts["clutch"][-1], abs=off)
+
+
+def test_stops_in_files_words_and_pictures(tmp_path: Path) -> None:
+    scene = Scene(
+        Body("m", inertia=1, position=2, velocity=-1),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("end", "m", GROUND, lower=-0.5, restitution=0.25, radius_a=0.5),
+    )
+    assert Scene.from_dict(scene.to_dict()) == scene
+    result = simulate(scene, (0, 12))
+    result.save(tmp_path / "it.npz")
+    again = load(tmp_path / "it.npz")
+    assert again.events == result.events
+    assert again.energy().relative_error < 1e-12
+    copied = pickle.loads(pickle.dumps(result))
+    assert np.array_equal(copied.sample(50).force("end"), result.sample(50).force("end"))
+    assert "rigid at -0.5, restitution 0.25" in explain(scene)
+    assert "impacts of 'end'" in str(result.energy())
+    result.to_csv(tmp_path / "it.csv")
+    result.plot()
+    assert (result.stretch("end") >= -0.5 - 1e-12).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({}, "neither lower nor upper"),
+        ({"lower": 2, "upper": 1}, "lower must not be above upper, got 2 and 1"),
+        ({"lower": 1, "upper": 1}, "both 1, so nothing could move; use a Tie"),
+        ({"upper": 1, "restitution": -0.1}, "restitution must be within [0, 1], got -0.1"),
+        ({"upper": 1, "restitution": 1.1}, "restitution must be within [0, 1], got 1.1"),
+        ({"upper": 1, "restitution": math.nan}, "restitution"),
+        ({"upper": math.nan}, "upper"),
+        ({"lower": math.inf}, "lower"),
+        ({"upper": 1, "radius_a": 0}, "radius_a must not be 0"),
+    ],
+)
+def test_bad_stops_are_refused(values: dict[str, Any], said: str) -> None:
+    with pytest.raises((ValueError, TypeError), match="stop 's'") as caught:
+        Stop("s", "a", "b", **values)
+    assert said in str(caught.value)
+
+
+def test_bad_starts_are_refused() -> None:
+    def start(position: float) -> Scene:
+        return Scene(Body("m", inertia=1, position=position), Stop("s", "m", GROUND, lower=-1, upper=1))
+
+    with pytest.raises(
+        ValueError, match=r"stop 's'.* stretch is 1\.5, beyond its upper limit 1; give its bodies"
+    ):
+        simulate(start(1.5), (0, 1))
+    with pytest.raises(ValueError, match=r"stop 's'.* stretch is -3, beyond its lower limit -1"):
+        simulate(start(-3.0), (0, 1))
+    with pytest.raises(ValueError, match="fixed-step method cannot locate impacts; use method='series'"):
+        simulate(start(0.0), (0, 1), method="RK4", step=0.01)
+    assert simulate(start(1.0), (0, 1)).mode("s")[0] == Mode.FORWARD
+
+
+def test_a_start_at_a_limit_that_goes_on_into_it_rebounds_at_once() -> None:
+    scene = Scene(
+        Body("m", inertia=1, position=1.0, velocity=2.0), Stop("s", "m", GROUND, upper=1, restitution=0.5)
+    )
+    result = simulate(scene, (0, 1))
+    assert result.velocity("m")[0] == -1.0
+    assert [(e.t, e.cause) for e in result.events] == [(0.0, "impact")]
