@@ -442,7 +442,8 @@ class _Search:
         """
         equations = motion.equations
         largest = np.full(rows.size, ratio.max())
-        if rows.size > 1 and not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0:
+        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
+        if rows.size > 1 and no_loops and equations.is_held[rows].all():
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
             each = np.zeros(number.max() + 1)
             np.maximum.at(each, number, ratio)
