@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.engines.roots import earliest, first_root
 from stickslip.engines.work import Work
@@ -153,10 +153,10 @@ class Parts:
         self.leads: dict[int, int] = {}
         self.groups = n
         if inner.size:
-            graph = sparse.coo_array(
+            graph = scipy.sparse.coo_array(
                 (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
             )
-            label = sparse.csgraph.connected_components(graph, directed=False)[1]
+            label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
             order = np.argsort(label[forest.body_at], kind="stable")
             bodies = forest.body_at[order]
             cuts = np.flatnonzero(np.diff(label[bodies])) + 1
@@ -375,13 +375,18 @@ class Parts:
         k, unit = patch.bodies.size, self.unit
         K, D = patch.stiffness, patch.damping
         order = series.shape[1] - 1
-        is_many = sparse.issparse(K)
+        is_many = scipy.sparse.issparse(K)
         if is_many:
-            T = sparse.csr_array((np.ones(k), (np.arange(k), own)), shape=(k, count))
-            both = sparse.hstack([D @ T, K], format="csr")
-            top = sparse.diags_array(share) @ (T.T @ both)
-            step = sparse.vstack([top, sparse.hstack([T, sparse.csr_array((k, k))])], format="csr") * unit
-            gather = (sparse.diags_array(share) @ T.T).tocsr()
+            T = scipy.sparse.csr_array((np.ones(k), (np.arange(k), own)), shape=(k, count))
+            both = scipy.sparse.hstack([D @ T, K], format="csr")
+            top = scipy.sparse.diags_array(share) @ (T.T @ both)
+            step = (
+                scipy.sparse.vstack(
+                    [top, scipy.sparse.hstack([T, scipy.sparse.csr_array((k, k))])], format="csr"
+                )
+                * unit
+            )
+            gather = (scipy.sparse.diags_array(share) @ T.T).tocsr()
         else:
             T = np.zeros((k, count))
             T[np.arange(k), own] = 1.0
@@ -636,7 +641,7 @@ def _spans(starts: Indices, some: Indices) -> Indices:
 
 def _matrix(values: Array, row: Indices, column: Indices, size: int) -> Any:
     if size > _MANY:
-        return sparse.csr_array((values, (row, column)), shape=(size, size))
+        return scipy.sparse.csr_array((values, (row, column)), shape=(size, size))
     found = np.zeros((size, size))
     found[row, column] = values
     return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure
 
 from stickslip.plots.contact import (
     characteristic,
@@ -26,7 +26,6 @@ from stickslip.plots.style import TIME, beside, contact_names, look, mark_events
 from stickslip.results.outcome import Drawable
 
 __all__ = [
-    "Figure",
     "characteristic",
     "contact_forces",
     "energy",
