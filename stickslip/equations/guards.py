@@ -55,6 +55,8 @@ class Guards:
         Rows whose relative velocity is 0 at the start.
     fired : array (m,) of bool
         Rows that an event has just found at their limit.
+    slack : array (m,), optional
+        How far the relative velocities of rows may pass 0.
 
     Attributes
     ----------
@@ -68,7 +70,14 @@ class Guards:
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
     """
 
-    def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        labels: NDArray[np.int8],
+        at_rest: Mask,
+        fired: Mask,
+        slack: Array | None = None,
+    ) -> None:
         # guards of no row have the number -1
         self.motion, self.at_rest = motion, np.append(at_rest, False)
         equations = motion.equations
@@ -97,6 +106,9 @@ class Guards:
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
             self.is_border = np.append(self.is_border, none != 0)
+        if slack is not None:
+            self._constant = self._constant + np.where(self.is_velocity, slack[self._row], 0.0)
+            self._has_constant = True
         self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)

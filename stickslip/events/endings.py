@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
+from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 
-__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
+__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "grazing", "jumped", "relaxed", "shown_at_end"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -102,6 +103,34 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             let_go = np.zeros(m, dtype=np.int8)
             let_go[guards.row[near]] = guards.direction[near]
     return AtLimit(touching, fired, crossed, let_go)
+
+
+def grazing(motion: Motion, path: Path, labels: Modes, at: AtLimit, margin: float) -> Array | None:
+    """Return how far velocities that only graze 0 at the end of a path may pass it, None where anything else happens.
+
+    The errors of a solver carry a velocity that only touches 0 a little beyond it. A one-way clutch would lock and let
+    go at once, and a contact that nothing presses would turn over twice. With ``g = g1 tau + g2 tau^2`` the depth is
+    ``g1^2 / (4 g2)``: where that is within the margin there is no telling, and nothing happens.
+
+    Returns
+    -------
+    array (m,) or None
+        Positive for rows that graze, 0 for all others.
+    """
+    system, rows = motion.system, at.touching.nonzero()[0]
+    loose = system.is_one_way | (motion.equations.modes == OPEN)
+    if margin <= 0 or not rows.size or not loose[rows].all() or (at.fired & ~at.touching).any():
+        return None
+    if at.crossed.size or motion.horizon <= path.taus[-1]:
+        return None
+    here = Motion(motion.equations, motion.stretch, motion.t + float(path.taus[-1]), path.last, motion.since)
+    slope, bend = (labels[rows] * here.start.z[k, rows] for k in (1, 2))
+    depth = np.divide(slope**2, 4 * bend, out=np.full(rows.size, np.inf), where=bend > 0)
+    if np.any((depth > margin * system.largest_lever[rows]) | (-slope > bend * here.horizon)):
+        return None
+    slack = np.zeros(system.m)
+    slack[rows] = 2 * depth + 0.01 * margin * system.largest_lever[rows]
+    return slack
 
 
 def at_stops(

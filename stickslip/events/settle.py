@@ -95,6 +95,8 @@ class Situation:
         +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
     impulses : array (m,) or None
         Of the rows, just before.
+    slack : array (m,), optional
+        How far the velocities of rows may pass 0 that only graze it, 0 for all others.
     """
 
     t: float
@@ -108,6 +110,7 @@ class Situation:
     regions: Regions | None = None
     sides: Modes | None = None
     impulses: Array | None = None
+    slack: Array | None = None
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
@@ -148,6 +151,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     limit = np.maximum(rough, system.laws.rests_below)
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
+    if now.slack is not None and now.labels is not None:
+        named = np.where(now.slack > 0, now.labels, named)
     if now.labels is not None and not all_closed:
         # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
         moves = ~closed & (now.labels != 0) & ~now.touching
@@ -184,7 +189,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system), now.slack)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -198,6 +203,8 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
         resting |= system.is_tie | system.is_one_way & (w > 0)
     if not system.all_hard:
         resting &= system.hard
+    if now.slack is not None:
+        resting &= now.slack == 0
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
 
 
@@ -316,7 +323,7 @@ class _Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level)
+            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._now.slack)
             seen.add(self._regions.tobytes())
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]

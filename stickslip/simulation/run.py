@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +13,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import Jump, at_limit, at_stops, jumped, relaxed, shown_at_end
+from stickslip.events.endings import Jump, at_limit, at_stops, grazing, jumped, relaxed, shown_at_end
 from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, settle
 from stickslip.model.modes import Mode
@@ -41,6 +41,31 @@ class Keeper(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Margins:
+    """What is small enough to be nothing.
+
+    Attributes
+    ----------
+    margin : float
+        Velocity in m/s or rad/s of the relaxation check.
+    rebound : float
+        Velocity in m/s or rad/s below which stops do not rebound.
+    graze : float
+        Velocity in m/s or rad/s by which what only touches 0 may pass it.
+    quiet : float
+        Velocity in m/s or rad/s that the tolerances leave uncertain.
+    blur : float
+        Part of the forces that is uncertain.
+    """
+
+    margin: float
+    rebound: float
+    graze: float
+    quiet: float
+    blur: float
+
+
 class Run:
     """One simulation under way.
 
@@ -51,14 +76,7 @@ class Run:
     engine : Engine
     keeper : Keeper
     span : (float, float)
-    margin : float
-        Velocity in m/s or rad/s of the relaxation check.
-    rebound : float
-        Velocity in m/s or rad/s below which stops do not rebound.
-    quiet : float
-        Velocity in m/s or rad/s that the tolerances leave uncertain.
-    blur : float
-        Part of the forces that is uncertain.
+    margins : Margins
     """
 
     def __init__(
@@ -68,15 +86,12 @@ class Run:
         engine: Engine,
         keeper: Keeper,
         span: tuple[float, float],
-        margin: float,
-        rebound: float,
-        quiet: float,
-        blur: float,
+        margins: Margins,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
-        self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
+        self._margins = margins
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -93,7 +108,7 @@ class Run:
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._margins.quiet, self._margins.blur)
         for j in hit.nonzero()[0].tolist():
             self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -112,7 +127,7 @@ class Run:
         """Return at which limits stops rest at the start."""
         system, q = self.system, self.loads.after(self.t).at(self.t)
         sides, _ = at_stops(system, y, q)
-        sides[sides * system.relative_velocity(y, q) < -self._rebound] = 0
+        sides[sides * system.relative_velocity(y, q) < -self._margins.rebound] = 0
         return sides
 
     def to_end(self) -> None:
@@ -131,7 +146,7 @@ class Run:
             return
         self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
-        path, ones = relaxed(motion, path, self._margin)
+        path, ones = relaxed(motion, path, self._margins.margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
         if tau >= motion.horizon and not (path.hit or ones):
@@ -154,7 +169,7 @@ class Run:
         self._is_whole = ending.is_whole
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
         before = ending.labels
-        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._rebound)
+        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._margins.rebound)
         touching = ending.touching | ((before == 0) & ~jump.parted)
         situation = Situation(t, jump.y, before, ending.since, touching, ending.fired, ending.largest)
         self._settle(situation, before, [], jump)
@@ -174,7 +189,10 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound)
+        slack = grazing(motion, path, before, at, self._margins.graze)
+        if slack is not None:
+            at = at._replace(touching=slack < 0, fired=slack < 0)
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._margins.rebound)
         touching = at.touching | (before == 0) & ~jump.parted
         since = np.where(before == 0, motion.since, t)
         situation = Situation(
@@ -189,13 +207,14 @@ class Run:
             motion.equations.regions,
             jump.sides,
             jump.impulses,
+            slack,
         )
         self._settle(situation, before, ones, jump)
 
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(self.system, self.loads, situation, self._margins.quiet, self._margins.blur)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

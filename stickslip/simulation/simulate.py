@@ -24,7 +24,7 @@ from stickslip.simulation.choice import choose
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
-from stickslip.simulation.run import Run
+from stickslip.simulation.run import Margins, Run
 from stickslip.simulation.tolerances import tolerances
 
 __all__ = ["compiled", "simulate"]
@@ -128,7 +128,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact = name == "series" and margin is None
     rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, rebound, wanted.quiet, blur)
+    graze = wanted.margin if name != "series" and step is None else 0.0
+    margins = Margins(wanted.margin, rebound, graze, wanted.quiet, blur)
+    run = Run(system, loads, engine, recorder, (start, stop), margins)
     if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(
             forest,
