@@ -17,6 +17,7 @@ from stickslip.model.checks import finite
 from stickslip.model.laws.base import Use
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
+from stickslip.simulation.tolerances import largest_value
 
 __all__ = [
     "Formulation",
@@ -93,7 +94,7 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
         contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 
-def check_ties(system: System, loads: Loads, start: float) -> None:
+def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
     rigid = system.is_tie | system.is_one_way
     if not rigid.any():
@@ -103,7 +104,9 @@ def check_ties(system: System, loads: Loads, start: float) -> None:
     scene = system.scene
     v = np.array([body.velocity for body in scene.bodies])
     w = system.relative_velocity(v, q)
-    largest = max(float(np.abs(v).max()), float(np.abs(system.drive_velocities(q)).max(initial=0.0)))
+    # what a drive that starts from 0 has there may be roundoff of its later speeds
+    led = (largest_value(as_signal(d.velocity, d.label), start, stop) for d in scene.drives)
+    largest = max([*np.abs(v).tolist(), *led])
     for j, element in enumerate(scene.rows):
         if not rigid[j]:
             continue

@@ -26,6 +26,9 @@ Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
+_SAME_TIME = 1e-14
+"""Part of a time within which another one is the same: nothing can be told apart between them."""
+
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
@@ -149,9 +152,10 @@ class Run:
         path, ones = relaxed(motion, path, self._margins.margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
-        if tau >= motion.horizon and not (path.hit or ones):
+        stop = motion.stretch.stop
+        if (tau >= motion.horizon and not (path.hit or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
-            t = motion.stretch.stop
+            t = stop
         self.keeper.keep(now, path, t)
         self._go_on(now, path, t, ones)
 

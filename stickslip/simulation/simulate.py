@@ -116,7 +116,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     system = compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
-    arguments.check_ties(system, loads, start)
+    arguments.check_ties(system, loads, start, stop)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
