@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isinf
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -20,10 +21,12 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -292,6 +295,11 @@ def _link(element: Any, scene: Scene) -> _Link | None:
             )
         case OneWay():
             return _Link(ends, symbols.one_way, (*name, f"{_short(element.a)} drives"))
+        case Gap():
+            stiff = f"k = {element.stiffness:.4g}" + (f" {unit.stiffness}" if scene.motion else "")
+            return _Link(ends, symbols.gap, (*name, _limits(element), stiff))
+        case Stop():
+            return _Link(ends, symbols.stop, (*name, _limits(element), f"e = {element.restitution:.4g}"))
         case Planetary():
             parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
             return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
@@ -300,6 +308,14 @@ def _link(element: Any, scene: Scene) -> _Link | None:
                 {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
             )
     return _Link(ends, symbols.link, (*name, element.noun()))
+
+
+def _limits(element: Gap | Stop) -> str:
+    """Return between which limits a stretch is free."""
+    low, high = (f"{limit:.4g}" for limit in (element.lower, element.upper))
+    if isinf(element.lower):
+        return f"up to {high}"
+    return f"from {low}" if isinf(element.upper) else f"{low} to {high}"
 
 
 def _ends(element: Any) -> list[str]:

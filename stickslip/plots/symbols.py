@@ -11,6 +11,7 @@ __all__ = [
     "Symbol",
     "clutch",
     "dashpot",
+    "gap",
     "gears",
     "ground",
     "link",
@@ -20,6 +21,7 @@ __all__ = [
     "relation",
     "spring",
     "spring_and_dashpot",
+    "stop",
 ]
 
 Symbol = Callable[[Any, float, float, float], None]
@@ -84,6 +86,26 @@ def _piston(ax: Any, x: float, bottom: float, top: float, half: float = 0.1) -> 
     ax.plot([x - half, x - half, x + half, x + half], [top, bottom, bottom, top], **_LINE)
     ax.plot([x - 0.7 * half, x + 0.7 * half], [middle, middle], **_THICK)
     ax.plot([x, x], [middle, top], **_LINE)
+
+
+def gap(ax: Any, x: float, low: float, high: float) -> None:
+    """Draw a gap: a spring that ends at a bar, and another bar some way off."""
+    bottom, top = _leads(ax, x, low, high, 0.2)
+    ax.plot([x - 0.14, x + 0.14], [top, top], **_THICK)
+    ax.plot([x - 0.14, x + 0.14], [top - 0.12, top - 0.12], **_THICK)
+    _zigzag(ax, x, bottom, top - 0.12)
+
+
+def stop(ax: Any, x: float, low: float, high: float) -> None:
+    """Draw a rigid stop: two bars, hatched behind, that may touch."""
+    bottom, top = _leads(ax, x, low, high, 0.14)
+    for y, end in ((bottom + 0.08, bottom), (top - 0.08, top)):
+        ax.add_patch(
+            Rectangle(
+                (x - 0.15, min(y, end)), 0.3, abs(end - y), **_SHAPE | {"hatch": "/////", "linewidth": 0.0}
+            )
+        )
+        ax.plot([x - 0.17, x + 0.17], [y, y], **_THICK)
 
 
 def gears(ax: Any, x: float, low: float, high: float) -> None:
