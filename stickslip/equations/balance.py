@@ -124,7 +124,7 @@ class Balance:
         single, bodies, c = _alone(G)
         # a body that one row holds to the ground or a drive: c v + D u = 0
         led = D[single].tocoo()
-        U.add((bodies[led.coords[0]], led.coords[1], -led.data / c[led.coords[0]]))
+        U.add((bodies[led.row], led.col, -led.data / c[led.row]))
         S.add((single, np.arange(single.size), 1.0 / c))
         dependent.append(bodies)
         first = single.size

@@ -139,13 +139,11 @@ class Forest:
         columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
         places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
         position = full[:, places].tocoo()
-        position = sparse.csr_array(
-            (position.data, (position.coords[0], columns[position.coords[1]])), shape=(n, n)
-        )
+        position = sparse.csr_array((position.data, (position.row, columns[position.col])), shape=(n, n))
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side
         pattern = (abs(velocity) + abs(position)).tocoo()
-        i, k = pattern.coords
+        i, k = pattern.row, pattern.col
         order = np.lexsort((k, i))
         i, k = i[order], k[order]
         self.near = k.astype(np.intp)
