@@ -24,6 +24,7 @@ SAYS = {
     "clutch_engagement": r"locked at 1\.0880492\d+ s with 58\.88399\d rad/s",
     "coupled_clutches": r"0\.7916623\d+ s  clutch1: FORWARD -> STUCK",
     "drill_string": r"the bit sticks 9 times",
+    "fit_friction": r"off by [01]\.\d standard errors at most",
     "flywheel_brake": r"both wheels turn on with 0\.687838305726 rad/s",
     "four_flywheels": r"dry friction only: 11 events",
     "relaxation": r"(?m)^18 s  floor: STUCK -> FORWARD \(breakaway\)",

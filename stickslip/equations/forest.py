@@ -22,7 +22,7 @@ __all__ = ["Forest"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ORDER, _POLYNOMIAL = 22, 3
+_ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
@@ -44,6 +44,8 @@ class Forest:
         The body at each place.
     rows_from, rows : array of int
         The rows of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+    row_of : array (n,) of int or None
+        The only row of each body, -1 where it has none, if every row joins one body to the ground or a drive.
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them.
     order : int
@@ -76,6 +78,10 @@ class Forest:
         own = np.concatenate([np.arange(m), (b >= 0).nonzero()[0]])
         self.rows = own[np.argsort(ends, kind="stable")]
         self.rows_from = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))])
+        self.row_of: Indices | None = None
+        if not m or (self.parent.max() < 0 and np.bincount(self.child).max() == 1):
+            self.row_of = np.full(n, -1)
+            self.row_of[self.child] = np.arange(m)
         self._couple(system)
         self._reach(system.inertia)
 
@@ -83,7 +89,7 @@ class Forest:
     def why_not(system: System, loads: Loads) -> str | None:
         """Return why the events of a scene are not followed one by one where they are, None if they are."""
         c = system.laws
-        if loads.has_functions or system.size > system.first_bristle:
+        if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
         if system.piecewise.count:
             return "some of its forces are piecewise linear"

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from stickslip.equations.guards import Guards
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
-from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 
-__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "grazing", "jumped", "relaxed", "shown_at_end"]
+__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -28,6 +27,9 @@ _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
 _CONSTANT = 1e-7
+_FULLY = 0.999
+"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
+
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
 
@@ -88,12 +90,16 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.hit:
         tau = float(path.taus[-1])
-        values = guards.values(tau, motion.watched(tau, path.last))
+        values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
             size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
+        if guards.uncertain:
+            # a velocity that is beyond 0 by no more than the solver's errors has not passed it
+            passed = values[guards.passing] / guards.uncertain
+            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
@@ -103,34 +109,6 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             let_go = np.zeros(m, dtype=np.int8)
             let_go[guards.row[near]] = guards.direction[near]
     return AtLimit(touching, fired, crossed, let_go)
-
-
-def grazing(motion: Motion, path: Path, labels: Modes, at: AtLimit, margin: float) -> Array | None:
-    """Return how far velocities that only graze 0 at the end of a path may pass it, None where anything else happens.
-
-    The errors of a solver carry a velocity that only touches 0 a little beyond it. A one-way clutch would lock and let
-    go at once, and a contact that nothing presses would turn over twice. With ``g = g1 tau + g2 tau^2`` the depth is
-    ``g1^2 / (4 g2)``: where that is within the margin there is no telling, and nothing happens.
-
-    Returns
-    -------
-    array (m,) or None
-        Positive for rows that graze, 0 for all others.
-    """
-    system, rows = motion.system, at.touching.nonzero()[0]
-    loose = system.is_one_way | (motion.equations.modes == OPEN)
-    if margin <= 0 or not rows.size or not loose[rows].all() or (at.fired & ~at.touching).any():
-        return None
-    if at.crossed.size or motion.horizon <= path.taus[-1]:
-        return None
-    here = Motion(motion.equations, motion.stretch, motion.t + float(path.taus[-1]), path.last, motion.since)
-    slope, bend = (labels[rows] * here.start.z[k, rows] for k in (1, 2))
-    depth = np.divide(slope**2, 4 * bend, out=np.full(rows.size, np.inf), where=bend > 0)
-    if np.any((depth > margin * system.largest_lever[rows]) | (-slope > bend * here.horizon)):
-        return None
-    slack = np.zeros(system.m)
-    slack[rows] = 2 * depth + 0.01 * margin * system.largest_lever[rows]
-    return slack
 
 
 def at_stops(
@@ -260,7 +238,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
     system = motion.system
-    q = motion.inputs(taus) if system.drives else np.empty(0)
+    q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(states, q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
@@ -307,11 +285,11 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     held = equations.is_held.copy()
     held[row] = True
     equal = y.copy()
-    u = system.drive_velocities(motion.inputs(tau))
+    u = system.drive_velocities(motion.loads(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
     pull = dense(system.G[[row]])[0]
     total = float(pull @ equations.balance.accelerations(pull))
-    q = motion.inputs(tau)
+    q = motion.inputs(tau, y)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes

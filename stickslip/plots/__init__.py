@@ -22,15 +22,17 @@ from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, modes, velocities
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
-from stickslip.plots.studies import sweep_map, work_precision
+from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = [
     "Figure",
+    "bifurcation",
     "characteristic",
     "contact_forces",
     "energy",
+    "fit",
     "load_of_contacts",
     "modes",
     "normal_forces",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isinf
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -214,7 +213,11 @@ class _Drawing:
         x, rows = self._x(k), sorted(self.rows[end] for end in link.ends if end in self.rows)
         high = self._top(rows[0]) - _BOX
         low = high - _GAP if len(rows) > 1 else high - _GAP + 0.16
-        link.symbol(ax, x, low, high)
+        symbol = link.symbol
+        if symbol is symbols.one_way and self.rows.get(next(iter(link.ends)), len(self.rows)) > rows[0]:
+            # its first end, which drives, is the lower one
+            symbol = symbols.one_way_up
+        symbol(ax, x, low, high)
         if len(rows) > 1:
             end = self._top(rows[-1])
             ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
@@ -295,27 +298,17 @@ def _link(element: Any, scene: Scene) -> _Link | None:
             )
         case OneWay():
             return _Link(ends, symbols.one_way, (*name, f"{_short(element.a)} drives"))
-        case Gap():
-            stiff = f"k = {element.stiffness:.4g}" + (f" {unit.stiffness}" if scene.motion else "")
-            return _Link(ends, symbols.gap, (*name, _limits(element), stiff))
-        case Stop():
-            return _Link(ends, symbols.stop, (*name, _limits(element), f"e = {element.restitution:.4g}"))
         case Planetary():
             parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
             return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+        case Gap() | Stop():
+            symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
+            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
         case Tie():
             return _Link(
                 {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
             )
     return _Link(ends, symbols.link, (*name, element.noun()))
-
-
-def _limits(element: Gap | Stop) -> str:
-    """Return between which limits a stretch is free."""
-    low, high = (f"{limit:.4g}" for limit in (element.lower, element.upper))
-    if isinf(element.lower):
-        return f"up to {high}"
-    return f"from {low}" if isinf(element.upper) else f"{low} to {high}"
 
 
 def _ends(element: Any) -> list[str]:
