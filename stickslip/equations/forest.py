@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
@@ -22,7 +22,7 @@ __all__ = ["Forest"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ORDER, _POLYNOMIAL = 22, 3
+_ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
@@ -44,6 +44,8 @@ class Forest:
         The body at each place.
     rows_from, rows : array of int
         The rows of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+    row_of : array (n,) of int or None
+        The only row of each body, -1 where it has none, if every row joins one body to the ground or a drive.
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them.
     order : int
@@ -76,6 +78,10 @@ class Forest:
         own = np.concatenate([np.arange(m), (b >= 0).nonzero()[0]])
         self.rows = own[np.argsort(ends, kind="stable")]
         self.rows_from = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))])
+        self.row_of: Indices | None = None
+        if not m or (self.parent.max() < 0 and np.bincount(self.child).max() == 1):
+            self.row_of = np.full(n, -1)
+            self.row_of[self.child] = np.arange(m)
         self._couple(system)
         self._reach(system.inertia)
 
@@ -83,7 +89,7 @@ class Forest:
     def why_not(system: System, loads: Loads) -> str | None:
         """Return why the events of a scene are not followed one by one where they are, None if they are."""
         c = system.laws
-        if loads.has_functions or system.size > system.first_bristle:
+        if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
         if system.piecewise.count:
             return "some of its forces are piecewise linear"
@@ -134,18 +140,18 @@ class Forest:
 
     def _couple(self, system: System) -> None:
         n = self.n
-        full = sparse.csr_array(system.C)
+        full = scipy.sparse.csr_array(system.C)
         velocity = full[:, :n]
         columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
         places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
         position = full[:, places].tocoo()
-        position = sparse.csr_array(
-            (position.data, (position.coords[0], columns[position.coords[1]])), shape=(n, n)
+        position = scipy.sparse.csr_array(
+            (position.data, (position.row, columns[position.col])), shape=(n, n)
         )
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side
         pattern = (abs(velocity) + abs(position)).tocoo()
-        i, k = pattern.coords
+        i, k = pattern.row, pattern.col
         order = np.lexsort((k, i))
         i, k = i[order], k[order]
         self.near = k.astype(np.intp)
@@ -205,13 +211,13 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
     if i.size and matrix.nnz:
         found[:] = (
             np.asarray(matrix[i, k]).ravel()
-            if not sparse.issparse(matrix[i, k])
+            if not scipy.sparse.issparse(matrix[i, k])
             else matrix[i, k].toarray().ravel()
         )
     return found
 
 
 def _is_forest(ends: Indices, nodes: int) -> bool:
-    graph = sparse.coo_array((np.ones(ends.shape[0]), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
-    count, _ = sparse.csgraph.connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(ends.shape[0]), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
+    count, _ = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return bool(ends.shape[0] == nodes - count)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.balance import Balance
+from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
@@ -21,7 +21,7 @@ from stickslip.equations.system import System
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
-__all__ = ["Inconsistent", "Settled", "Situation", "settle"]
+__all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -114,6 +114,31 @@ class Situation:
         return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
 
 
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on, which have not jumped.
+    t : float
+        Time in s.
+    y : array (size,)
+        State there.
+    """
+    motion = now.motion
+    if motion.equations.modes.max(initial=0) >= OPEN:
+        return None
+    following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    none = np.zeros(now.labels.size, dtype=bool)
+    guards = Guards(following, now.labels, none, none, now.guards.uncertain)
+    if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
+        return None
+    return Settled(now.labels, following, guards)
+
+
 def settle(
     system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
 ) -> Settled:
@@ -141,8 +166,32 @@ def settle(
         If no set of modes is consistent.
     """
     stretch = loads.after(now.t)
-    q = stretch.at(now.t)
+    q = system.filled(stretch.at(now.t), now.y, now.t)
     closed = _closed(system, stretch.rate(now.t), q)
+    tried = set[bytes]()
+    while True:
+        found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
+        wrong = found.guards.misjudged
+        if not wrong.size:
+            return found
+        # the motion tells which normal forces that depend on it become positive or negative
+        tried.add(closed.tobytes())
+        closed = closed.copy()
+        closed[wrong] ^= True
+        if closed.tobytes() in tried:
+            raise Inconsistent(wrong)
+
+
+def _settled(
+    system: System,
+    stretch: Stretch,
+    now: Situation,
+    resolved: tuple[float, float, float],
+    q: Array,
+    closed: Mask,
+) -> Settled:
+    """Return consistent modes where it is known which rows can carry a force."""
+    quiet, blur, uncertain = resolved
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -178,15 +227,17 @@ def settle(
     regions = functions.at(y, q, now.regions)
     search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     motion, guards = search.run(_foreseen(system, trial, now))
-    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
+    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
-        if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system), uncertain)
+        # the sign of what has died away is a solver's error
+        watched = np.where(died, 0, shown).astype(np.int8)
+        if np.any(watched[is_open] != labels[is_open]):
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -236,7 +287,7 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
-    slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
+    slipped = system.starts_slipping if now.labels is None else np.abs(now.labels) == 1
     limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)
@@ -246,7 +297,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
+    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
@@ -371,7 +422,7 @@ class _Search:
             following[guards.row[violated]] = 0
             return following
         ratio = self._ratios(motion, guards, over)
-        first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
+        first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
         spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
@@ -393,6 +444,22 @@ class _Search:
             following[row] = 0
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
         return following
+
+    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
+        """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
+
+        Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
+        joined rows has a largest ratio of its own.
+        """
+        equations = motion.equations
+        largest = np.full(rows.size, ratio.max())
+        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
+        if rows.size > 1 and no_loops and equations.is_held[rows].all():
+            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
+            each = np.zeros(number.max() + 1)
+            np.maximum.at(each, number, ratio)
+            largest = each[number]
+        return np.asarray(ratio >= largest * (1 - AT_LIMIT))
 
     def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
