@@ -105,12 +105,15 @@ def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> list[Array
     np.minimum.at(distance, system.moved, allowed[system.moved_state])
     counts = _clipped(part.worst(allowed[:n], distance))
     begins, piece = part.steps
-    found = []
     cuts = np.searchsorted(piece, np.arange(part.starts.size + 1))
-    for k, (first, last) in enumerate(pairwise(cuts.tolist())):
-        ends = np.append(begins[first:last], part.stops[k]) - part.starts[k]
-        found.append(_cut(ends, counts[first:last]))
-    return found
+    # all pieces in one line: the steps of each begin, then it ends
+    ends = np.empty(begins.size + part.starts.size)
+    ends[np.arange(begins.size) + piece] = begins - part.starts[piece]
+    ends[cuts[1:] + np.arange(part.starts.size)] = part.stops - part.starts
+    return [
+        _cut(ends[first + k : last + k + 1], counts[first:last])
+        for k, (first, last) in enumerate(pairwise(cuts.tolist()))
+    ]
 
 
 def _clipped(worst: Array) -> Indices:

@@ -278,9 +278,12 @@ class Trajectory:
 
     def whole(self, piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
         """Yield each piece that is stored as a whole and holds times, and which times."""
-        for number, chosen in by_piece(piece_of):
-            if isinstance(self.part(number)[0], Piece):
-                yield number, chosen
+        if not isinstance(self.pieces, Pieces):
+            yield from by_piece(piece_of)
+        elif any(isinstance(part, Piece) for part in self.parts):
+            for number, chosen in by_piece(piece_of):
+                if isinstance(self.part(number)[0], Piece):
+                    yield number, chosen
 
     def modes(self, piece_of: Indices, taus: Array) -> tuple[Modes, Modes, Array]:
         """Return at local times of pieces the modes of the equations, those shown, and since when rows rest."""
