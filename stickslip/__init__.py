@@ -2,6 +2,7 @@
 
 from stickslip.model.elements import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -11,15 +12,31 @@ from stickslip.model.elements import (
     Gear,
     OneWay,
     Planetary,
+    Sampled,
     Spring,
+    StateSpace,
     Stop,
     Tie,
 )
 from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import (
+    TIME,
+    Quantity,
+    feedback,
+    normal,
+    position,
+    power,
+    relative_velocity,
+    saturate,
+    stretch,
+    table,
+    velocity,
+)
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.results import files as output
+from stickslip.model.when import When
+from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
@@ -36,6 +53,8 @@ from stickslip.studies.work_precision import work_precision
 
 __all__ = [
     "GROUND",
+    "TIME",
+    "Block",
     "Body",
     "Branch",
     "Contact",
@@ -57,31 +76,44 @@ __all__ = [
     "OneWay",
     "Planetary",
     "PreSlip",
+    "Quantity",
     "Result",
+    "Sampled",
     "Scene",
     "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "StateSpace",
     "Stop",
     "Tie",
+    "When",
     "continue_cycle",
     "explain",
+    "feedback",
     "fit",
     "limit_cycle",
     "linearize",
     "load",
+    "normal",
     "output",
     "piecewise_linear",
+    "position",
+    "power",
+    "relative_velocity",
+    "saturate",
     "sensitivities",
     "signal",
     "simulate",
     "sine",
     "step",
+    "stretch",
     "sweep",
+    "table",
     "tradeoff",
     "triangle",
+    "velocity",
     "work_precision",
 ]
 __version__ = "0.2.0"

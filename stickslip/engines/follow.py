@@ -22,6 +22,9 @@ LOCAL = 0.1
 
 _STEPS_PER_PERIOD = 8
 
+_SHORT = (0.9, 0.5, 0.25, 0.1)
+"""How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
+
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
     """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens."""
@@ -69,10 +72,11 @@ def _protected(
         # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
         size = motion.y.size
         path = Path(np.zeros(1), np.empty((0, 1, size)), motion.y, False, True)
-        short = 0.9 * progress.last
-        if short > 0:
+        reached = progress.last
+        for short in [part * reached for part in _SHORT if reached > 0]:
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
+                break
         raise SolverFailure(str(fault), LOOK_AT_SCENE, path) from fault
     if interruption.pressed:
         raise Interrupted(path)

@@ -83,7 +83,7 @@ class Forest:
     def why_not(system: System, loads: Loads) -> str | None:
         """Return why the events of a scene are not followed one by one where they are, None if they are."""
         c = system.laws
-        if loads.has_functions or system.size > system.first_bristle:
+        if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
         if system.piecewise.count:
             return "some of its forces are piecewise linear"

@@ -16,6 +16,7 @@ from stickslip.model.signal_makers import (
     Clipped,
     Constant,
     Function,
+    Line,
     PiecewiseLinear,
     Signal,
     Sine,
@@ -41,7 +42,9 @@ class Loads:
     start, stop : float
         The time span in s.
     stepped : bool
-        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks.
+        Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
+    samples : sequence of float
+        Further times in s that break.
 
     Attributes
     ----------
@@ -62,6 +65,7 @@ class Loads:
         start: float,
         stop: float,
         stepped: bool = False,
+        samples: Sequence[float] = (),
     ) -> None:
         self._signals = [signal.within(start, stop) for signal in signals]
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
@@ -70,8 +74,9 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = () if stepped else (b for s in self._signals for b in s.breaks(start, stop))
-        self.breaks = sorted(set(breaks))
+        breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
+        self._samples = {t for t in samples if start < t < stop} - breaks
+        self.breaks = sorted(breaks | self._samples)
         self.has_functions = stepped or any(_has_function(s) for s in self._signals)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0
@@ -79,6 +84,10 @@ class Loads:
             if isinstance(s, Constant):
                 self._constant[i] = s.value
         self._last: tuple[int, Stretch] | None = None
+
+    def goes_on(self, t: float) -> bool:
+        """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
+        return t in self._samples
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""
@@ -119,7 +128,7 @@ class Loads:
                         waves.append(
                             (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
                         )
-                elif isinstance(term, (Constant, PiecewiseLinear)):
+                elif isinstance(term, (Constant, Line, PiecewiseLinear)):
                     value[i] += term(t)
                     slope[i] += term.slope(t)
                     if rate is not None:
@@ -280,7 +289,7 @@ def _has_function(signal: Signal) -> bool:
         return any(_has_function(term) for term in signal.terms)
     if isinstance(signal, Clipped):
         return _has_function(signal.base)
-    return isinstance(signal, Function) or not isinstance(signal, (Constant, PiecewiseLinear, Sine))
+    return isinstance(signal, Function) or not isinstance(signal, (Constant, Line, PiecewiseLinear, Sine))
 
 
 def _sample(function: Callable[[float], float], times: Array) -> Array:

@@ -87,7 +87,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.hit:
         tau = float(path.taus[-1])
-        values = guards.values(tau, motion.watched(tau, path.last))
+        values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
             size = np.maximum(guards.scale, guards.value_majorant)
@@ -231,7 +231,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
     system = motion.system
-    q = motion.inputs(taus) if system.drives else np.empty(0)
+    q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(states, q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
@@ -278,11 +278,11 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     held = equations.is_held.copy()
     held[row] = True
     equal = y.copy()
-    u = system.drive_velocities(motion.inputs(tau))
+    u = system.drive_velocities(motion.loads(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
     pull = dense(system.G[[row]])[0]
     total = float(pull @ equations.balance.accelerations(pull))
-    q = motion.inputs(tau)
+    q = motion.inputs(tau, y)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes

@@ -21,7 +21,7 @@ from stickslip.equations.system import System
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
-__all__ = ["Inconsistent", "Settled", "Situation", "settle"]
+__all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -114,6 +114,31 @@ class Situation:
         return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
 
 
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on, which have not jumped.
+    t : float
+        Time in s.
+    y : array (size,)
+        State there.
+    """
+    motion = now.motion
+    if motion.equations.modes.max(initial=0) >= OPEN:
+        return None
+    following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    none = np.zeros(now.labels.size, dtype=bool)
+    guards = Guards(following, now.labels, none, none)
+    if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
+        return None
+    return Settled(now.labels, following, guards)
+
+
 def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
     """Return the modes in which the motion goes on.
 
@@ -137,8 +162,26 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         If no set of modes is consistent.
     """
     stretch = loads.after(now.t)
-    q = stretch.at(now.t)
+    q = system.filled(stretch.at(now.t), now.y, now.t)
     closed = _closed(system, stretch.rate(now.t), q)
+    tried = set[bytes]()
+    while True:
+        found = _settled(system, stretch, now, quiet, blur, q, closed)
+        wrong = found.guards.misjudged
+        if not wrong.size:
+            return found
+        # the motion tells which normal forces that depend on it become positive or negative
+        tried.add(closed.tobytes())
+        closed = closed.copy()
+        closed[wrong] ^= True
+        if closed.tobytes() in tried:
+            raise Inconsistent(wrong)
+
+
+def _settled(
+    system: System, stretch: Stretch, now: Situation, quiet: float, blur: float, q: Array, closed: Mask
+) -> Settled:
+    """Return consistent modes where it is known which rows can carry a force."""
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -220,7 +263,7 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
-    slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
+    slipped = system.starts_slipping if now.labels is None else np.abs(now.labels) == 1
     limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)
@@ -230,7 +273,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
+    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)

@@ -15,8 +15,9 @@ from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
 from stickslip.model.laws.base import Use
+from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import as_signal
+from stickslip.model.when import When
 
 __all__ = [
     "Formulation",
@@ -29,6 +30,7 @@ __all__ = [
     "outputs",
     "span",
     "step_length",
+    "user_events",
 ]
 
 Formulation = Literal["contact-force", "merged", "multiplier"]
@@ -89,7 +91,7 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
     """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        ends, normal = (contact.a, contact.b), as_signal(contact.normal, contact.label)
+        ends, normal = (contact.a, contact.b), as_expression(contact.normal).signal
         contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 
@@ -165,6 +167,27 @@ def _check_drives(system: System) -> None:
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
+
+
+def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
+    """Return the user's events, with names of their own and quantities that the scene knows."""
+    if isinstance(events, When):
+        events = [events]
+    try:
+        listed = list(events)
+    except TypeError:
+        raise TypeError(f"simulate: events must be a sequence of When(...), got {events!r}") from None
+    taken = {row.name for row in scene.rows}
+    for event in listed:
+        if not isinstance(event, When):
+            raise TypeError(f"simulate: events must be When(...), got {event!r}")
+        if event.name in taken:
+            raise ValueError(
+                f"simulate: {event.label} has the name of another event or of a contact; rename it"
+            )
+        taken.add(event.name)
+        scene.check_quantities(event.quantity, event.label)
+    return listed
 
 
 def outputs(

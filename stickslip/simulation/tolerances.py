@@ -75,6 +75,8 @@ def tolerances(
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
     for j, state in system.bristle_state.items():
+        if system.pressed[j]:
+            continue
         force = system.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
@@ -120,13 +122,14 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
-    forces, drives = len(scene.forces), system.first_drive - system.first_force
-    speeds += [_largest(signal, start, stop) for signal in system.others[drives:]]
+    speeds += [
+        _largest(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
+    ]
     speeds.append(frequency * stretched)
     speed = max(speeds)
     if speed == 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
-        for force, signal in zip(scene.forces, system.others[:forces], strict=True):
+        for force, signal in zip(scene.forces, system.others[: system.force_count], strict=True):
             inertia = system.inertia[system.index[force.body]]
             if inertia > 0:
                 speed = max(speed, _largest(signal, start, stop) * time / inertia)

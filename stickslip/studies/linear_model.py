@@ -229,7 +229,7 @@ def _acting_slopes(motion: Motion, unit: Array, relative: Array) -> Array:
     if not rows.size:
         return np.zeros((0, unit.shape[1]))
     y = motion.y
-    normal, e = np.maximum(motion.inputs(0.0)[rows], 0.0), motion.acting_forces(0.0, y)
+    normal, e = np.maximum(motion.inputs(0.0, y)[rows], 0.0), motion.acting_forces(0.0, y)
     part = np.divide(e, normal, out=np.zeros_like(e), where=normal > 0)
     return np.asarray(part[:, None] * unit[rows] + motion.law_slopes(0.0, y)[:, None] * relative[rows])
 

@@ -228,7 +228,7 @@ def _velocity_of(i: int) -> Callable[[Motion, Array, Array], Array]:
     def velocity(motion: Motion, taus: Array, y: Array) -> Array:
         system = motion.system
         return np.asarray(
-            y[[i]] if i < system.n else system.drive_velocities(motion.inputs(taus))[[i - system.n]]
+            y[[i]] if i < system.n else system.drive_velocities(motion.loads(taus))[[i - system.n]]
         )
 
     return velocity
@@ -242,5 +242,5 @@ def _force_of(row: int) -> Callable[[Motion, Array, Array], Array]:
 
 
 def _powers(motion: Motion, taus: Array, y: Array) -> Array:
-    w = motion.system.relative_velocity(y, motion.inputs(taus))
+    w = motion.system.relative_velocity(y, motion.loads(taus))
     return np.asarray(motion.row_forces(taus, y) * w)
