@@ -243,10 +243,9 @@ class Variation:
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
         self.result, self.trajectory = result, result.trajectory
         self.system: System = self.trajectory.system
-        if self.system.dependence is not None or self.system.sampled:
+        if self.system.sampled:
             raise ValueError(
-                "sensitivities: normal forces that depend on the state, feedback functions and sampled blocks have no "
-                "derivatives here; sums of quantities as forces and linear blocks have"
+                "sensitivities: sampled blocks have no derivatives here; blocks in continuous time have"
             )
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)
@@ -578,8 +577,8 @@ class Variation:
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
         steep = np.abs(falls) / np.maximum(guards.majorant[1, fired], _TINY)
-        # of guards that fall together, the steepest relative to its size tells the time
-        first = int(np.argmax(np.abs(falls) / np.maximum(size[fired], _TINY)))
+        # of guards that fall together, the one that grazes least tells the time
+        first = int(np.argmax(steep))
         names = sorted({self._row(j) for j in guards.row[fired]})
         if steep[first] <= _GRAZING:
             for k in range(self.count):

@@ -21,11 +21,16 @@ from stickslip import (
     Result,
     Scene,
     Spring,
+    StateSpace,
+    feedback,
+    output,
     piecewise_linear,
+    position,
     sensitivities,
     simulate,
     sine,
     step,
+    velocity,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
 from stickslip.studies.parameters import named_parameters
@@ -201,6 +206,31 @@ def test_a_kinetic_curve_by_cvode() -> None:
             continue  # the body starts at the old one
         told = differences(scene, span, one.name, all_in, 2e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
+
+
+@pytest.mark.parametrize("kind", ["pressed", "controlled", "pendulum"])
+def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
+    """A contact that its position and velocity open and close; a controller with a state; a dry pendulum."""
+    law, other = DryFriction(0.3, 0.2), DryFriction(1.5, 1.0)
+    body = Body("m", inertia=1.0, position=0.1, velocity=3.0)
+    if kind == "pressed":
+        load = 1.0 + 2.0 * position("m") + 0.5 * velocity("m")
+        scene = Scene(body, Contact("c", "m", GROUND, law, normal=load), Spring("m", GROUND, stiffness=4.0))
+    elif kind == "controlled":
+        integral = StateSpace("i", [[0.0]], [[1.0]], [[1.0]], inputs=[position("m")])
+        push = Force("m", -2.0 * velocity("m") - 3.0 * position("m") - output("i"))
+        scene = Scene(body, Contact("c", "m", GROUND, other, normal=1.0), integral, push)
+    else:
+        gravity = Force("m", feedback(lambda angle: -9.81 * math.sin(angle), position("m")))
+        scene = Scene(body, Contact("c", "m", GROUND, law, normal=2.0), gravity)
+    names, span = ["m.velocity", "m.inertia", "c.law.mu_coulomb"], (0.0, 4.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and found.result.events
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
+        bound = 1e-6 if kind == "pendulum" else 1e-9
+        assert np.abs(exact[:, k] - told).max() <= bound * np.abs(told).max(), one.name
 
 
 def test_series_and_cvode_agree() -> None:
