@@ -13,18 +13,15 @@ from tqdm import tqdm
 
 try:
     from validation import (
-        bad_input,
         between,
         conservation,
         edges,
         endurance,
         exact,
         extremes,
-        faults,
         published,
         random_oracle,
         random_scenes,
-        scene_files,
     )
 except ModuleNotFoundError as missing:
     if missing.name != "mpmath":
@@ -55,9 +52,6 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
-        *bad_input.ROWS,
-        *faults.ROWS,
-        *scene_files.rows(quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
     ]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.engines.dips import first_dip
+from stickslip.engines.passing import back_to_zero
 from stickslip.engines.progress import Interruption, Progress
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.guards import Guards
@@ -54,10 +55,10 @@ def follow(
         path = _protected(motion, horizon, solve, interruption)
         missed = first_dip(motion, guards, path)
         if missed is None:
-            return path
+            return back_to_zero(motion, guards, path)
         if missed >= path.taus[-1]:
             # a root at the very end is none for the solver, however often it is sent there
-            return replace(path, hit=True)
+            return back_to_zero(motion, guards, replace(path, hit=True))
         horizon = missed
 
 

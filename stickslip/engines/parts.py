@@ -49,10 +49,12 @@ class Patch(NamedTuple):
         Their velocities and positions at `t`.
     coupling : array (k,)
         Force of springs and dampers on each at `t`.
-    stiffness, damping : array or sparse (k, k)
-        From positions and velocities within.
+    both : array or sparse (k, 2 k)
+        Forces of springs and dampers from velocities and positions within.
     outer : array (k, order + 1)
         Series of the force from bodies without.
+    row, near : array of int
+        What each body, by its place in the patch, is coupled to.
     """
 
     t: float
@@ -60,9 +62,10 @@ class Patch(NamedTuple):
     v: Array
     x: Array
     coupling: Array
-    stiffness: Any
-    damping: Any
+    both: Any
     outer: Array
+    row: Indices
+    near: Indices
 
 
 class Parts:
@@ -101,7 +104,8 @@ class Parts:
         self.is_coupled = forest.is_coupled
         self.inertia = system.inertia
         count = forest.order + 1
-        self._inverse = 1.0 / np.arange(1, count + 2)
+        self._ascending = np.arange(1.0, count + 2)
+        self._inverse = 1.0 / self._ascending
         q, slope = motion.stretch.at(motion.t), motion.stretch.slope
         self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
         self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
@@ -124,6 +128,9 @@ class Parts:
         self.ended = motion.t
         self.opens = bool((self.mode == OPEN).any())
         self._dwells = system.rise.max(axis=0, initial=0.0) > 0
+        self._any_drives = system.drives > 0
+        self._any_dwells = bool(self._dwells.any())
+        self._level, self._level_rate = system.mu_s * self.normal[:, 0], system.mu_s * self.normal[:, 1]
         self.speed = np.abs(motion.y[:n])
         self._group()
         self.rub(np.arange(n))
@@ -150,7 +157,7 @@ class Parts:
         self.group = np.arange(n)
         self.members: dict[int, Indices] = {}
         self.inside: dict[int, Indices] = {}
-        self.leads: dict[int, int] = {}
+        self.lead = np.full(n, FREE)
         self.groups = n
         if inner.size:
             graph = sparse.coo_array(
@@ -168,12 +175,14 @@ class Parts:
                     self.join(own, rows[low:high], FREE)
         led = held[forest.parent[held] < 0]
         for j, i in zip(led.tolist(), forest.child[led].tolist(), strict=True):
-            self.leads[int(self.group[i])] = int(forest.drive[j])
+            self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
             if self.group[i] == i:
                 self.inside[i] = np.array([j])
-        self.is_free = np.ones(n, dtype=bool)
-        for g in self.leads:
-            self.is_free[self.bodies_of(g)] = False
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """Whether neither ground nor a drive leads a body."""
+        return np.asarray(self.lead == FREE)
 
     def bodies_of(self, g: int) -> Indices:
         """Return the bodies of a group in order of their places."""
@@ -190,21 +199,27 @@ class Parts:
         self.group[bodies] = g
         if rows.size:
             self.inside[g] = rows
-        if lead != FREE:
-            self.leads[g] = lead
+        self.lead[bodies] = lead
         return g
 
     def part(self, g: int) -> None:
         """Forget a group."""
         self.members.pop(g, None)
         self.inside.pop(g, None)
-        self.leads.pop(g, None)
 
     def rub(self, bodies: Indices) -> None:
         """Enter the friction of moving rows among the forces on some bodies."""
         forest = self.forest
+        if forest.row_of is not None and bodies.size == 1:
+            i = int(bodies[0])
+            j = int(forest.row_of[i])
+            mode = int(self.mode[j]) if j >= 0 else 0
+            self.force[i] = self._given[i]
+            if abs(mode) == 1:
+                self.force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.normal[j]
+            return
         self.force[bodies] = self._given[bodies]
-        rows = np.unique(self.rows_at(bodies))
+        rows = _distinct(self.rows_at(bodies))
         rows = rows[np.abs(self.mode[rows]) == 1]
         if not rows.size:
             return
@@ -223,6 +238,9 @@ class Parts:
     def rows_at(self, bodies: Indices) -> Indices:
         """Return the rows of some bodies; a row between two of them stands twice."""
         forest = self.forest
+        if forest.row_of is not None:
+            rows = forest.row_of[bodies]
+            return rows[rows >= 0]
         return forest.rows[_spans(forest.rows_from, bodies)]
 
     # -- values ----------------------------------------------------------------------------------------------
@@ -243,15 +261,20 @@ class Parts:
         f[:, 2] *= unit * unit
         return f
 
-    def levels(self, rows: Indices, side: Indices | int, t: float) -> Array:
+    def levels(self, rows: Indices, side: int, t: float) -> Array:
         """Return breakaway levels at time `t`, forward (0) or backward (1)."""
+        level: Array = self._level[side][rows] + (t - self.t0) * self._level_rate[side][rows]
+        if self._any_dwells and self._dwells[rows].any():
+            level -= self._lacking(rows, side, t) * (
+                self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1]
+            )
+        return level
+
+    def _lacking(self, rows: Indices, side: int, t: float) -> Array:
+        """Return what static coefficients lack until their dwell is over."""
         system = self._system
-        normal = self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1]
-        mu = system.mu_s[side, rows]
-        if self._dwells[rows].any():
-            dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
-            mu = mu - system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
-        return np.asarray(mu * normal)
+        dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
+        return np.asarray(system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell))
 
     def state(self, t: float) -> Array:
         """Return the state of the whole scene at time `t`."""
@@ -271,16 +294,17 @@ class Parts:
         """Return the bodies of some groups and of all that these reach."""
         if not self.is_coupled:
             return np.concatenate([self.bodies_of(g) for g in groups])
-        near, group, leads = self.forest.neighbours, self.group, self.leads
+        near, group, lead = self.forest.neighbours, self.group, self.lead
         seen = dict.fromkeys(groups)
         edge = groups
         for depth in range(self.forest.hops):
             following: list[int] = []
             for g in edge:
-                if depth and g in leads:
+                own = [g] if g < self.forest.n else self.members[g].tolist()
+                if depth and lead[own[0]] != FREE:
                     # what ground or drives lead hands nothing on
                     continue
-                for i in (g,) if g < self.forest.n else self.members[g].tolist():
+                for i in own:
                     for k in near[i]:
                         other = int(group[k])
                         if other not in seen:
@@ -295,31 +319,30 @@ class Parts:
 
     def patch(self, bodies: Indices, t: float) -> Patch:
         """Return what decides how some bodies go on at time `t`."""
-        count = self.velocity.shape[1]
+        v, x = self.at(bodies, t)
+        k = bodies.size
         if not self.is_coupled:
-            v, x = self.at(bodies, t)
-            none = np.zeros(bodies.size)
-            return Patch(t, bodies, v, x, none, None, None, np.zeros((bodies.size, 0)))
-        forest, k = self.forest, bodies.size
+            nothing = np.empty(0, dtype=np.intp)
+            return Patch(t, bodies, v, x, np.zeros(k), None, np.zeros((k, 0)), nothing, nothing)
+        forest, place = self.forest, self.place
         places = _spans(forest.near_from, bodies)
-        row = np.repeat(np.arange(k), forest.near_from[bodies + 1] - forest.near_from[bodies])
+        counts = forest.near_from[bodies + 1] - forest.near_from[bodies]
+        rows = row = np.repeat(np.arange(k), counts)
         near = forest.near[places]
-        place = self.place
         place[bodies] = np.arange(k)
         column = place[near]
         place[bodies] = -1
         stiffness, damping = forest.stiffness[places], forest.damping[places]
         out = (column < 0).nonzero()[0]
-        v, x = self.at(bodies, t)
-        outer = np.zeros((k, count))
+        outer = np.zeros((k, self.velocity.shape[1]))
         if out.size:
             beyond, which = np.unique(near[out], return_inverse=True)
             vs, xs = self._shifted(beyond, t)
             np.add.at(outer, row[out], stiffness[out, None] * xs[which] + damping[out, None] * vs[which])
             within = (column >= 0).nonzero()[0]
             row, column, stiffness, damping = row[within], column[within], stiffness[within], damping[within]
-        K, D = (_matrix(values, row, column, k) for values in (stiffness, damping))
-        return Patch(t, bodies, v, x, K @ x + D @ v + outer[:, 0], K, D, outer)
+        both = _side_by_side(damping, stiffness, row, column, k)
+        return Patch(t, bodies, v, x, both @ np.concatenate([v, x]) + outer[:, 0], both, outer, rows, near)
 
     def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
         """Return the series of velocities and positions of some bodies about another time."""
@@ -338,83 +361,100 @@ class Parts:
         rows : array of int
             All rows of these bodies.
         """
-        bodies, t = patch.bodies, patch.t
-        groups, own = np.unique(self.group[bodies], return_inverse=True)
-        lead = np.array([self.leads.get(g, FREE) for g in groups.tolist()])
-        size = np.bincount(own, self.inertia[bodies])
+        bodies, t, unit = patch.bodies, patch.t, self.unit
+        groups, first, own = self._groups_of(bodies)
+        lead, inertia = self.lead[bodies[first]], self.inertia[bodies]
         push = self.forces_at(bodies, t)
-        series = np.zeros((groups.size, self.velocity.shape[1]))
-        series[own, 0] = v
+        series = np.zeros((first.size, self.velocity.shape[1]))
+        series[:, 0] = v[first]
         led = (lead != FREE).nonzero()[0]
-        driven = led[lead[led] >= 0]
-        series[led, 0] = 0.0
-        if driven.size:
-            u = self.drive[lead[driven]]
-            series[driven, 0] = u[:, 0] + (t - self.t0) * u[:, 1]
-            series[driven, 1] = self.unit * u[:, 1]
-        share = np.where(lead == FREE, 1.0 / size, 0.0)
+        share = 1.0 / (inertia if own is None else np.bincount(own, inertia))
+        if led.size:
+            share[led] = series[led, 0] = 0.0
+            driven = led[lead[led] >= 0]
+            if driven.size:
+                u = self.drive[lead[driven]]
+                series[driven, 0] = u[:, 0] + (t - self.t0) * u[:, 1]
+                series[driven, 1] = unit * u[:, 1]
         if self.is_coupled:
-            force = self._coupled(patch, own, groups.size, share, push, series)
+            force = self._coupled(patch, first, own, share, push, series)
         else:
             force = push
-            total = np.stack([np.bincount(own, push[:, k]) for k in range(3)], axis=1)
-            series[:, 1:4] += self.unit * share[:, None] * total * self._inverse[:3]
+            total = push if own is None else np.stack([np.bincount(own, x) for x in push.T], axis=1)
+            series[:, 1:4] += unit * share[:, None] * total * self._inverse[:3]
         self.work.steps += 1
         self.work.rate_calls += series.shape[1] - 1
-        self.velocity[bodies], self.position[bodies], self.origin[bodies] = series[own], patch.x, t
+        velocity = series if own is None else series[own]
+        self.velocity[bodies], self.position[bodies], self.origin[bodies] = velocity, patch.x, t
         self.speed[bodies] = np.maximum(self.speed[bodies], np.abs(v))
-        rest = force - (self.inertia[bodies, None] * self.velocity[bodies, 1 : force.shape[1] + 1]) * (
-            np.arange(1, force.shape[1] + 1) / self.unit
-        )
+        terms = force.shape[1]
+        rest = force - (inertia[:, None] * velocity[:, 1 : terms + 1]) * (self._ascending[:terms] / unit)
         return self._watch(patch, rest, groups)
 
+    def _groups_of(self, bodies: Indices) -> tuple[Indices, Indices, Indices | None]:
+        """Return the groups of some bodies, the place of one body of each, and the group of each if they are fewer."""
+        groups = self.group[bodies]
+        if (groups == bodies).all():
+            return groups, np.arange(bodies.size), None
+        found, first, own = np.unique(groups, return_index=True, return_inverse=True)
+        return found, first, own
+
     def _coupled(
-        self, patch: Patch, own: Indices, count: int, share: Array, push: Array, series: Array
+        self,
+        patch: Patch,
+        first: Indices,
+        own: Indices | None,
+        share: Array,
+        push: Array,
+        series: Array,
     ) -> Array:
         """Fill in the series of the groups' velocities; return those of the forces on the bodies."""
-        k, unit = patch.bodies.size, self.unit
-        K, D = patch.stiffness, patch.damping
+        k, unit, both = patch.bodies.size, self.unit, patch.both
         order = series.shape[1] - 1
-        is_many = sparse.issparse(K)
-        if is_many:
-            T = sparse.csr_array((np.ones(k), (np.arange(k), own)), shape=(k, count))
-            both = sparse.hstack([D @ T, K], format="csr")
-            top = sparse.diags_array(share) @ (T.T @ both)
-            step = sparse.vstack([top, sparse.hstack([T, sparse.csr_array((k, k))])], format="csr") * unit
-            gather = (sparse.diags_array(share) @ T.T).tocsr()
-        else:
-            T = np.zeros((k, count))
-            T[np.arange(k), own] = 1.0
-            both = np.concatenate([D @ T, K], axis=1)
-            gather = share[:, None] * T.T
-            step = np.zeros((count + k, count + k))
-            step[:count], step[count:, :count] = gather @ both, T
-            step *= unit
+        is_many = sparse.issparse(both)
         fixed = patch.outer
         fixed[:, :3] += push
-        given = unit * (gather @ fixed)
-        z = np.zeros((order + 1, count + k))
-        z[0, :count], z[0, count:] = series[:, 0], patch.x
-        driven = series[:, 1].copy()
-        inverse = self._inverse
+        z = np.zeros((order + 1, 2 * k))
+        z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
+        if is_many:
+            given = fixed.T
+            factor = unit * (share if own is None else share[own])
+        else:
+            W = share[:, None] * (np.eye(k) if own is None else own == np.arange(first.size)[:, None])
+            W = unit * (W if own is None else W[own])
+            given = np.ascontiguousarray((W @ fixed).T)
+            step = np.zeros((2 * k, 2 * k))
+            np.matmul(W, both, out=step[:k])
+            step[np.arange(k, 2 * k), np.arange(k)] = unit
+        last = int(np.flatnonzero(fixed.any(axis=0)).max(initial=0))
+        inverse = self._inverse.tolist()
         for i in range(order):
             following = z[i + 1]
             if is_many:
-                following[:] = step @ z[i]
+                f = both @ z[i]
+                if i <= last:
+                    f += given[i]
+                if own is not None:
+                    f = np.bincount(own, f)[own]
+                np.multiply(factor, f, out=following[:k])
+                np.multiply(unit, z[i, :k], out=following[k:])
             else:
                 np.dot(step, z[i], out=following)
-            following[:count] += given[:, i]
+                if i <= last:
+                    following[:k] += given[i]
             following *= inverse[i]
             if i == 0:
-                following[:count] += driven
-        series[:] = z[:, :count].T
+                following[:k] += series[:, 1] if own is None else series[own, 1]
+        series[:] = z[:, first].T
         fixed[:, :order] += both @ z[:order].T
         return fixed[:, :order]
 
     def _watch(self, patch: Patch, rest: Array, groups: Indices) -> tuple[Indices, Array]:
         """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
         forest, t, bodies = self.forest, patch.t, patch.bodies
-        rows = np.unique(self.rows_at(bodies))
+        if forest.row_of is not None:
+            return self._watch_apart(patch, rest)
+        rows = _distinct(self.rows_at(bodies))
         place = self.place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
@@ -450,6 +490,28 @@ class Parts:
         self.row_origin[rows] = t
         return rows, held
 
+    def _watch_apart(self, patch: Patch, rest: Array) -> tuple[Indices, Array]:
+        """Enter the same where every row joins one body to the ground or a drive."""
+        forest, bodies = self.forest, patch.bodies
+        assert forest.row_of is not None
+        rows = forest.row_of[bodies]
+        own = (rows >= 0).nonzero()[0]
+        rows = rows[own]
+        is_held = self.mode[rows] == 0
+        found = self.velocity[bodies[own]]
+        if self._any_drives:
+            u = self.drive[forest.drive[rows]] * (forest.drive[rows] >= 0)[:, None]
+            found[:, 0] -= u[:, 0] + (patch.t - self.t0) * u[:, 1]
+            found[:, 1] -= self.unit * u[:, 1]
+        terms = rest.shape[1]
+        if terms < found.shape[1]:
+            found[is_held, terms:] = 0.0
+        found[is_held, :terms] = rest[own[is_held]]
+        found *= forest.sign[rows, None]
+        self.watched[rows] = found
+        self.row_origin[rows] = patch.t
+        return rows, rows[is_held]
+
     def _about(self, bodies: Indices, t: float) -> Array:
         """Return the velocities of bodies as series about `t`; those just expanded are."""
         v = self.velocity[bodies]
@@ -461,13 +523,13 @@ class Parts:
 
     def live_rows(self, patch: Patch, rows: Indices) -> NDArray[np.bool_]:
         """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
-        found = np.zeros(rows.size, dtype=bool)
         if not self.is_coupled:
-            return found
+            return np.zeros(rows.size, dtype=bool)
         forest, bodies = self.forest, patch.bodies
-        live = self.is_free.copy()
-        row = np.repeat(bodies, forest.near_from[bodies + 1] - forest.near_from[bodies])
-        live[row[self.is_free[forest.near[_spans(forest.near_from, bodies)]]]] = True
+        live = self.lead == FREE
+        live[bodies[patch.row[live[patch.near]]]] = True
+        if forest.row_of is not None:
+            return np.asarray(live[forest.child[rows]])
         groups = np.unique(self.group[bodies[live[bodies]]])
         for g in groups[groups >= forest.n].tolist():
             live[self.members[g]] = True
@@ -476,7 +538,7 @@ class Parts:
 
     # -- guards ----------------------------------------------------------------------------------------------
 
-    def look(self, rows: Indices, t: float, is_passive: bool) -> Indices:
+    def look(self, rows: Indices, t: float, is_bounded: NDArray[np.bool_]) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
 
         Parameters
@@ -484,32 +546,33 @@ class Parts:
         rows : array of int
         t : float
             From when on.
-        is_passive : bool
-            Whether their series hold to the end of the stretch.
+        is_bounded : array of bool
+            Whether their series hold to `end` only, and not to the end of the stretch.
         """
-        until = self.stop if is_passive else self.end
-        self.is_bounded[rows] = not is_passive
+        self.is_bounded[rows] = is_bounded
         self.is_root[rows] = False
         self.due[rows] = math.inf
-        span = until - t
-        if span <= 0 or not rows.size:
+        if not rows.size or t >= self.end:
             return rows[:0]
         held = self.mode[rows] == 0
-        own = [rows[~held], rows[held], rows[held]]
-        turn = [self.label[own[0]].astype(float), -np.ones(own[1].size), np.ones(own[1].size)]
-        which = np.concatenate(own)
-        g = self._guards(which, np.concatenate(turn), own[0].size, own[1].size, t)
-        late = self.started[own[0]].nonzero()[0]
+        loose, some = rows[~held], rows[held]
+        turn = np.empty(loose.size + 2 * some.size)
+        turn[: loose.size] = self.label[loose]
+        turn[loose.size : loose.size + some.size], turn[loose.size + some.size :] = -1.0, 1.0
+        which = np.concatenate([loose, some, some])
+        g = self._guards(which, turn, loose.size, some.size, t)
+        late = self.started[loose].nonzero()[0]
         if late.size:
             # what starts from rest: the zero is divided out
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
         bad = which[g[:, 0] <= 0]
-        if span != self.unit:
-            g *= _powers(np.full(1, span / self.unit), g.shape[1])
+        span = np.where(self.is_bounded[which], self.end, self.stop) - t
+        g *= _powers(span / self.unit, g.shape[1])
         when = earliest(g)
-        self.work.guards_excluded += int(np.count_nonzero(np.isinf(when)))
-        with np.errstate(invalid="ignore"):
-            np.minimum.at(self.due, which, t + span * when)
+        soon = np.isfinite(when).nonzero()[0]
+        self.work.guards_excluded += when.size - soon.size
+        if soon.size:
+            np.minimum.at(self.due, which[soon], t + span[soon] * when[soon])
         return bad
 
     def _guards(self, which: Indices, turn: Array, loose: int, held: int, t: float) -> Array:
@@ -517,16 +580,14 @@ class Parts:
         g = self._moved(which, t)
         g *= turn[:, None]
         if held:
-            system = self._system
+            rows = which[loose : loose + held]
             for side in (0, 1):
                 part = slice(loose + side * held, loose + (side + 1) * held)
-                rows = which[part]
                 g[part, 0] += self.levels(rows, side, t)
-                mu = system.mu_s[side, rows]
-                if self._dwells[rows].any():
-                    dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
-                    mu = mu - system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
-                g[part, 1] += self.unit * mu * self.normal[rows, 1]
+                rate = self._level_rate[side][rows]
+                if self._any_dwells and self._dwells[rows].any():
+                    rate -= self._lacking(rows, side, t) * self.normal[rows, 1]
+                g[part, 1] += self.unit * rate
         return g
 
     def _moved(self, rows: Indices, t: float) -> Array:
@@ -541,7 +602,7 @@ class Parts:
 
         A level that rises with its dwell is followed for as long as its series holds.
         """
-        t = max(float(self.due[j]), float(self.row_origin[j]))
+        t, due = float(self.row_origin[j]), float(self.due[j])
         until = self.end if self.is_bounded[j] else self.stop
         mode = int(self.mode[j])
         self.due[j] = math.inf
@@ -560,6 +621,9 @@ class Parts:
             return True
         age = math.inf
         if self._dwells[j]:
+            # a level is followed for a while only; at the due time itself a guard may be 0
+            t = max(t, due - 0.1 * (until - due))
+            c = self._moved(row, t)[0]
             age = (t - self.since[j]) / float(system.dwell[j])
         rising = age < _DWELL_OVER
         if rising:
@@ -634,11 +698,26 @@ def _spans(starts: Indices, some: Indices) -> Indices:
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
-def _matrix(values: Array, row: Indices, column: Indices, size: int) -> Any:
+def _distinct(numbers: Indices) -> Indices:
+    """Return some numbers in order, each once."""
+    if numbers.size < 2:
+        return numbers
+    found = np.sort(numbers)
+    new = np.empty(found.size, dtype=bool)
+    new[0] = True
+    np.not_equal(found[1:], found[:-1], out=new[1:])
+    return found[new]
+
+
+def _side_by_side(first: Array, second: Array, row: Indices, column: Indices, size: int) -> Any:
+    """Return two matrices of the same pattern, rows in order, side by side; sparse where they are large."""
     if size > _MANY:
-        return sparse.csr_array((values, (row, column)), shape=(size, size))
-    found = np.zeros((size, size))
-    found[row, column] = values
+        starts = np.concatenate([[0], 2 * np.cumsum(np.bincount(row, minlength=size))])
+        entries = np.stack([first, second], axis=1).ravel()
+        columns = np.stack([column, size + column], axis=1).ravel()
+        return sparse.csr_array((entries, columns, starts), shape=(size, 2 * size))
+    found = np.zeros((size, 2 * size))
+    found[row, column], found[row, size + column] = first, second
     return found
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-__all__ = ["Balance"]
+__all__ = ["Balance", "joined"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -124,7 +124,7 @@ class Balance:
         single, bodies, c = _alone(G)
         # a body that one row holds to the ground or a drive: c v + D u = 0
         led = D[single].tocoo()
-        U.add((bodies[led.coords[0]], led.coords[1], -led.data / c[led.coords[0]]))
+        U.add((bodies[led.row], led.col, -led.data / c[led.row]))
         S.add((single, np.arange(single.size), 1.0 / c))
         dependent.append(bodies)
         first = single.size
@@ -226,14 +226,31 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
     return rows, G.indices[places].astype(np.intp), G.data[places]
 
 
+def joined(G: Any) -> Indices:
+    """Return a number for each row: those that bodies join directly or by others have the same.
+
+    Parameters
+    ----------
+    G : array or sparse (h, n)
+        Coefficients of the rows on the bodies.
+    """
+    if isinstance(G, np.ndarray):
+        number = np.arange(G.shape[0])
+        for column in (G != 0).T:
+            if (own := number[column]).size > 1:
+                number[np.isin(number, own)] = own.min()
+        return number
+    held = scipy.sparse.csr_array((np.ones(G.nnz), G.indices, G.indptr), shape=G.shape)
+    graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
+    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+    return np.asarray(label[: G.shape[0]], dtype=np.intp)
+
+
 def _joined(G: Any, rows: Indices) -> list[Indices]:
     """Return the connected components of some rows."""
     if not rows.size:
         return []
-    some = G[rows]
-    held = scipy.sparse.csr_array((np.ones(some.nnz), some.indices, some.indptr), shape=some.shape)
-    graph = scipy.sparse.block_array([[None, held], [held.T, None]], format="csr")
-    label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: rows.size]
+    label = joined(G[rows])
     order = np.argsort(label, kind="stable")
     return np.split(rows[order], np.flatnonzero(np.diff(label[order])) + 1)
 

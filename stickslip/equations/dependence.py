@@ -29,6 +29,9 @@ Indices = NDArray[np.intp]
 Key = tuple[str, int, int]
 """Kind of an input, its number, and for functions which of their values."""
 
+Regions = tuple[int, ...] | None
+"""The region of each table in which a motion is; None where tables are looked up."""
+
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
 
@@ -91,6 +94,8 @@ class Node:
         How many values it has.
     timed : bool
         Whether it depends on time beside its arguments.
+    table : Table or None
+        Straight lines, each of which holds in a region of the one argument.
     calls : int
         How often the function has been called.
     """
@@ -102,6 +107,7 @@ class Node:
     row: int = -1
     width: int = 1
     timed: bool = False
+    table: of.Table | None = None
     calls: int = 0
     known: dict[tuple[float, ...], Array] = field(default_factory=dict)
 
@@ -204,19 +210,7 @@ class Reader:
         raise TypeError(f"{label}: unknown quantity {atom!r}")
 
     def _lookup(self, form: Form, atom: of.Table, label: str) -> Form:
-        lines = np.array(atom.lines)
-
-        def line(x: Array) -> Array:
-            return np.asarray(lines[int(np.searchsorted(atom.xs, x[0], side="right"))])
-
-        def values(t: float, x: Array) -> Array:
-            offset, slope = line(x)
-            return np.array([offset + slope * x[0]])
-
-        def slopes(t: float, x: Array) -> Array:
-            return np.array([[line(x)[1]]])
-
-        return self._node(Node(label, [form], values, slopes))
+        return self._node(Node(label, [form], _never, table=atom))
 
     def _output(self, atom: Quantity, name: str, index: int) -> Form:
         place = self._places[name]
@@ -320,24 +314,13 @@ class Reader:
             return Form(inputs={("normal", j, 0): 1.0})
         label = f"the normal force of contact {row!r}"
         own = self._inside(atom, label, lambda: self.form(load, label))
-        return self._node(
-            Node(
-                label,
-                [own],
-                lambda t, x: np.maximum(x, 0.0),
-                lambda t, x: (x > 0).astype(float)[:, None],
-            )
-        )
+        return self._lookup(own, of.Table(of.TIME, (0.0,), (0.0,), 0.0, 1.0), label)
 
     def _power(self, atom: Quantity, row: str) -> Form:
         label = f"the power of contact {row!r}"
         normal = self._inside(atom, label, lambda: self.form(of.Normal(row), label))
         w = self._along(row, self._velocity)
-
-        def never(*_: Any) -> Array:
-            raise AssertionError("the power of a row is not called as a function")
-
-        return self._node(Node(label, [w, normal], never, row=self._row_of[row]))
+        return self._node(Node(label, [w, normal], _never, row=self._row_of[row]))
 
     def _inside(self, atom: Quantity, label: str, resolve: Callable[[], _Found]) -> _Found:
         """Resolve what a quantity depends on; where that is the quantity itself, refuse."""
@@ -357,6 +340,10 @@ class Reader:
     def _node(self, node: Node) -> Form:
         self.nodes.append(node)
         return Form(inputs={("node", len(self.nodes) - 1, 0): 1.0})
+
+
+def _never(t: float, x: Array) -> Array:
+    raise AssertionError("powers and tables are not called as functions")
 
 
 @dataclass
@@ -425,7 +412,10 @@ class Dependence:
         self._normals = Part.of([normals[j] for j in sorted(normals)], place)
         parts = [*self._parts, self._normals]
         self.columns = np.unique(np.concatenate([part.columns for part in parts]))
-        self.is_linear = not nodes
+        self.tables = [k for k, node in enumerate(nodes) if node.table is not None]
+        self._lines = {k: np.array(self.nodes[k].table.lines) for k in self.tables}  # type: ignore[union-attr]
+        self._corners = {k: np.array(self.nodes[k].table.xs) for k in self.tables}  # type: ignore[union-attr]
+        self.is_linear = len(self.tables) == len(self.nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
         of_nodes = set(range(first, int(starts[-1])))
         self.normals_need_functions = bool(of_nodes.intersection(self._normals.places.tolist()))
@@ -434,6 +424,26 @@ class Dependence:
     def calls(self) -> int:
         """How often functions have been called."""
         return sum(node.calls for node in self.nodes)
+
+    def looked_up(self, q: Array, y: Array) -> Array:
+        """Return what each table is looked up at, a line each; the inputs are filled."""
+        return np.array([self._parts[k].at(y, q)[0] for k in self.tables])
+
+    def region(self, number: int, x: float) -> int:
+        """Return the region of a table in which `x` lies."""
+        return int(np.searchsorted(self._corners[self.tables[number]], x, side="right"))
+
+    def borders(self, number: int, region: int) -> tuple[float, float]:
+        """Return between which values a region of a table lies."""
+        corners = self._corners[self.tables[number]]
+        low = float(corners[region - 1]) if region > 0 else -math.inf
+        return low, float(corners[region]) if region < corners.size else math.inf
+
+    def _line(self, k: int, x: Array, regions: Regions) -> Array:
+        """Return offset and slope of a table, a line per value where its region is not given."""
+        if regions is not None:
+            return np.asarray(self._lines[k][regions[self.tables.index(k)]])
+        return np.asarray(self._lines[k][np.searchsorted(self._corners[k], x, side="right")].T)
 
     def pattern(self, inputs: int) -> Array:
         """Return numbers in place of the derivatives, none of which cancel: where these may differ from 0."""
@@ -447,7 +457,14 @@ class Dependence:
             node.known.clear()
 
     def fill(
-        self, q: Array, y: Array, t: Any, tau: Any, friction: Friction | None, functions: bool = True
+        self,
+        q: Array,
+        y: Array,
+        t: Any,
+        tau: Any,
+        friction: Friction | None,
+        functions: bool = True,
+        regions: Regions = None,
     ) -> None:
         """Enter what depends on the state into the inputs, in place; columns where there are many times.
 
@@ -461,10 +478,18 @@ class Dependence:
             The motion that tells friction forces; None where its modes are not known yet.
         functions : bool
             Whether functions are wanted.
+        regions : tuple of int or None
+            Whose line each table follows, also beyond its borders; None for what it is looked up at.
         """
         if functions:
-            for node, part, own in zip(self.nodes, self._parts, self._ranges, strict=True):
+            for number, (node, part, own) in enumerate(
+                zip(self.nodes, self._parts, self._ranges, strict=True)
+            ):
                 arguments = part.at(y, q)
+                if node.table is not None:
+                    offset, slope = self._line(number, arguments[0], regions)
+                    q[own] = offset + slope * arguments[0]
+                    continue
                 if q.ndim == 1:
                     q[own] = _value(node, t, arguments, tau, y, friction)
                     continue
@@ -473,27 +498,41 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_series(self, q: Array, y: Array) -> None:
-        """Enter the Taylor coefficients of one order of what depends linearly on the state, in place."""
+    def add_series(self, q: Array, y: Array, regions: Regions, values: bool) -> None:
+        """Enter the Taylor coefficients of one order of what depends linearly on the state, in place.
+
+        With `values` it is the order 0, to which tables have an offset.
+        """
+        for k in self.tables:
+            x = self._parts[k].at(y, q)[0]
+            offset, slope = self._line(k, x, regions)
+            q[self._ranges[k]] = slope * x + (offset if values else 0.0)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_sizes(self, q: Array, y: Array, slopes: Array | None) -> None:
+    def add_sizes(self, q: Array, y: Array, slopes: Array | None, values: bool) -> None:
         """Add what adds up in the inputs, in place; `slopes` are those of the functions."""
         if slopes is not None:
             for own in self._ranges:
                 q[own] += np.abs(slopes[own]) @ y[self.columns]
+        else:
+            for k in self.tables:
+                offset, slope = np.abs(self._lines[k]).max(axis=0)
+                q[self._ranges[k]] += slope * self._parts[k].sizes(y, q) + (offset if values else 0.0)
         if self.rows.size:
             q[self.rows] += self._normals.sizes(y, q)
 
-    def slopes(self, q: Array, y: Array, t: float, tau: float, friction: Friction) -> Array:
+    def slopes(
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+    ) -> Array:
         """Return the derivatives of the inputs with respect to the states `columns`."""
         found = np.zeros((q.size, self.columns.size))
-        for node, part, own in zip(self.nodes, self._parts, self._ranges, strict=True):
+        for number, (node, part, own) in enumerate(zip(self.nodes, self._parts, self._ranges, strict=True)):
             arguments = part.at(y, q)
-            if node.row < 0:
+            if node.table is not None:
+                by_arguments = np.array([[self._line(number, arguments[0], regions)[1]]])
+            elif node.row < 0:
                 by_arguments = node.slopes(t, arguments)
-                node.calls += 0
             else:
 
                 def heat(x: Array, node: Node = node) -> Array:

@@ -22,7 +22,7 @@ __all__ = ["Forest"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_ORDER, _POLYNOMIAL = 22, 3
+_ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
 
@@ -44,6 +44,8 @@ class Forest:
         The body at each place.
     rows_from, rows : array of int
         The rows of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+    row_of : array (n,) of int or None
+        The only row of each body, -1 where it has none, if every row joins one body to the ground or a drive.
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them.
     order : int
@@ -76,6 +78,10 @@ class Forest:
         own = np.concatenate([np.arange(m), (b >= 0).nonzero()[0]])
         self.rows = own[np.argsort(ends, kind="stable")]
         self.rows_from = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))])
+        self.row_of: Indices | None = None
+        if not m or (self.parent.max() < 0 and np.bincount(self.child).max() == 1):
+            self.row_of = np.full(n, -1)
+            self.row_of[self.child] = np.arange(m)
         self._couple(system)
         self._reach(system.inertia)
 
@@ -139,13 +145,11 @@ class Forest:
         columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
         places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
         position = full[:, places].tocoo()
-        position = sparse.csr_array(
-            (position.data, (position.coords[0], columns[position.coords[1]])), shape=(n, n)
-        )
+        position = sparse.csr_array((position.data, (position.row, columns[position.col])), shape=(n, n))
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side
         pattern = (abs(velocity) + abs(position)).tocoo()
-        i, k = pattern.coords
+        i, k = pattern.row, pattern.col
         order = np.lexsort((k, i))
         i, k = i[order], k[order]
         self.near = k.astype(np.intp)

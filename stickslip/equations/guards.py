@@ -56,6 +56,9 @@ class Guards:
         Rows whose relative velocity is 0 at the start.
     fired : array (m,) of bool
         Rows that an event has just found at their limit.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: the errors of a solver, 0 where
+        an engine makes none.
 
     Attributes
     ----------
@@ -71,9 +74,16 @@ class Guards:
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
     """
 
-    def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        labels: NDArray[np.int8],
+        at_rest: Mask,
+        fired: Mask,
+        uncertain: float = 0.0,
+    ) -> None:
         # guards of no row have the number -1
-        self.motion, self.at_rest = motion, np.append(at_rest, False)
+        self.motion, self.at_rest, self.uncertain = motion, np.append(at_rest, False), uncertain
         equations = motion.equations
         loose = equations.open
         if loose.size:
@@ -233,7 +243,7 @@ class Guards:
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.at_rest[self.row[i]]:
-                    self.violated[i] = coefficients[0, i] < 0
+                    self.violated[i] = coefficients[0, i] < -self.uncertain
                     continue
                 if self.motion.equations.modes[self.row[i]] == OPEN:
                     # nothing but roundoff is uncertain where no force can hold it
@@ -376,12 +386,22 @@ class Guards:
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
-    def values(self, tau: float | Array, y: Array) -> Array:
-        """Return the guards at local time `tau` from the state, zeros at the start divided out."""
+    @cached_property
+    def passing(self) -> Indices:
+        """Guards of velocities that pass 0."""
+        return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
+
+    def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
+        """Return the guards at local time `tau` from the state, zeros at the start divided out.
+
+        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        """
         motion = self.motion
         # functions of the state act on forces only
         q = motion.inputs(tau, y, functions=self._needs_functions)
         g = self.raw(motion.watched(tau, y, q), q)
+        if late and self.uncertain:
+            g[self.passing] += self.uncertain
         if self.is_plain:
             return g
 
@@ -404,5 +424,5 @@ class Guards:
         return g
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state."""
-        return float(self.values(tau, y).min(initial=math.inf))
+        """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
+        return float(self.values(tau, y, late=True).min(initial=math.inf))

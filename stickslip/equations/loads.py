@@ -56,6 +56,8 @@ class Loads:
         Times at which any signal breaks, each once, in order.
     has_functions : bool
         Whether any signal is a function without a known Taylor series.
+    regions : tuple of int or None
+        The region of each table of the state in which the run is; None where they are looked up.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class Loads:
             if isinstance(s, Constant):
                 self._constant[i] = s.value
         self._last: tuple[int, Stretch] | None = None
+        self.regions: tuple[int, ...] | None = None
 
     def goes_on(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
@@ -98,11 +101,12 @@ class Loads:
         """Return the stretch that begins at `t` or goes on there."""
         number = bisect_right(self.breaks, t)
         if self._last is not None and self._last[0] == number:
+            self._last[1].regions = self.regions
             return self._last[1]
         found = self._stretch(
             self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop)
         )
-        self._last = (number, found)
+        self._last, found.regions = (number, found), self.regions
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -154,6 +158,8 @@ class Stretch:
     has_functions : bool
     bent : array of int
         Entries that are not straight.
+    regions : tuple of int or None
+        The regions of tables in which motions begin.
     """
 
     def __init__(
@@ -166,6 +172,7 @@ class Stretch:
         functions: Sequence[tuple[int, Callable[[float], float]]],
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
+        self.regions: tuple[int, ...] | None = None
         self.is_steady = not slope.any()
         self.has_waves, self.has_functions = bool(waves), bool(functions)
         self.is_straight = not waves and not functions

@@ -411,8 +411,8 @@ class ModeEquations:
         rows = scipy.sparse.csr_array((rest, system.size))
         if v is not None and system.moved.size:
             part = scipy.sparse.csr_array(v)[system.moved].tocoo()
-            places = (system.moved_state - n)[part.coords[0]]
-            rows = scipy.sparse.csr_array((part.data, (places, part.coords[1])), shape=(rest, system.size))
+            places = (system.moved_state - n)[part.row]
+            rows = scipy.sparse.csr_array((part.data, (places, part.col)), shape=(rest, system.size))
         return scipy.sparse.vstack([scipy.sparse.csr_array(top), rows], format="csr")
 
     # -- what adds up ----------------------------------------------------------------------------------------

@@ -77,7 +77,7 @@ class _Linked:
         if loads is not None:
             full[:inputs] = loads
         assert motion.dependence is not None
-        motion.dependence.add_series(full[:inputs], y)
+        motion.dependence.add_series(full[:inputs], y, motion.regions, k == 0)
         self.q.append(full)
         self._known.append(full)
         if self._decay is not None:
@@ -111,7 +111,7 @@ class Motion:
         system = self.system = equations.system
         self.horizon = stretch.stop - t
         self.has_law = equations.acting.size > 0
-        self.dependence = system.dependence
+        self.dependence, self.regions = system.dependence, stretch.regions
         self.has_functions = stretch.has_functions or not (
             self.dependence is None or self.dependence.is_linear
         )
@@ -201,7 +201,7 @@ class Motion:
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, functions)
+            self.dependence.fill(q, y, self.t + tau, tau, self, functions, self.regions)
         if not self._dwelling.size:
             return q
         full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
@@ -244,12 +244,12 @@ class Motion:
             found.append(found[-1] * (0.0 if frozen else -self._rate[live] * scale / (k + 1)))
         return rows, places, found
 
-    def _add_magnitudes(self, q: Array, y: Array) -> None:
+    def _add_magnitudes(self, q: Array, y: Array, values: bool) -> None:
         """Add what adds up in the inputs that depend on the state, in place."""
         dependence = self.dependence
         assert dependence is not None
         slopes = None if dependence.is_linear else self._start_slopes
-        dependence.add_sizes(q, y, slopes)
+        dependence.add_sizes(q, y, slopes, values)
 
     @cached_property
     def _start_slopes(self) -> Array:
@@ -260,7 +260,7 @@ class Motion:
         dependence = self.dependence
         assert dependence is not None
         if dependence.is_linear:
-            dependence.add_series(rate, y_rate)
+            dependence.add_series(rate, y_rate, self.regions, False)
             return
         d, count = self.difference_step, rate.size
         now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
@@ -392,7 +392,7 @@ class Motion:
         dependence = self.dependence
         assert dependence is not None
         q = self.inputs(tau, y)
-        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self)
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.regions)
         if self._dwelling.size and self._rising.size:
             rows = self._dwelling[self._rising]
             decay = np.exp(-(self._age + self._rate * tau))
@@ -530,7 +530,7 @@ class Motion:
                 fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
                 q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
             if self.dependence is not None:
-                self._add_magnitudes(q, y)
+                self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)

@@ -27,6 +27,9 @@ _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
 _CONSTANT = 1e-7
+_FULLY = 0.999
+"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
+
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
 
@@ -93,6 +96,10 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
+        if guards.uncertain:
+            # a velocity that is beyond 0 by no more than the solver's errors has not passed it
+            passed = values[guards.passing] / guards.uncertain
+            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]

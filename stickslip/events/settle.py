@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.balance import Balance
+from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
@@ -133,13 +133,15 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
         return None
     following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
     none = np.zeros(now.labels.size, dtype=bool)
-    guards = Guards(following, now.labels, none, none)
+    guards = Guards(following, now.labels, none, none, now.guards.uncertain)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
         return None
     return Settled(now.labels, following, guards)
 
 
-def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
+def settle(
+    system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
+) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
@@ -155,6 +157,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event.
 
     Raises
     ------
@@ -166,7 +170,7 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     closed = _closed(system, stretch.rate(now.t), q)
     tried = set[bytes]()
     while True:
-        found = _settled(system, stretch, now, quiet, blur, q, closed)
+        found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
             return found
@@ -179,9 +183,15 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
 
 
 def _settled(
-    system: System, stretch: Stretch, now: Situation, quiet: float, blur: float, q: Array, closed: Mask
+    system: System,
+    stretch: Stretch,
+    now: Situation,
+    resolved: tuple[float, float, float],
+    q: Array,
+    closed: Mask,
 ) -> Settled:
     """Return consistent modes where it is known which rows can carry a force."""
+    quiet, blur, uncertain = resolved
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -217,7 +227,8 @@ def _settled(
     if functions.count:
         trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
-    search = _Search(system, stretch, now, y, since, labels, candidates, functions.at(y, q, now.regions))
+    regions = functions.at(y, q, now.regions)
+    search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     motion, guards = search.run(_foreseen(system, trial, now))
     shown = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
@@ -227,7 +238,7 @@ def _settled(
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -316,10 +327,11 @@ class _Search:
         labels: Modes,
         candidates: Mask,
         regions: Regions,
+        uncertain: float,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level = regions, now.at_level(system)
+        self._regions, self._at_level, self._uncertain = regions, now.at_level(system), uncertain
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
@@ -359,7 +371,7 @@ class _Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level)
+            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
@@ -397,7 +409,7 @@ class _Search:
             following[guards.row[violated]] = 0
             return following
         ratio = self._ratios(motion, guards, over)
-        first = over[ratio >= ratio.max() * (1 - AT_LIMIT)]
+        first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
         spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
@@ -419,6 +431,21 @@ class _Search:
             following[row] = 0
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
         return following
+
+    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
+        """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
+
+        Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
+        joined rows has a largest ratio of its own.
+        """
+        equations = motion.equations
+        largest = np.full(rows.size, ratio.max())
+        if rows.size > 1 and not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0:
+            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
+            each = np.zeros(number.max() + 1)
+            np.maximum.at(each, number, ratio)
+            largest = each[number]
+        return np.asarray(ratio >= largest * (1 - AT_LIMIT))
 
     def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.

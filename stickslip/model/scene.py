@@ -250,7 +250,7 @@ class Scene:
             If no element has the name, or the element refuses the changes.
         """
         every: list[Any] = [element for element in self.elements if isinstance(element, Named)]
-        named = [element for element in every if element.name == name]
+        named = [element for element in every if isinstance(name, str) and element.name == name]
         if not named:
             known = {element.name for element in every}
             raise ValueError(

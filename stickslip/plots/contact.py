@@ -73,7 +73,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
     ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, _element(result, contact)).force}]")
     ax.margins(x=0.01)
-    beside(ax, title=f"contact {contact}", alignment="left")
+    beside(ax, title=f"{_element(result, contact).noun()} {contact}", alignment="left")
     return ax
 
 

@@ -20,10 +20,12 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -211,7 +213,11 @@ class _Drawing:
         x, rows = self._x(k), sorted(self.rows[end] for end in link.ends if end in self.rows)
         high = self._top(rows[0]) - _BOX
         low = high - _GAP if len(rows) > 1 else high - _GAP + 0.16
-        link.symbol(ax, x, low, high)
+        symbol = link.symbol
+        if symbol is symbols.one_way and self.rows.get(next(iter(link.ends)), len(self.rows)) > rows[0]:
+            # its first end, which drives, is the lower one
+            symbol = symbols.one_way_up
+        symbol(ax, x, low, high)
         if len(rows) > 1:
             end = self._top(rows[-1])
             ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
@@ -295,6 +301,9 @@ def _link(element: Any, scene: Scene) -> _Link | None:
         case Planetary():
             parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
             return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+        case Gap() | Stop():
+            symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
+            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
         case Tie():
             return _Link(
                 {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name

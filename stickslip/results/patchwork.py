@@ -24,6 +24,10 @@ Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
 
 _AT_ONCE = 500_000
+_DEGREES = (3, 6, 10, 15)
+"""Polynomials up to these degrees are evaluated together."""
+
+_NOTHING = 1e-18
 
 
 class Patches:
@@ -155,7 +159,7 @@ class Series:
         return found
 
     def values(self, entry: Indices, t: Array, unit: float, integrated: bool = False) -> Array:
-        """Return the values of entries at times, or the integrals from their origins."""
+        """Return the values of entries (a line for each thing) at times, or the integrals from their origins."""
         found = np.empty(entry.size)
         entry, t = entry.ravel(), np.broadcast_to(t, entry.shape).ravel()
         for first in range(0, entry.size, _AT_ONCE):
@@ -164,22 +168,47 @@ class Series:
         return found
 
     def _values(self, entry: Indices, t: Array, unit: float, integrated: bool) -> Array:
+        if not entry.size or not self.terms.shape[1]:
+            return np.zeros(entry.size)
         s = (t - self.origin[entry]) / unit
-        found = self.terms[entry, 0] if self.terms.shape[1] else np.zeros(entry.size)
-        degree = self.degree[entry]
-        for low, high in ((1, 3), (4, self.terms.shape[1] - 1)):
+        # times that follow each other read the same entry
+        starts = np.append(True, entry[1:] != entry[:-1]).nonzero()[0]
+        own = entry[starts]
+        terms = self.terms[own]
+        if integrated:
+            terms = terms * (unit / np.arange(1, terms.shape[1] + 1))
+        count = np.diff(np.append(starts, entry.size))
+        degree = np.repeat(_degrees(terms, np.maximum.reduceat(np.abs(s), starts)), count)
+        place = np.repeat(np.arange(own.size), count)
+        columns = np.ascontiguousarray(terms.T)
+        found = columns[0].take(place)
+        low = 1
+        most = terms.shape[1] - 1
+        for high in (*(k for k in _DEGREES if k < most), most):
             some = ((degree >= low) & (degree <= high)).nonzero()[0]
+            low = high + 1
             if not some.size:
                 continue
-            own, x = entry[some], s[some]
-            columns = np.ascontiguousarray(self.terms[np.unique(own)].T)
-            place = np.searchsorted(np.unique(own), own)
-            value = np.zeros(some.size)
-            for k in range(min(high, self.terms.shape[1] - 1), -1, -1):
+            at, x = place[some], s[some]
+            value = columns[high].take(at)
+            for k in range(high - 1, -1, -1):
                 value *= x
-                value += columns[k][place] / (k + 1) if integrated else columns[k][place]
+                value += columns[k].take(at)
             found[some] = value
-        return found * s * unit if integrated else found
+        if integrated:
+            found *= s
+        return np.asarray(found)
+
+
+def _degrees(terms: Array, reach: Array) -> Indices:
+    """Return for polynomials (a line each) the highest power that counts up to so far from 0."""
+    size = np.empty_like(terms)
+    size[:, 0], size[:, 1:] = 1.0, reach[:, None]
+    np.multiply.accumulate(size, axis=1, out=size)
+    size *= np.abs(terms)
+    counts = size > _NOTHING * size.max(axis=1, keepdims=True)
+    highest = terms.shape[1] - 1 - counts[:, ::-1].argmax(axis=1)
+    return np.asarray(np.where(counts.any(axis=1), highest, 0))
 
 
 @dataclass(frozen=True)

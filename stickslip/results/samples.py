@@ -124,7 +124,7 @@ class Samples:
         """Return the number of a body, drive or the ground."""
         try:
             return self.system.index[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self.system.index)[:10]))
             raise ValueError(f"no body is called {name!r}; known are {known}") from None
 
@@ -132,7 +132,7 @@ class Samples:
         """Return the number of a contact or another row."""
         try:
             return self._row_of[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self._row_of)[:10]))
             raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}") from None
 

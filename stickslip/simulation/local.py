@@ -164,9 +164,9 @@ class Local:
         """Expand all anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
         parts.ended = t
-        live = parts.is_free.copy()
+        live = parts.is_free
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
-        live[row[parts.is_free[forest.near]]] = True
+        live[row[live[forest.near]]] = True
         live[forest.child[parts.is_bounded]] = True
         flagged = np.zeros(parts.groups, dtype=bool)
         flagged[parts.group[live]] = True
@@ -185,14 +185,13 @@ class Local:
         rows, held = parts.expand(patch, v)
         self._enter_bodies(patch.bodies)
         if changed is not None:
-            self._enter_rows(np.union1d(held, changed))
-        else:
-            self._enter_rows(held)
+            loose = changed[parts.mode[changed] != 0]
+            held = np.concatenate([held, loose])
+        self._enter_rows(held)
         live = parts.live_rows(patch, rows)
         if parts.is_coupled and parts.end >= parts.stop and parts.is_free[patch.bodies].any():
             parts.end = min(parts.stop, t + parts.unit)
-        bad = parts.look(rows[live], t, False)
-        self._bad = np.concatenate([bad, parts.look(rows[~live], t, True)])
+        self._bad = parts.look(rows, t, live)
 
     # -- one event -------------------------------------------------------------------------------------------
 
@@ -278,22 +277,13 @@ class Local:
         v = patch.v
         if before:
             # equal velocities, momentum conserved
-            v[where] = v[where] @ tree.inertia / tree.inertia.sum()
+            if where.size > 1:
+                v[where] = v[where] @ tree.inertia / tree.inertia.sum()
             held = rows[(mode == 0) & (forest.parent[rows] < 0)]
             if tree.lead is not None and not held.size:
                 k = int(forest.drive[rows[forest.parent[rows] < 0][0]])
                 v[where] = 0.0 if k < 0 else parts.drive[k, 0] + (t - parts.t0) * parts.drive[k, 1]
-        for g in groups:
-            parts.part(g)
-        label = outcome.label
-        place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
-        for one in np.unique(label).tolist():
-            bodies = tree.bodies[label == one]
-            own = rows[(mode == 0) & (label[place] == one)]
-            led = own[forest.parent[own] < 0]
-            lead = int(forest.drive[led[0]]) if led.size else FREE
-            parts.join(bodies, own, lead)
-            parts.is_free[bodies] = lead == FREE
+        self._regroup(tree, outcome, groups)
         old = parts.mode[rows]
         changed = (mode != old).nonzero()[0]
         which = rows[changed]
@@ -319,6 +309,24 @@ class Local:
             else:
                 cause = "reversal"
             self._note(t, j, a, b, cause)
+
+    def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
+        """Form the groups that go on together."""
+        parts, forest = self._parts, self._forest
+        rows, mode, label = tree.rows, outcome.mode, outcome.label
+        for g in groups:
+            parts.part(g)
+        if tree.bodies.size == 1:
+            led = mode[0] == 0
+            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else FREE)
+            return
+        place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
+        for one in np.unique(label).tolist():
+            bodies = tree.bodies[label == one]
+            own = rows[(mode == 0) & (label[place] == one)]
+            led = own[forest.parent[own] < 0]
+            lead = int(forest.drive[led[0]]) if led.size else FREE
+            parts.join(bodies, own, lead)
 
     # -- results ---------------------------------------------------------------------------------------------
 
@@ -350,12 +358,10 @@ class Local:
 
     def _enter_bodies(self, bodies: Indices) -> None:
         parts = self._parts
-        velocity = parts.velocity[bodies]
-        lead = np.full(bodies.size, float(FREE))
-        led = (~parts.is_free[bodies]).nonzero()[0]
-        if led.size:
-            lead[led] = [parts.leads[g] for g in parts.group[bodies[led]].tolist()]
-        self._patches.bodies(bodies, parts.origin[bodies], parts.position[bodies], velocity, lead)
+        lead = parts.lead[bodies].astype(float)
+        self._patches.bodies(
+            bodies, parts.origin[bodies], parts.position[bodies], parts.velocity[bodies], lead
+        )
 
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts

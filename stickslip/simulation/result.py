@@ -193,7 +193,7 @@ class Result:
         """
         if direction is None:
             return self.samples.breakaway(contact)
-        if direction not in (1, -1):
+        if not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
             raise ValueError(
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"

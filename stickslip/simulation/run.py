@@ -28,6 +28,9 @@ Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
+_SAME_TIME = 1e-14
+"""Part of a time within which another one is the same: nothing can be told apart between them."""
+
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
@@ -65,9 +68,11 @@ class Run:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: 0 where the engine is exact.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  (what an engine leaves uncertain has five names)
         self,
         system: System,
         loads: Loads,
@@ -78,11 +83,13 @@ class Run:
         rebound: float,
         quiet: float,
         blur: float,
+        uncertain: float = 0.0,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
         self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
+        self._uncertain = uncertain
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -104,7 +111,7 @@ class Run:
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         for j in hit.nonzero()[0].tolist():
             self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -147,9 +154,10 @@ class Run:
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
-        if tau >= motion.horizon and not (path.hit or ones):
+        stop = motion.stretch.stop
+        if (tau >= motion.horizon and not (path.hit or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
-            t = motion.stretch.stop
+            t = stop
         if self.watch_events is not None:
             path, t = self._note_crossings(motion, path, t, self.watch_events)
         self.keeper.keep(now, path, t)
@@ -235,7 +243,7 @@ class Run:
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

@@ -113,7 +113,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.choice("method", method, _METHODS)
     rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
     atol = arguments.between("atol", atol, 0.0, math.inf)
-    max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
+    max_step = arguments.longest_step(max_step)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step)
@@ -122,7 +122,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
-    arguments.check_ties(system, loads, start)
+    arguments.check_ties(system, loads, start, stop)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
@@ -136,7 +136,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact = name == "series" and margin is None
     rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, rebound, wanted.quiet, blur)
+    uncertain = 0.0 if name == "series" or step is not None else wanted.passed
+    resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
+    run = Run(system, loads, engine, recorder, (start, stop), *resolved)
     if watched:
         run.watch_events = Watch(system, watched, loads.period)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:

@@ -137,6 +137,12 @@ class Cycle:
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
         return np.array([self.shot.along(one)[1] for one in named])
 
+    def _repr_html_(self) -> str:
+        """Return one period as a figure, and the multipliers, as notebooks show them."""
+        from stickslip.plots.notebook import cycle_html
+
+        return cycle_html(self)
+
     def __str__(self) -> str:
         """Return what there is to say of the cycle."""
         kind = "stable" if self.stable else "neutral" if self.neutral else "unstable"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Protocol
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import NamedArguments, finite
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity, as_load
@@ -96,7 +96,7 @@ class Book(Protocol):
         ...
 
 
-class Element:
+class Element(metaclass=NamedArguments):
     """A part of a scene."""
 
     @classmethod

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.model.checks import check_entries, finite
+from stickslip.model.checks import NamedArguments, check_entries, finite
 from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.kinetic import Kinetic
 
@@ -18,7 +18,7 @@ __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 _MAKERS: dict[str, type[Law]] = {}
 
 
-class Law:
+class Law(metaclass=NamedArguments):
     """A friction law of a contact: held within an interval, or moving with a force.
 
     While it slips in a known direction its force is ``sign(w) mu_k(|w|) N``, while it is held it lies within

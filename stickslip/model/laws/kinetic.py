@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.laws.base import Kernel, like
+from stickslip.model.laws.base import Kernel
 
 __all__ = ["Curve", "Kinetic", "Slipping"]
 
@@ -83,8 +83,10 @@ class Kinetic:
         """Return the coefficients at `w` (k,) or (k, times)."""
         mu = self._of_side(self._level, w)
         if self._bent:
-            ratio = np.minimum(np.abs(w), like(self._gone, w)) / like(self._velocity, w)
-            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio ** like(self.exponent, w)))
+            columns = self._gone, self._velocity, self.exponent
+            gone, velocity, exponent = columns if w.ndim == 1 else (x[:, None] for x in columns)
+            ratio = np.minimum(np.abs(w), gone) / velocity
+            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio**exponent))
         if self._functions:
             mu = np.array(np.broadcast_to(mu, w.shape))
         for row, curve in self._functions:
@@ -111,8 +113,8 @@ class Kinetic:
         return slope
 
     def _of_side(self, values: Array, w: Array) -> Array:
-        forward = like(values[0], w)
-        return forward if self._isotropic else np.where(w < 0, like(values[1], w), forward)
+        forward, backward = values if w.ndim == 1 else values[:, :, None]
+        return np.asarray(forward if self._isotropic else np.where(w < 0, backward, forward))
 
 
 def _difference(curve: Curve, speed: float) -> float:
@@ -142,9 +144,10 @@ class Slipping(Kernel):
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return ``sign mu_k N``."""
-        sign = like(self._sign, w)
+        many = w.ndim == 2
+        sign, turned = (self._sign[:, None], self._turned[:, None]) if many else (self._sign, self._turned)
         speed = sign * w
-        beyond = (speed < 0) & like(self._turned, w)
+        beyond = (speed < 0) & turned
         if not np.count_nonzero(beyond):
             return sign * self._mu(np.maximum(speed, 0.0)) * normal
         mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from bad_elements import BELT, DRY, INF, NAN, A, B, Case, contact, spring
 
 from stickslip import (
     GROUND,
@@ -18,7 +19,6 @@ from stickslip import (
     simulate,
     sine,
 )
-from validation.bad_elements import BELT, DRY, INF, NAN, A, B, Case, contact, spring
 
 BLOCK = Scene(A, contact(name="floor", b=GROUND), Force("a", sine(1.0, 1.0)))
 
