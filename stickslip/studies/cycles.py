@@ -208,6 +208,10 @@ def limit_cycle(
             f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
             "leave it out, or simulate until the motion repeats"
         )
+    if system.bristle_state:
+        raise ValueError(
+            "limit_cycle: cycles of laws with bristles are not searched for; take the DryFriction at their core"
+        )
     if system.sampled:
         raise ValueError(
             "limit_cycle: sampled blocks have no derivatives here; blocks in continuous time have"

@@ -16,6 +16,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    LuGre,
     Scene,
     Spring,
     StateSpace,
@@ -225,6 +226,9 @@ def test_bad_arguments_are_refused() -> None:
         limit_cycle(scene, period=-1.0)
     with pytest.raises(ValueError, match="transient must be"):
         limit_cycle(scene, period=period, transient=-1.0)
+    brush = LuGre(DryFriction(1.5, 1.0), 1e4, 10.0, 0.0)
+    with pytest.raises(ValueError, match="laws with bristles"):
+        limit_cycle(belt().with_laws(lambda law: brush))
     with pytest.raises(ValueError, match="give a guess"):
         limit_cycle(belt(), transient=0)
     with pytest.raises(TypeError, match="must be a Scene"):
