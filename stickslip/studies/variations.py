@@ -256,7 +256,13 @@ class Variation:
         self.count = len(self.directions)
         self.reasons: list[tuple[float, int, str]] = []
         self.pieces: list[VariedPiece] = []
-        states = np.array([piece.y for piece in self.trajectory.pieces])
+        # along the way: what starts from 0 is not small
+        states = np.array(
+            [
+                np.abs(piece.y) if piece.path is None else piece.path.largest
+                for piece in self.trajectory.pieces
+            ]
+        )
         n = self.system.n
         size = np.abs(states).max(axis=0, initial=0.0)
         self._size = np.empty(self.system.size)
@@ -572,11 +578,16 @@ class Variation:
         values = guards.values(tau, y)
         size = np.maximum(guards.scale, guards.majorant[0])
         part = values / np.where(size > 0, size, 1.0)
-        fired = (part <= max(0.0, float(part.min(initial=0.0))) + _TIE_OF_ENGINES).nonzero()[0]
+        fired = (part <= max(0.0, float(part.min(initial=np.inf))) + _TIE_OF_ENGINES).nonzero()[0]
+        if not fired.size:
+            for k in range(self.count):
+                self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here")
+            return np.full(self.count, np.nan)
         raw = self._raw(piece, guards, motion)
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
-        steep = np.abs(falls) / np.maximum(guards.majorant[1, fired], _TINY)
+        slopes = guards.majorant[1, fired]
+        steep = np.divide(np.abs(falls), slopes, out=np.zeros(falls.size), where=slopes > 0)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
         names = sorted({self._row(j) for j in guards.row[fired]})
