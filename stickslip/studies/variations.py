@@ -784,11 +784,14 @@ class Variation:
             return
         still = np.zeros((system.m, self.count))
         slopes = self._slopes(
-            _relative, piece, motion, still, np.array([tau]), path.last[:, None], moved[:, None, :]
+            _relative, piece, motion, still, np.array([tau]), path.last[:, None], S[:, None, :]
         )[:, 0]
-        rates = system.drive_accelerations(motion.loads(tau))
-        slopes = slopes + np.outer(system.D @ rates, times) if system.drives else slopes
-        scale = self._speed_slopes(S, motion.rate(tau, path.last), times)
+        rate = motion.rate(tau, path.last)
+        pace = system.G @ rate[: system.n]
+        if system.drives:
+            pace = pace + system.D @ system.drive_accelerations(motion.loads(tau))
+        slopes = slopes + np.outer(pace, times)
+        scale = self._speed_slopes(S, rate, times)
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
         for k in range(self.count):
             off = [

@@ -284,6 +284,26 @@ def test_two_events_at_once_have_no_derivative() -> None:
     assert "'c' and 'd' fall together" in found.reasons[0] and len(found.reasons) == 1
 
 
+def test_contacts_that_share_a_motion_come_to_rest_together() -> None:
+    """Two contacts to one body that a swinging drive holds: one event, and a derivative."""
+    law = DryFriction(0.4, 0.3)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0),
+        Drive("shaker", velocity=sine(0.2, 0.3)),
+        Contact("grip", "b", "shaker", law, normal=30.0),
+        Contact("c", "a", "b", law, normal=3.0),
+        Contact("d", "a", "shaker", law, normal=2.0),
+    )
+    names, span = ["c.normal", "a.inertia", "shaker.velocity.amplitude"], (0.0, 2.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and [event.contact for event in found.result.events] == ["c", "d"]
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 1e-9 * np.abs(told).max(), one.name
+
+
 def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> None:
     found = sensitivities(block(Force("m", 5.0)), (0.0, 2.0), ["m.velocity", "c.law.mu_coulomb"])
     assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == pytest.approx(-20.0, abs=1e-10)
