@@ -1,5 +1,6 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
+from stickslip.model.controllers import pid
 from stickslip.model.elements import (
     GROUND,
     Block,
@@ -39,6 +40,7 @@ from stickslip.model.when import When
 from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
+from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
@@ -69,6 +71,7 @@ __all__ = [
     "Force",
     "Gap",
     "Gear",
+    "Joined",
     "Karnopp",
     "LinearModel",
     "LuGre",
@@ -93,11 +96,13 @@ __all__ = [
     "explain",
     "feedback",
     "fit",
+    "join",
     "limit_cycle",
     "linearize",
     "load",
     "normal",
     "output",
+    "pid",
     "piecewise_linear",
     "position",
     "power",

@@ -25,6 +25,7 @@ SAYS = {
     "coupled_clutches": r"0\.7916623\d+ s  clutch1: FORWARD -> STUCK",
     "drill_string": r"the bit sticks 9 times",
     "fit_friction": r"off by [01]\.\d standard errors at most",
+    "earthquake_statistics": r"2\d\d\d changes of modes make 2\d\d events",
     "flywheel_brake": r"both wheels turn on with 0\.687838305726 rad/s",
     "four_flywheels": r"dry friction only: 11 events",
     "relaxation": r"(?m)^18 s  floor: STUCK -> FORWARD \(breakaway\)",

@@ -140,9 +140,10 @@ class Series:
             self._note_speed(motion, y)
             root = self._first(g, lambda: self._floor(motion, guards)[watched])
         c = expansion.y * stretched
-        # a motion that ends is kept as what it is
-        used = np.flatnonzero(c.any(axis=1))
-        return _Step(c[: int(used.max(initial=0)) + 1], h, root)
+        if motion.stretch.is_straight:
+            # a motion that is a short polynomial is kept as one
+            c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
+        return _Step(c, h, root)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:

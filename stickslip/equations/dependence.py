@@ -425,9 +425,14 @@ class Dependence:
         """How often functions have been called."""
         return sum(node.calls for node in self.nodes)
 
+    def is_linear_in(self, regions: Regions) -> bool:
+        """Tell whether all is linear while tables follow the lines of some regions."""
+        return self.is_linear and (regions is not None or not self.tables)
+
     def looked_up(self, q: Array, y: Array) -> Array:
         """Return what each table is looked up at, a line each; the inputs are filled."""
-        return np.array([self._parts[k].at(y, q)[0] for k in self.tables])
+        found = [self._parts[k].at(y, q)[0] for k in self.tables]
+        return np.array(found).reshape(len(found), *y.shape[1:])
 
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""

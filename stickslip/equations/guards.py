@@ -425,4 +425,30 @@ class Guards:
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
-        return float(self.values(tau, y, late=True).min(initial=math.inf))
+        if not self.size:
+            return math.inf
+        if tau <= self._told:
+            return float(self.values(tau, y, late=True).min())
+        # no zero of the start is near: its order does not change a sign
+        motion, q = self.motion, None
+        if self._has_levels or self._rising.size or motion.dependence is not None:
+            q = motion.inputs(tau, y, functions=self._needs_functions)
+        z = motion.watched(tau, y, q)
+        g = self.raw(z, z if q is None else q)
+        if self.uncertain:
+            g[self.passing] += self.uncertain
+        if self._offset is not None:
+            g += self._offset
+        return float(g.min())
+
+    @cached_property
+    def _told(self) -> float:
+        """Until when the sign of some guard that leaves 0 is roundoff."""
+        leaves = (self.order > 0) & (self.order < NEVER)
+        return float(self._roundoff[0][leaves].max()) if leaves.any() else -1.0
+
+    @cached_property
+    def _offset(self) -> Array | None:
+        """How far guards that stay 0 may stray from it, 0 for all others."""
+        stays = self.order == NEVER
+        return np.where(stays, self._roundoff[1], 0.0) if stays.any() else None

@@ -257,6 +257,7 @@ class ModeEquations:
         self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
         self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
         self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
+        self._KL = np.vstack([self.K, self.L])
         self._place_maps()
         self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
@@ -293,7 +294,8 @@ class ModeEquations:
     def push(self, e: Array) -> Array:
         """Return ``K e`` and ``L e`` in one array."""
         if not self.system.sparse:
-            return np.concatenate([self.K @ e, self.L @ e])
+            found: Array = self._KL @ e
+            return found
         wide = np.zeros((self.system.m, *e.shape[1:]))
         wide[self.acting] = e
         return self._of_friction(wide)
@@ -459,6 +461,14 @@ class ModeEquations:
             z[first : first + self.at_level.size] = np.abs(self._shares) @ forces
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
+        return found
+
+    @cached_property
+    def acting_velocities(self) -> Array:
+        """The relative velocities of the acting rows from the states of a small scene, without drives."""
+        system = self.system
+        found = np.zeros((self.acting.size, system.size))
+        found[:, : system.n] = system.G[self.acting]
         return found
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:

@@ -113,7 +113,7 @@ class Motion:
         self.has_law = equations.acting.size > 0
         self.dependence, self.regions = system.dependence, stretch.regions
         self.has_functions = stretch.has_functions or not (
-            self.dependence is None or self.dependence.is_linear
+            self.dependence is None or self.dependence.is_linear_in(self.regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
         self._dwelling = system.dwelling
@@ -311,16 +311,39 @@ class Motion:
 
     def acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting rows."""
-        equations, system = self.equations, self.system
-        rows = equations.acting
-        w = system.relative_velocity(y, q)[rows]
-        dwell = system.dwell[rows]
-        lag = np.zeros_like(w)
-        some = (dwell > 0).nonzero()[0]
+        rows = self.equations.acting
+        w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
+        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
+
+    def _lag(self, tau: float | Array, w: Array) -> Array:
+        """Return what the dwell of the acting rows still withholds, an array like `w`."""
+        lag = np.zeros(w.shape)
+        some, age, dwell = self._acting_dwells
         if some.size:
-            age = np.add.outer(self.t - self.since[rows[some]], tau)
-            lag[some] = np.exp(-(age.T / dwell[some]).T)
-        return w, np.maximum(q[rows], 0.0), lag, y[equations.bristle_places]
+            lag[some] = np.exp(-(np.add.outer(age, tau).T / dwell).T)
+        return lag
+
+    @cached_property
+    def _acting_dwells(self) -> tuple[Indices, Array, Array]:
+        rows = self.equations.acting
+        dwell = self.system.dwell[rows]
+        some = (dwell > 0).nonzero()[0]
+        return some, self.t - self.since[rows[some]], dwell[some]
+
+    @cached_property
+    def _lines(self) -> tuple[Array, Array, Array, Array, Array, Array] | None:
+        """What the inputs of a small motion do, where they are lines: each a value at the start and a slope.
+
+        Rates and watched quantities; relative velocities, and normal forces, of the acting rows.
+        """
+        system, equations = self.system, self.equations
+        if system.sparse or self.rises_push or not self.is_straight or self.dependence is not None:
+            return None
+        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
+        slope[: system.inputs] = self.stretch.slope
+        rows, none = equations.acting, np.zeros(system.size)
+        w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
+        return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
@@ -336,15 +359,29 @@ class Motion:
         The inputs `q` need not be given.
         """
         equations = self.equations
-        if q is None:
-            q = self.inputs(tau, y)
-        found = equations.apply(y)
-        found += equations.respond(q)
+        found = self._linear(tau, y, q)
         if self.has_law:
-            w, normal, lag, z = self.acting_terms(y, q, tau)
+            lines = None if isinstance(tau, np.ndarray) else self._lines
+            if lines is None:
+                w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y) if q is None else q, tau)
+            else:
+                w = equations.acting_velocities @ y
+                w += lines[2] + tau * lines[3]
+                normal = np.maximum(lines[4] + tau * lines[5], 0.0)
+                lag, z = self._lag(tau, w), y[equations.bristle_places]
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
+        return found
+
+    def _linear(self, tau: float | Array, y: Array, q: Array | None) -> Array:
+        """Return ``A y + B q`` and ``E y + H q``."""
+        found = self.equations.apply(y)
+        lines = None if isinstance(tau, np.ndarray) else self._lines
+        if lines is None:
+            found += self.equations.respond(self.inputs(tau, y) if q is None else q)
+        else:
+            found += lines[0] + tau * lines[1]
         return found
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
@@ -363,7 +400,11 @@ class Motion:
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
-        return self.both(tau, y, q)[self.system.size :]
+        equations = self.equations
+        # the laws' forces reach what is watched only where forces are
+        watches_forces = equations.held.size or equations.at_level.size
+        found = self.both(tau, y, q) if watches_forces else self._linear(tau, y, q)
+        return found[self.system.size :]
 
     def exact(self, tau: float | Array, y: Array) -> Array:
         """Return a state (or columns) with dependent velocities written through T."""

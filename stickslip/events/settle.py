@@ -230,15 +230,17 @@ def _settled(
     regions = functions.at(y, q, now.regions)
     search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     motion, guards = search.run(_foreseen(system, trial, now))
-    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
+    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
-        if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system), uncertain)
+        # the sign of what has died away is a solver's error
+        watched = np.where(died, 0, shown).astype(np.int8)
+        if np.any(watched[is_open] != labels[is_open]):
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -440,7 +442,8 @@ class _Search:
         """
         equations = motion.equations
         largest = np.full(rows.size, ratio.max())
-        if rows.size > 1 and not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0:
+        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
+        if rows.size > 1 and no_loops and equations.is_held[rows].all():
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
             each = np.zeros(number.max() + 1)
             np.maximum.at(each, number, ratio)

@@ -452,8 +452,8 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
         If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
-    lowest = -math.inf if low == -math.inf else finite(low, "saturate: low")
-    highest = math.inf if high == math.inf else finite(high, "saturate: high")
+    lowest = low if isinstance(low, float) and low == -math.inf else finite(low, "saturate: low")
+    highest = high if isinstance(high, float) and high == math.inf else finite(high, "saturate: high")
     if not lowest < highest:
         raise ValueError(f"saturate: low must be below high, got {lowest:g} and {highest:g}; exchange them")
     limits = tuple(x for x in (lowest, highest) if math.isfinite(x))

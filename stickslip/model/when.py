@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
+from stickslip.model.checks import NamedArguments
 from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Load
 
@@ -11,7 +12,7 @@ __all__ = ["When"]
 
 
 @dataclass(frozen=True)
-class When:
+class When(metaclass=NamedArguments):
     """An event of the user: a quantity crosses 0.
 
     It changes nothing in the motion; it is located as exactly as a change of mode, noted among the events, and may stop
@@ -44,7 +45,8 @@ class When:
         """Check the fields."""
         if not isinstance(name, str) or not name:
             raise TypeError(f"When: name must be a name (a string that is not empty), got {name!r}")
-        if isinstance(direction, bool) or direction not in (-1, 0, 1):
+        number = isinstance(direction, (int, float)) and not isinstance(direction, bool)
+        if not number or direction not in (-1, 0, 1):
             raise ValueError(f"event {name!r}: direction must be -1, 0 or +1, got {direction!r}")
         if not isinstance(stop, bool):
             raise TypeError(f"event {name!r}: stop must be True or False, got {stop!r}")

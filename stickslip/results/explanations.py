@@ -236,6 +236,12 @@ def _watched(result: Outcome) -> list[str]:
         seen.setdefault(modes.tobytes(), (modes, []))[1].append(duration)
     outcome = "reached the end" if result.success else f"stopped early ({result.message})"
     lines = [f"Simulation: {outcome}; " + ", ".join(f"{k} {v}" for k, v in result.stats.items())]
+    if result.stats.get("engine") == "Taylor series":
+        lines.append(
+            f"No event can have been missed: of the guards looked at, {result.stats['guards_excluded']} were proved "
+            f"to have no root, and the first roots of {result.stats['guards_isolated']} were isolated; a guard that "
+            "passes 0 by less than 2e-15 of its terms does not count"
+        )
     lines.append(f"Sets of modes met: {len(seen)}")
     for modes, times in list(seen.values())[:_MODE_SETS]:
         stretches = f"{sum(times):.4g} s in {_count(len(times), 'stretch')}"

@@ -19,7 +19,7 @@ from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.local import Local
-from stickslip.simulation.watching import Watch
+from stickslip.simulation.watching import Borders, Watch
 
 __all__ = ["Run"]
 
@@ -96,6 +96,8 @@ class Run:
         self._recent: list[int] = []
         self.now: Settled | None = None
         self.watch_events: Watch | None = None
+        tables = system.dependence is not None and system.dependence.tables
+        self._borders = Borders(system, loads) if tables else None
         self.stopped: str | None = None
         self.local: Local | None = None
         self._is_whole = False
@@ -107,6 +109,8 @@ class Run:
         if system.sampled:
             q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
             y = system.sample(self.t, self._start, q, y)
+        if self._borders is not None:
+            self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
@@ -151,6 +155,8 @@ class Run:
         path = self.engine.advance(motion, now.guards, motion.horizon)
         # to the bit, also where a solver has integrated a rate of 0
         path.last[self.system.clocked] = motion.y[self.system.clocked]
+        if self._borders is not None:
+            path = self._borders.cut(motion, path)
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
@@ -212,6 +218,8 @@ class Run:
         system, held = self.system, self._sampled(motion, path, t)
         if not (path.hit or ones) and self.loads.goes_on(t):
             y = np.concatenate([path.last[: system.first_block], held])
+            if self._borders is not None:
+                self._borders.place(y, t)
             following = carried_on(now, self.loads.after(t), t, y)
             if following is not None:
                 self.now = following
@@ -224,6 +232,8 @@ class Run:
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
+        if self._borders is not None:
+            self._borders.place(y, t)
         since = np.where(before == 0, motion.since, t)
         situation = Situation(
             t,

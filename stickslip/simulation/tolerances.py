@@ -15,7 +15,7 @@ __all__ = ["Tolerances", "largest_value", "tolerances"]
 
 Array = NDArray[np.float64]
 
-_PASSED = 30.0
+_PASSED = 100.0
 """How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
 
 _FINEST = 1e-13

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +16,13 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
 from stickslip.model.when import When
 
-__all__ = ["Crossing", "Watch"]
+__all__ = ["Borders", "Crossing", "Watch"]
 
 Array = NDArray[np.float64]
 
@@ -104,6 +106,82 @@ class Watch:
 
     def _along(self, motion: Motion, path: Path, k: int) -> Callable[[float], float]:
         return lambda tau: float(self._values(motion, path, np.array([tau]))[0][k, 0])
+
+
+class Borders:
+    """Keeps a run in the regions of its tables: each motion follows one line of each, up to the first border.
+
+    Parameters
+    ----------
+    system : System
+        With tables that depend on the state.
+    loads : Loads
+        Tells motions the regions.
+    """
+
+    def __init__(self, system: System, loads: Loads) -> None:
+        assert system.dependence is not None
+        self._system, self._loads, self._dependence = system, loads, system.dependence
+        # the largest values so far: what comes to a border has their roundoff
+        self._sizes = np.zeros(len(system.dependence.tables))
+
+    def place(self, y: Array, t: float) -> None:
+        """Find the regions in which a state lies; a region at whose border it lies is kept."""
+        q = self._system.filled(self._loads.after(t).at(t), y, t)
+        regions = self._loads.regions
+        found = []
+        for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
+            region = self._dependence.region(k, x) if regions is None else regions[k]
+            low, high = self._dependence.borders(k, region)
+            ends = [abs(value) for value in (x, low, high) if math.isfinite(value)]
+            rough = _ROUGH * max(*ends, float(self._sizes[k]))
+            inside = low - rough <= x <= high + rough
+            found.append(region if inside else self._dependence.region(k, x))
+        self._loads.regions = tuple(found)
+
+    def cut(self, motion: Motion, path: Path) -> Path:
+        """Return a path up to the first border; the regions are those beyond it."""
+        regions = self._loads.regions
+        if path.taus.size < 2 or regions is None:
+            return path
+        nodes = chebyshev_nodes(_DEGREE)
+        taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
+        values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
+        self._sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
+        first, left = math.inf, (0, 0)
+        for k, region in enumerate(regions):
+            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
+                if math.isfinite(border):
+                    tau = self._exit(motion, path, k, side, border, side * (border - values[k]))
+                    if tau < first:
+                        first, left = tau, (k, side)
+        if first > path.taus[-1]:
+            return path
+        k, side = left
+        self._loads.regions = (*regions[:k], regions[k] + side, *regions[k + 1 :])
+        if first >= path.taus[-1]:
+            return path
+        return path.cut(first) if first > 0 else path.until(0)
+
+    def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
+        """Return the first local time at which a table is left over one border, inf if it is not."""
+        size = float(np.abs(depths).max()) + abs(border)
+        rough, noise = _ROUGH * size, _TINY * size
+
+        def depth(tau: float) -> float:
+            return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))
+
+        told = False
+        for row, (start, stop) in zip(depths, pairwise(path.taus.tolist()), strict=True):
+            for tau, sign in _roots(start, stop, row, depth, noise if told else rough, noise):
+                if sign < 0:
+                    return tau
+                told = True
+        return math.inf
+
+    def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
+        y = motion.exact(taus, path.at(taus).T)
+        return self._dependence.looked_up(motion.inputs(taus, y)[: self._system.inputs], y)
 
 
 def _roots(

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 
-from stickslip.engines.roots import first_root, may_vanish
+from stickslip.engines.roots import earliest, first_root, may_vanish
 
 Array = np.ndarray
 
@@ -208,3 +211,45 @@ def test_a_dip_of_roundoff_is_none_but_what_comes_after_is_found() -> None:
     assert first_root(deep, floor=1.0) == pytest.approx(0.3 - 1e-11**0.5, rel=1e-9)
     # and where it has not come back by the end
     assert first_root(np.array([1.0 - 1e-14, -2.0, 1.0]), floor=1.0) == pytest.approx(1 - 1e-7, abs=1e-8)
+
+
+# Tangencies, decided as exact arithmetic decides
+
+
+def sign_changes(values: list[Fraction]) -> int:
+    signs = [value > 0 for value in values if value]
+    return sum(a != b for a, b in pairwise(signs))
+
+
+def exactly_has_a_root(c: Array) -> bool:
+    """Whether the polynomial of these doubles has a root in (0, 1], by Sturm's chain in fractions."""
+    chain = [[Fraction(float(x)) for x in c]]
+    chain.append([k * x for k, x in enumerate(chain[0])][1:])
+    while len(chain[-1]) > 1:
+        rest, by = chain[-2][:], chain[-1]
+        while len(rest) >= len(by):
+            factor, offset = rest[-1] / by[-1], len(rest) - len(by)
+            for i, x in enumerate(by):
+                rest[offset + i] -= factor * x
+            rest.pop()
+        while rest and not rest[-1]:
+            rest.pop()
+        if not rest:
+            break
+        chain.append([-x for x in rest])
+    return sign_changes([p[0] for p in chain]) > sign_changes([sum(p, Fraction(0)) for p in chain])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_grazes_are_decided_as_exact_arithmetic_decides(seed: int) -> None:
+    """1,000 in all: a parabola within 1e-9 to 1e-13 of touching 0, times a positive polynomial."""
+    rng = np.random.default_rng(seed)
+    for _ in range(100):
+        place, distance = rng.uniform(0.05, 0.95), rng.choice([-1, 1]) * 10 ** rng.uniform(-13, -9)
+        positive = [np.append(1.0, rng.uniform(-0.3, 0.3, k)) for k in (1, *rng.integers(1, 4, 2))]
+        c = np.array([place**2 + distance, -2 * place, 1.0]) * rng.uniform(0.2, 5.0)
+        for factor in positive:
+            c = polynomial.polymul(c, factor)
+        assert (first_root(c) is not None) == exactly_has_a_root(c), (c, distance)
+        if distance < 0:
+            assert earliest(c[None, :])[0] <= place

@@ -13,6 +13,7 @@ import pytest
 import stickslip
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Dahl,
@@ -27,17 +28,26 @@ from stickslip import (
     OneWay,
     Planetary,
     PreSlip,
+    Sampled,
     Scene,
     Spring,
+    StateSpace,
     Stop,
     Tie,
+    When,
     explain,
+    feedback,
     piecewise_linear,
+    position,
+    power,
+    saturate,
     signal,
     simulate,
     sine,
     step,
+    table,
     triangle,
+    velocity,
 )
 
 DRY = DryFriction(0.2, 0.1)
@@ -93,6 +103,38 @@ GOOD: dict[Callable[..., Any], dict[str, Any]] = {
         "radius_b": 1.0,
     },
     OneWay: {"name": "o", "a": "a", "b": "b", "radius_a": 1.0, "radius_b": 1.0},
+    Block: {
+        "name": "b",
+        "inputs": [velocity("a")],
+        "states": [0.0],
+        "derivative": lambda t, x, u: u[0],
+        "output": lambda t, x, u: x[0],
+        "outputs": 1,
+    },
+    StateSpace: {
+        "name": "s",
+        "A": [[0.0]],
+        "B": [[1.0]],
+        "C": [[1.0]],
+        "D": [[0.0]],
+        "inputs": [velocity("a")],
+        "states": [0.0],
+    },
+    Sampled: {
+        "name": "d",
+        "period": 0.1,
+        "inputs": [velocity("a")],
+        "states": [0.0],
+        "update": lambda t, x, u: u[0],
+        "output": lambda t, x, u: x[0],
+    },
+    When: {"name": "w", "quantity": velocity("a"), "direction": 1, "stop": True},
+    position: {"body": "a"},
+    velocity: {"body": "a"},
+    power: {"row": "c"},
+    feedback: {"function": math.sin, "derivatives": [math.cos]},
+    saturate: {"quantity": velocity("a"), "low": -1.0, "high": 1.0},
+    table: {"quantity": velocity("a"), "xs": [0.0, 1.0], "ys": [0.0, 1.0]},
     DryFriction: {
         "mu_static": 0.2,
         "mu_coulomb": 0.1,
@@ -230,5 +272,16 @@ def test_all_constructors_are_looked_at() -> None:
         if isinstance(thing := getattr(stickslip, name), type) and not issubclass(thing, (BaseException, int))
     }
     # what users do not make, or make from other arguments
-    made = classes - {"Cycle", "Event", "Result", "Scene", "Sensitivities", "Signal"}
+    made = classes - {
+        "Branch",
+        "Cycle",
+        "Event",
+        "Fit",
+        "LinearModel",
+        "Quantity",
+        "Result",
+        "Scene",
+        "Sensitivities",
+        "Signal",
+    }
     assert made <= {maker.__name__ for maker in GOOD}, made - {maker.__name__ for maker in GOOD}

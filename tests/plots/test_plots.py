@@ -334,6 +334,9 @@ def test_characteristic_lies_on_its_law(wheels):
     assert brake.get_ylabel() == "force / normal force [1 | m]"
     w, ratio = curve(brake, "trajectory").get_data()
     assert ratio[(w > 1e-9) & np.isfinite(ratio)] == pytest.approx(0.1)
+    # and its law per normal force: the kinetic coefficient on both sides, the static one at rest
+    law = [line for line in brake.get_lines() if line.get_color() == "0.65"]
+    assert [sorted(set(line.get_ydata())) for line in law] == [[-0.1], [0.1], [-0.2, 0.2], []]
     drawn(brake)
 
 

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -21,10 +22,14 @@ from stickslip import (
     PreSlip,
     Scene,
     Spring,
+    StateSpace,
     Stop,
     Tie,
+    output,
     plots,
+    power,
     sine,
+    velocity,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain, four_flywheels
 from stickslip.model.elements.base import Link, Named
@@ -53,6 +58,9 @@ MACHINE = Scene(
     Gap("teeth", "sun", "carrier", lower=-0.01, upper=0.01, stiffness=1e4),
     Stop("bumper", "car", GROUND, upper=3.0),
     OneWay("sprag", "ground", "hub"),
+    StateSpace("pid", A=[[0.0]], B=[[1.0]], C=[[3.0]], inputs=[velocity("car")]),
+    Block("warm", inputs=[power("tyre")], states=[20.0], derivative=lambda t, x, u: u[0]),
+    Force("car", output("pid")),
 )
 STAR = Scene(
     Body("hub", inertia=1.0),
@@ -114,6 +122,7 @@ def test_names_and_values_stand_beside_what_they_belong_to():
         "teeth\n-0.01 to 0.01",
         "bumper\n-inf to 3",
         "sprag\nground drives",
+        "F(t, state)",
         "r = 0.3",
         "k = 1e+04\nc = 3",
         "c = 10",
@@ -122,6 +131,11 @@ def test_names_and_values_stand_beside_what_they_belong_to():
         "carrier",
     ):
         assert text in found, text
+
+
+def test_blocks_stand_below():
+    found = texts(plots.schematic(MACHINE))
+    assert any(text.endswith(" pid") for text in found) and any(text.endswith(" warm") for text in found)
 
 
 def test_units_are_those_of_the_motion():

@@ -110,6 +110,7 @@ def test_benchmark_events_have_their_numbers():
         "its relative velocity reached 0; needs 10 to stay stuck, can hold 21.722"
     )
     assert "Sets of modes met: 5" in text
+    assert "No event can have been missed: of the guards looked at, " in text
     assert "3 guards; stuck interface; forward brake" in text
     assert text.count(" -> ") == 5
 

@@ -52,7 +52,12 @@ class AnyBlock(Named):
 
     def _check_inputs(self) -> None:
         given: Any = self.inputs
-        loads: list[Any] = [given] if isinstance(given, (Load, int, float)) else list(given)
+        try:
+            loads: list[Any] = [given] if isinstance(given, (Load, int, float)) else list(given)
+        except TypeError:
+            raise TypeError(
+                f"{self.label}: inputs must be a sequence of quantities such as [velocity('a')], got {given!r}"
+            ) from None
         inputs = tuple(as_expression(load, f"{self.label}: input {k}") for k, load in enumerate(loads))
         object.__setattr__(self, "inputs", inputs)
 
@@ -225,7 +230,7 @@ class StateSpace(AnyBlock):
     def _matrix(self, name: str, rows: int | None, columns: int | None) -> Array:
         try:
             found = np.array(getattr(self, name), dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise TypeError(f"{self.label}: {name} must be a matrix, got {getattr(self, name)!r}") from None
         if found.ndim == 0 or (found.ndim == 1 and found.size and name == "B" and rows == found.size):
             found = found.reshape(-1, 1)
