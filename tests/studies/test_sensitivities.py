@@ -208,7 +208,7 @@ def test_a_kinetic_curve_by_cvode() -> None:
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
 
 
-@pytest.mark.parametrize("kind", ["pressed", "controlled", "pendulum"])
+@pytest.mark.parametrize("kind", ["pressed", "controlled", pytest.param("pendulum", marks=pytest.mark.slow)])
 def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
     """A contact that its position and velocity open and close; a controller with a state; a dry pendulum."""
     law, other = DryFriction(0.3, 0.2), DryFriction(1.5, 1.0)
