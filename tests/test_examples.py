@@ -17,7 +17,7 @@ from stickslip import sweep
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 SCENES = sorted((ROOT / "examples" / "scenes").glob("*.*"))
-LARGEST_FIGURE = 150_000
+LARGEST_FIGURE = 400_000
 
 SAYS = {
     "belt_oscillator": r"from far out: 11 events, period 12\.0010310\d+ s",

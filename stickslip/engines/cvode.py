@@ -23,6 +23,9 @@ __all__ = ["ADAMS", "BDF", "Cvode"]
 
 Array = NDArray[np.float64]
 
+_MOST_AGAIN = 1_000_000
+"""Steps between two values that the second solver of a replay may take."""
+
 _ROOTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
 
@@ -146,7 +149,9 @@ class Cvode:
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
             solver = CVODE(rate, eventsfn=smallest_guard, num_events=1, jacfn=jacobian, **options)
-            return solver, CVODE(known_rate, jacfn=known_jacobian, **options)
+            # the second one is asked for some steps only: between two of them may lie many
+            again = CVODE(known_rate, jacfn=known_jacobian, max_num_steps=_MOST_AGAIN, **options)
+            return solver, again
 
 
 class _Selected:

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
@@ -50,7 +50,7 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
             return float(values(np.array([tau]))[row, 0])
 
         if beyond(right) < 0:
-            found = min(found, float(brentq(beyond, left, right, xtol=1e-300, rtol=1e-15)))
+            found = min(found, float(scipy.optimize.brentq(beyond, left, right, xtol=1e-300, rtol=1e-15)))
     if not 0 < found < taus[-1]:
         return path
     cut = path.cut(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -124,6 +124,8 @@ def join(results: Sequence[Result]) -> Joined:
     TypeError, ValueError
         If there is none, one is no result, or one does not begin where the one before has ended.
     """
+    if not isinstance(results, Iterable):
+        raise TypeError(f"join: expected a list of results, got {results!r}")
     listed = tuple(results)
     if not listed:
         raise ValueError("join: there are no results; give at least one")

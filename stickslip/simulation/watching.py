@@ -12,9 +12,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
@@ -209,7 +209,7 @@ def _roots(
         if before is None:
             found.append((left, sign))
         elif sign != before[1]:
-            root = float(brentq(exact, before[0], tau, xtol=1e-300, rtol=1e-15))
+            root = float(scipy.optimize.brentq(exact, before[0], tau, xtol=1e-300, rtol=1e-15))
             found.append((root, sign))
         before = tau, sign
     return found

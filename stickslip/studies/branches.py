@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
@@ -265,7 +265,9 @@ class _Follower:
                 return test(self.reach(near, of, x))
 
             try:
-                found = float(brentq(at, before, value, xtol=self._accuracy * abs(value - before)))
+                found = float(
+                    scipy.optimize.brentq(at, before, value, xtol=self._accuracy * abs(value - before))
+                )
             except (CycleError, SimulationError):
                 found = 0.5 * (before + value)
             said = {"fold": "a multiplier passes 1", "flip": "a multiplier passes -1: the period doubles"}

@@ -277,6 +277,7 @@ def test_all_constructors_are_looked_at() -> None:
         "Cycle",
         "Event",
         "Fit",
+        "Joined",
         "LinearModel",
         "Quantity",
         "Result",

@@ -470,3 +470,25 @@ def test_a_few_extremes_do_not_stretch_the_colours_of_a_raster():
     low, high = axes[1].collections[0].get_clim()
     assert high == pytest.approx(1.0, abs=0.01) and low == pytest.approx(-1.0, abs=0.01)
     assert axes[1].collections[0].colorbar.extend == "both"
+
+
+def test_gaps_and_stops_show_their_stretch_between_limits() -> None:
+    from stickslip import GROUND, Body, Gap, Scene, Stop, simulate
+
+    scene = Scene(
+        Body("m", inertia=1, velocity=1.0),
+        Stop("wall", "m", GROUND, lower=-1, upper=1, restitution=0.5),
+        Gap("soft", "m", GROUND, lower=-0.5, stiffness=10.0),
+    )
+    result = simulate(scene, (0, 12))
+    ax = plots.stretch(result, "wall")
+    assert len(ax.patches) == 2
+    labels = [line.get_label() for line in ax.lines]
+    assert "impact" in labels
+    assert len(plots.stretch(result, "soft").patches) == 1
+    titles = [panel.get_legend().get_title().get_text() for panel in result.plot().axes if panel.get_legend()]
+    assert "stop wall" in titles
+    assert "gap soft" in titles
+    assert plots.schematic(scene)
+    with pytest.raises(ValueError, match="no gap or stop is called 'other'; known are 'soft', 'wall'"):
+        plots.stretch(result, "other")
