@@ -23,6 +23,9 @@ __all__ = ["ADAMS", "BDF", "Cvode"]
 
 Array = NDArray[np.float64]
 
+_ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
+"""The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
+
 _MOST_AGAIN = 1_000_000
 """Steps between two values that the second solver of a replay may take."""
 
@@ -74,6 +77,9 @@ class Cvode:
         work.jacobian_calls += solution.njev
         self._roots[key] = self._roots.get(key, 0) + (solution.status == 2)
         path = selected.whole(taken.taus, taken.coefficients, taken.state, solution.status == 2)
+        if solution.status == _ERROR_TEST_FAILED and taken.taus.size > _SOME_STEPS:
+            # a kink that its long memory cannot pass: it goes on from there with a new one
+            return path
         if solution.status < 0:
             raise failure_of(solution, path)
         fine = np.isfinite(taken.coefficients).all(axis=(1, 2))

@@ -50,11 +50,17 @@ def chain():
     return simulate(flywheel_chain(30), (0.0, 1.0))
 
 
+def open_figures():
+    """Return the numbers of the figures that pyplot holds: those of other tests, and none of ours."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    return pyplot.get_fignums() if pyplot is not None else []
+
+
 @pytest.fixture(autouse=True)
 def leaves_no_figure_behind():
+    before = open_figures()
     yield
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    assert pyplot is None or not pyplot.get_fignums()
+    assert open_figures() == before
 
 
 def labels(ax):
