@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Body, Contact, Drive, Scene
+from stickslip.model.scene import Block, Body, Contact, Drive, Scene, StateSpace
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled
@@ -208,9 +208,13 @@ def limit_cycle(
             f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
             "leave it out, or simulate until the motion repeats"
         )
-    if system.first_bristle < system.size:
+    if system.bristle_state:
         raise ValueError(
-            "limit_cycle: laws with bristles have a state of their own, from which no scene starts"
+            "limit_cycle: cycles of laws with bristles are not searched for; take the DryFriction at their core"
+        )
+    if system.sampled:
+        raise ValueError(
+            "limit_cycle: sampled blocks have no derivatives here; blocks in continuous time have"
         )
     if period is not None:
         if guess is not None:
@@ -265,18 +269,29 @@ def _check_constant(system: System) -> None:
 
 
 def _read_positions(system: System) -> Array:
-    """Return orthonormal combinations of positions that forces read, a line each."""
-    block = system.C[:, system.n : system.first_bristle]
-    dense = block.toarray() if hasattr(block, "toarray") else np.asarray(block)
-    if not dense.size:
+    """Return orthonormal combinations of positions that forces, normal forces or blocks read, a line each."""
+    places = slice(system.n, system.first_bristle)
+    lines = [_dense(system.C)[:, places], _dense(system.block_C)[:, places]]
+    if system.dependence is not None:
+        every = np.eye(system.first_bristle - system.n)
+        read = np.intersect1d(system.dependence.columns, np.arange(system.n, system.first_bristle))
+        lines.append(every[read - system.n])
+    block = np.concatenate(lines)
+    if not block.size:
         return np.zeros((0, system.first_bristle - system.n))
-    _, sizes, lines = np.linalg.svd(dense)
+    _, sizes, found = np.linalg.svd(block)
     rank = int(np.count_nonzero(sizes > 1e-12 * sizes.max(initial=0.0)))
-    return lines[:rank]
+    return np.asarray(found[:rank])
+
+
+def _seen(system: System, y: Array, read: Array) -> Array:
+    """Return what has to close of states (or columns of them): velocities, positions that are read, all others."""
+    n, first = system.n, system.first_bristle
+    return np.concatenate([y[:n], read @ y[n:first], y[first:]])
 
 
 class _Coordinates:
-    """Coordinates of the states near the start of a motion: independent velocities, positions read, ages at rest.
+    """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
 
     Parameters
     ----------
@@ -294,19 +309,22 @@ class _Coordinates:
         self._read = _read_positions(system)
         held = motion.equations.is_held
         self.aged = system.dwelling[held[system.dwelling]]
-        count = self.free.size + self._read.shape[0]
+        more = size - system.first_bristle
+        count = self.free.size + self._read.shape[0] + more
         # from coordinates to states: held velocities follow, what forces do not read stays
         self.to_states = np.zeros((size, count))
         self.to_states[self.free, np.arange(self.free.size)] = 1.0
         none = np.zeros((system.drives, count))
         self.to_states = motion.equations.consistent(self.to_states, none)
-        self.to_states[n : system.first_bristle, self.free.size :] = self._read.T
+        self.to_states[n : system.first_bristle, self.free.size : count - more] = self._read.T
+        self.to_states[system.first_bristle :, count - more :] = np.eye(more)
         self.size = count + self.aged.size
 
     def of(self, y: Array) -> Array:
         """Return the coordinates of a state, or of columns of them; ages are not among them."""
         n = self.system.n
-        return np.concatenate([y[self.free], self._read @ y[n : self.system.first_bristle]])
+        first = self.system.first_bristle
+        return np.concatenate([y[self.free], self._read @ y[n:first], y[first:]])
 
     def directions(self) -> list[Direction]:
         """Return the directions in which each coordinate grows."""
@@ -326,9 +344,12 @@ class _Coordinates:
         # a motion that hardly changes its velocities is as large as the velocities of its drives
         speeds = states[:half]
         found[:half] = max(float(np.ptp(speeds)) if speeds.size else 0.0, 1e-300)
-        ranges = np.ptp(states[half:], axis=1) if states[half:].size else np.ones(0)
-        found[half : half + ranges.size] = max(float(ranges.max(initial=0.0)), 1e-300)
-        found[half + ranges.size :] = result.t[-1] - result.t[0]
+        # positions are as large as the largest of them, bristles and states of blocks each as itself
+        first = half + self._read.shape[0]
+        last = states.shape[0]
+        found[half:first] = max(float(np.ptp(states[half:first], axis=1).max(initial=0.0)), 1e-300)
+        found[first:last] = np.maximum(np.ptp(states[first:], axis=1), 1e-300)
+        found[last:] = result.t[-1] - result.t[0]
         return found
 
 
@@ -442,7 +463,9 @@ class _Shot:
         count = states.shape[1]
         y = (self.start if y is None else y) + states @ change[:count]
         ages = np.maximum(self.ages + change[count:], 0.0)
-        scene = started(self.scene if own is None else own, self.system, y, self.coordinates.aged, ages)
+        modes = self.result.trajectory.pieces[0].modes
+        own = self.scene if own is None else own
+        scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
         return _Shot(scene, self.period + longer, self.forced, self.options)
 
     def along(self, parameter: Parameter) -> tuple[Array, float, Array]:
@@ -474,7 +497,7 @@ class _Shot:
             if self.system.is_tie.any()
             else 0
         )
-        read = _read_positions(self.system).shape[0]
+        read = _read_positions(self.system).shape[0] + self.system.size - self.system.first_bristle
         count = self.system.n - int(ties) + read - (not self.forced)
         return np.concatenate([found, np.zeros(max(count - found.size, 0), dtype=complex)])[:count]
 
@@ -483,13 +506,30 @@ def _dense(matrix: Array) -> Array:
     return matrix.toarray() if hasattr(matrix, "toarray") else matrix
 
 
-def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array) -> Scene:
-    """Return a scene that starts at t = 0 from a state, with rows that have rested for some time."""
+def started(
+    scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: NDArray[np.int8]
+) -> Scene:
+    """Return a scene that starts at t = 0 from a state, with rows that have rested for some time.
+
+    Parameters
+    ----------
+    scene : Scene
+    system : System
+        Of the scene.
+    y : array (size,)
+    aged : array of int
+        Rows with a dwell time that rest.
+    ages : array
+        For how long in s.
+    modes : array (m,)
+        Modes as the equations know them: contacts with a pre-slip velocity remember that they slip.
+    """
     rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
+    rows = {row.name: j for j, row in enumerate(system.rows)}
     ends: dict[str, int] = {body.name: k for k, body in enumerate((*scene.bodies, *scene.drives))}
     elements: list[Any] = []
     for element in scene.elements:
-        changes: dict[str, float] = {}
+        changes: dict[str, Any] = {}
         if isinstance(element, (Body, Drive)):
             k = ends[element.name]
             if k < system.n:
@@ -497,7 +537,14 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array) 
             if k in system.position_state:
                 changes["position"] = float(y[system.position_state[k]])
         elif isinstance(element, Contact):
+            j = rows[element.name]
             changes["rested"] = rested.get(element.name, 0.0)
+            if j in system.bristle_state:
+                changes["deflection"] = float(y[system.bristle_state[j]])
+            changes["slipping"] = bool(abs(modes[j]) == 1 and not system.hard[j])
+        elif isinstance(element, (Block, StateSpace)):
+            place = system.blocks[element.name]
+            changes["states"] = y[place.first : place.end].tolist()
         one: Any = element
         elements.append(replace(one, **changes) if changes else one)
     return Scene(*elements, motion=scene.motion)
@@ -652,10 +699,11 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     states = result(np.minimum(times, result.trajectory.pieces[-1].stop))
     read = _read_positions(system)
     n = system.n
-    z = np.concatenate([states[:n], read @ states[n : system.first_bristle]])
-    size = np.concatenate(
-        [np.full(n, np.ptp(result.y[:n]) or 1.0), np.full(read.shape[0], np.ptp(z[n:]) if read.size else 1.0)]
-    )
+    z = _seen(system, states, read)
+    size = np.ptp(_seen(system, result.y, read), axis=1)
+    size[:n] = size[:n].max()
+    last = n + read.shape[0]
+    size[n:last] = size[n:last].max(initial=0.0)
     size[size == 0] = 1.0
     apart = [
         float(np.abs((z[:, -1] - z[:, -1 - k]) / size).max(initial=0.0))
@@ -671,7 +719,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     held = system.dwelling[(piece.labels[system.dwelling] == 0)]
     ages = periods * period - piece.since[held]
     assert piece.path is not None
-    return started(scene, system, piece.path.last, held, ages)
+    return started(scene, system, piece.path.last, held, ages, piece.modes)
 
 
 def _returning(
@@ -714,9 +762,8 @@ def _has_ended(result: Result) -> bool:
     if last.end < 0.5 * (last.stop - result.trajectory.pieces[0].t):
         return False
     read = _read_positions(result.trajectory.system)
-    n = result.trajectory.system.n
     rate = motion.rate(last.end, last.path.last)
-    seen = np.concatenate([rate[:n], read @ rate[n : result.trajectory.system.first_bristle]])
+    seen = _seen(result.trajectory.system, rate, read)
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(seen).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
 
@@ -740,7 +787,7 @@ def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | Non
     times, said = _marks(result)
     count = times.size
     system: System = result.trajectory.system
-    read, n = _read_positions(system), system.n
+    read = _read_positions(system)
     for back in range(1, count // 2):
         first, second = count - 1 - back, count - 1 - 2 * back
         if second < 0 or said[first:] != said[second : first + 1]:
@@ -749,9 +796,9 @@ def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | Non
         if abs(about - before) > _NEAR * about or (guess is not None and abs(about - guess) > 0.3 * guess):
             continue
         states = result(np.array([times[-1], times[first]]))
-        z = np.concatenate([states[:n], read @ states[n : system.first_bristle]])
+        z = _seen(system, states, read)
         whole = result.sample(np.linspace(times[first], times[-1], 200)).y
-        whole = np.concatenate([whole[:n], read @ whole[n : system.first_bristle]])
+        whole = _seen(system, whole, read)
         if np.abs(z[:, 0] - z[:, 1]).max() > _NEAR * max(float(np.ptp(whole, axis=1).max()), 1e-300):
             continue
         return _middle(result, float(times[first]), float(times[-1])), float(about)
@@ -772,4 +819,4 @@ def _middle(result: Result, begin: float, end: float) -> Scene:
     at = 0.5 * (min(piece.stop, end) + max(piece.t, begin))
     y = result(at)
     held = system.dwelling[piece.labels[system.dwelling] == 0]
-    return started(result.scene, system, y, held, at - piece.since[held])
+    return started(result.scene, system, y, held, at - piece.since[held], piece.modes)

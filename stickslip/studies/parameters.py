@@ -89,6 +89,7 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
 def _named(scene: Scene, name: Any, what: str) -> Parameter:
     if not isinstance(name, str):
         raise TypeError(f"{what}: a parameter is a name such as 'wheel.inertia', got {name!r}")
+    name = str(name)
     place, rest = _element(scene, name, what)
     steps: list[str | int] = []
     at = 0

@@ -243,10 +243,9 @@ class Variation:
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
         self.result, self.trajectory = result, result.trajectory
         self.system: System = self.trajectory.system
-        if self.system.dependence is not None or self.system.sampled:
+        if self.system.sampled:
             raise ValueError(
-                "sensitivities: normal forces that depend on the state, feedback functions and sampled blocks have no "
-                "derivatives here; sums of quantities as forces and linear blocks have"
+                "sensitivities: sampled blocks have no derivatives here; blocks in continuous time have"
             )
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)
@@ -257,7 +256,13 @@ class Variation:
         self.count = len(self.directions)
         self.reasons: list[tuple[float, int, str]] = []
         self.pieces: list[VariedPiece] = []
-        states = np.array([piece.y for piece in self.trajectory.pieces])
+        # along the way: what starts from 0 is not small
+        states = np.array(
+            [
+                np.abs(piece.y) if piece.path is None else piece.path.largest
+                for piece in self.trajectory.pieces
+            ]
+        )
         n = self.system.n
         size = np.abs(states).max(axis=0, initial=0.0)
         self._size = np.empty(self.system.size)
@@ -573,13 +578,18 @@ class Variation:
         values = guards.values(tau, y)
         size = np.maximum(guards.scale, guards.majorant[0])
         part = values / np.where(size > 0, size, 1.0)
-        fired = (part <= max(0.0, float(part.min(initial=0.0))) + _TIE_OF_ENGINES).nonzero()[0]
+        fired = (part <= max(0.0, float(part.min(initial=np.inf))) + _TIE_OF_ENGINES).nonzero()[0]
+        if not fired.size:
+            for k in range(self.count):
+                self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here")
+            return np.full(self.count, np.nan)
         raw = self._raw(piece, guards, motion)
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
-        steep = np.abs(falls) / np.maximum(guards.majorant[1, fired], _TINY)
-        # of guards that fall together, the steepest relative to its size tells the time
-        first = int(np.argmax(np.abs(falls) / np.maximum(size[fired], _TINY)))
+        slopes = guards.majorant[1, fired]
+        steep = np.divide(np.abs(falls), slopes, out=np.zeros(falls.size), where=slopes > 0)
+        # of guards that fall together, the one that grazes least tells the time
+        first = int(np.argmax(steep))
         names = sorted({self._row(j) for j in guards.row[fired]})
         if steep[first] <= _GRAZING:
             for k in range(self.count):
@@ -774,11 +784,14 @@ class Variation:
             return
         still = np.zeros((system.m, self.count))
         slopes = self._slopes(
-            _relative, piece, motion, still, np.array([tau]), path.last[:, None], moved[:, None, :]
+            _relative, piece, motion, still, np.array([tau]), path.last[:, None], S[:, None, :]
         )[:, 0]
-        rates = system.drive_accelerations(motion.loads(tau))
-        slopes = slopes + np.outer(system.D @ rates, times) if system.drives else slopes
-        scale = self._speed_slopes(S, motion.rate(tau, path.last), times)
+        rate = motion.rate(tau, path.last)
+        pace = system.G @ rate[: system.n]
+        if system.drives:
+            pace = pace + system.D @ system.drive_accelerations(motion.loads(tau))
+        slopes = slopes + np.outer(pace, times)
+        scale = self._speed_slopes(S, rate, times)
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
         for k in range(self.count):
             off = [

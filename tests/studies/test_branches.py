@@ -23,6 +23,7 @@ from stickslip import (
     continue_cycle,
     limit_cycle,
     sine,
+    velocity,
 )
 
 STIFFNESS, STATIC, COULOMB = 2.0, 1.5, 1.0
@@ -96,6 +97,21 @@ def test_the_frequency_at_which_a_forced_oscillator_begins_to_stick() -> None:
     t = np.array([event.t for event in cycle.result.events])
     push = np.sin(2 * math.pi * point.value * t) - cycle.result.sample(t).position("m")
     assert not cycle.sticks and np.abs(push) == pytest.approx(0.5, abs=1e-4)
+
+
+def test_a_pair_of_multipliers_passes_the_unit_circle_where_no_damping_is_left() -> None:
+    """x'' + (c - 0.1) x' + 4 x = sin(pi t): moduli exp(-(c - 0.1) T / 2) with T = 2."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=4.0, damping=0.3),
+        Force("m", sine(1.0, 0.5) + 0.1 * velocity("m")),
+    )
+    c = np.array([0.3, 0.2, 0.05])
+    branch = continue_cycle(scene, "springs[0].damping", c, period=2.0, accuracy=1e-8)
+    assert np.allclose(np.abs(branch.multipliers), np.exp(0.1 - c)[:, None], atol=1e-12)
+    assert branch.stable.tolist() == [True, True, False]
+    (point,) = branch.points
+    assert point.kind == "torus" and point.value == pytest.approx(0.1, abs=1e-8)
 
 
 def test_a_cycle_is_a_start_too() -> None:

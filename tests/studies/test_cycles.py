@@ -16,11 +16,16 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    LuGre,
     Scene,
     Spring,
+    StateSpace,
     limit_cycle,
+    output,
+    position,
     simulate,
     sine,
+    velocity,
 )
 
 BELT_PERIOD = 7.61125925410131
@@ -107,6 +112,21 @@ def test_forced_oscillator_of_den_hartog() -> None:
     assert np.abs(cycle.multipliers) == pytest.approx([0.49815078400816] * 2, abs=1e-13)
     twice = limit_cycle(scene, period=2 * period)
     assert np.abs(twice.multipliers) == pytest.approx([0.49815078400816**2] * 2, abs=1e-13)
+
+
+def test_hunting_of_a_pid_controller() -> None:
+    """Armstrong and Amin (1996): period, amplitude, and the square of the slope of the half-period map."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.07),
+        Contact("c", "m", GROUND, DryFriction(1.5, 1.0), normal=1.0),
+        StateSpace("integral", [[0.0]], [[1.0]], [[1.0]], inputs=[position("m")]),
+        Force("m", -6 * velocity("m") - 3 * position("m") - 4 * output("integral")),
+    )
+    cycle = limit_cycle(scene)
+    assert cycle.period == pytest.approx(23.3692722930883, abs=1e-12)
+    assert cycle.amplitude("m") == pytest.approx(0.0672401469208670, abs=1e-14)
+    assert cycle.multipliers[0] == pytest.approx(0.0886262150448**2, abs=1e-12)
+    assert cycle.multipliers[1] == 0 and len(cycle.sequence) == 4
 
 
 def test_a_family_of_cycles_is_neutral() -> None:
@@ -206,6 +226,9 @@ def test_bad_arguments_are_refused() -> None:
         limit_cycle(scene, period=-1.0)
     with pytest.raises(ValueError, match="transient must be"):
         limit_cycle(scene, period=period, transient=-1.0)
+    brush = LuGre(DryFriction(1.5, 1.0), 1e4, 10.0, 0.0)
+    with pytest.raises(ValueError, match="laws with bristles"):
+        limit_cycle(belt().with_laws(lambda law: brush))
     with pytest.raises(ValueError, match="give a guess"):
         limit_cycle(belt(), transient=0)
     with pytest.raises(TypeError, match="must be a Scene"):

@@ -21,6 +21,7 @@ from stickslip import (
     Scene,
     Spring,
     linearize,
+    position,
     simulate,
     sine,
 )
@@ -111,6 +112,34 @@ def test_small_motions_of_the_scene_follow_the_model() -> None:
         ("position(load)", result.position("load")),
     ):
         assert np.allclose(y[:, model.outputs.index(name)], read, atol=2e-6 * np.ptp(read)), name
+
+
+def coupled(mu: float) -> Scene:
+    """A mass with a tangential and a normal motion, on springs at 30 and 150 degrees, pressed on a belt by a third."""
+    angles = [(2.0, math.radians(30.0)), (1.0, math.radians(150.0))]
+    return Scene(
+        Body("along", inertia=1.0),
+        Body("across", inertia=1.0),
+        Drive("belt", velocity=10.0),
+        *(
+            Spring("along", "across", stiffness=k, radius_a=math.cos(a), radius_b=-math.sin(a))
+            for k, a in angles
+        ),
+        Spring("across", GROUND, stiffness=1.5),
+        Contact("rub", "along", "belt", DryFriction(mu, mu), normal=10.0 + 1.5 * position("across")),
+    )
+
+
+def test_squeal_by_mode_coupling() -> None:
+    """Flutter from mu = 0.2886751345948129 = sqrt(3) / 6, with the frequency 1.5."""
+    limit = 0.2886751345948129
+    below, above = linearize(coupled(0.999 * limit)), linearize(coupled(1.001 * limit))
+    assert below.stable and not above.stable
+    assert np.allclose(above.frequencies, 1.5, atol=2e-6)
+    # the frequencies meet as the square root of the distance: s^2 = -2.25 +- sqrt(0.433 (0.433 - 1.5 mu))
+    shift = math.sqrt(0.1875 * 0.001)
+    assert np.allclose(np.sort(below.frequencies**2), [2.25 - shift, 2.25 + shift], atol=1e-12)
+    assert above.eigenvalues[0].real == pytest.approx(np.sqrt(complex(-2.25, shift)).real, abs=1e-12)
 
 
 def test_loads_are_read_at_a_time() -> None:

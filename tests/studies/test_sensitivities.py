@@ -21,11 +21,16 @@ from stickslip import (
     Result,
     Scene,
     Spring,
+    StateSpace,
+    feedback,
+    output,
     piecewise_linear,
+    position,
     sensitivities,
     simulate,
     sine,
     step,
+    velocity,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
 from stickslip.studies.parameters import named_parameters
@@ -203,6 +208,31 @@ def test_a_kinetic_curve_by_cvode() -> None:
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
 
 
+@pytest.mark.parametrize("kind", ["pressed", "controlled", pytest.param("pendulum", marks=pytest.mark.slow)])
+def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
+    """A contact that its position and velocity open and close; a controller with a state; a dry pendulum."""
+    law, other = DryFriction(0.3, 0.2), DryFriction(1.5, 1.0)
+    body = Body("m", inertia=1.0, position=0.1, velocity=3.0)
+    if kind == "pressed":
+        load = 1.0 + 2.0 * position("m") + 0.5 * velocity("m")
+        scene = Scene(body, Contact("c", "m", GROUND, law, normal=load), Spring("m", GROUND, stiffness=4.0))
+    elif kind == "controlled":
+        integral = StateSpace("i", [[0.0]], [[1.0]], [[1.0]], inputs=[position("m")])
+        push = Force("m", -2.0 * velocity("m") - 3.0 * position("m") - output("i"))
+        scene = Scene(body, Contact("c", "m", GROUND, other, normal=1.0), integral, push)
+    else:
+        gravity = Force("m", feedback(lambda angle: -9.81 * math.sin(angle), position("m")))
+        scene = Scene(body, Contact("c", "m", GROUND, law, normal=2.0), gravity)
+    names, span = ["m.velocity", "m.inertia", "c.law.mu_coulomb"], (0.0, 4.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and found.result.events
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
+        bound = 1e-6 if kind == "pendulum" else 1e-9
+        assert np.abs(exact[:, k] - told).max() <= bound * np.abs(told).max(), one.name
+
+
 def test_series_and_cvode_agree() -> None:
     names = ["m.position", "c.normal", "m.inertia"]
     by_series = all_of(sensitivities(decay(), (0.0, 8.0), names))
@@ -252,6 +282,26 @@ def test_two_events_at_once_have_no_derivative() -> None:
     found = sensitivities(scene, (0.0, 2.0), ["a.velocity", "springs[0].stiffness"])
     assert np.isnan(found.events[:, 0]).all() and np.abs(found.events[:, 1]).max() < 1e-12
     assert "'c' and 'd' fall together" in found.reasons[0] and len(found.reasons) == 1
+
+
+def test_contacts_that_share_a_motion_come_to_rest_together() -> None:
+    """Two contacts to one body that a swinging drive holds: one event, and a derivative."""
+    law = DryFriction(0.4, 0.3)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0),
+        Drive("shaker", velocity=sine(0.2, 0.3)),
+        Contact("grip", "b", "shaker", law, normal=30.0),
+        Contact("c", "a", "b", law, normal=3.0),
+        Contact("d", "a", "shaker", law, normal=2.0),
+    )
+    names, span = ["c.normal", "a.inertia", "shaker.velocity.amplitude"], (0.0, 2.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and [event.contact for event in found.result.events] == ["c", "d"]
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 1e-9 * np.abs(told).max(), one.name
 
 
 def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> None:
