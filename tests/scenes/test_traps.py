@@ -415,9 +415,9 @@ def test_stribeck_exponent_one_half(velocity: float) -> None:
 @pytest.mark.slow
 def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Modes flip every 1e-8 s, which would take a day, on such a curve with the slopes that it has."""
-    law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=0.5)
 
-    def scene(belt: float) -> Scene:
+    def scene(belt: float, exponent: float) -> Scene:
+        law = DryFriction(0.5, 0.4, stribeck_velocity=1e-3, stribeck_exponent=exponent)
         return Scene(
             Drive("belt", velocity=belt),
             Body("a", inertia=1.0),
@@ -425,12 +425,14 @@ def test_a_storm_that_creeps_on_ends_in_an_error(monkeypatch: pytest.MonkeyPatch
             Spring("a", GROUND, stiffness=20.0),
         )
 
-    assert len(simulate(scene(0.11), (0.0, 4.0)).events) == 3
+    assert len(simulate(scene(0.11, 0.5), (0.0, 4.0)).events) == 3
     monkeypatch.setattr("stickslip.model.laws.kinetic._STEEPEST", 0.0)
+    # nor does a velocity have to pass 0 by more than the errors of the solver
+    monkeypatch.setattr("stickslip.simulation.tolerances._PASSED", 0.0)
     monkeypatch.setattr("stickslip.simulation.run._HITS_BETWEEN_LOOKS", 100)
     with pytest.raises(SimulationError, match="progress in time: contacts 'c'"):
         # another scene: the first one has its law compiled already
-        simulate(scene(0.1), (0.0, 20.0))
+        simulate(scene(0.1, 0.3), (0.0, 20.0))
 
 
 @pytest.mark.parametrize("stribeck", [None, 0.1])
