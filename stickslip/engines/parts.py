@@ -622,7 +622,7 @@ class Parts:
         age = math.inf
         if self._dwells[j]:
             # a level is followed for a while only; at the due time itself a guard may be 0
-            t = max(t, due - 0.1 * (until - due))
+            t = max(t, due - 0.1 * min(until - due, _WORTH * float(system.dwell[j])))
             c = self._moved(row, t)[0]
             age = (t - self.since[j]) / float(system.dwell[j])
         rising = age < _DWELL_OVER
