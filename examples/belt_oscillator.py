@@ -34,6 +34,7 @@ def main(figure: Path) -> None:
             Drive("belt", velocity=BELT),
             Spring("block", "ground", stiffness=1.0),
             Contact("surface", "block", "belt", DryFriction(1.0, 0.4, kinetic=kinetic), normal=1.0),
+            motion="translation",
         )
         result = simulate(scene, (0.0, 60.0), t_eval=np.linspace(0.0, 60.0, 4001))
         x, v = result.position("block"), result.velocity("block")
@@ -47,7 +48,7 @@ def main(figure: Path) -> None:
     plots.characteristic(result, "surface", ax=right)
     right.set(xlabel="relative velocity [m/s]", ylabel="friction force [N]", title="last run: friction force")
     right.legend(loc="upper left", fontsize="small")
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

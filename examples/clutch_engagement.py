@@ -24,6 +24,7 @@ def main(figure: Path) -> None:
         Damper("load", "ground", damping=0.15),
         Force("motor", 40.0),
         Contact("clutch", "motor", "load", lining, normal=piecewise_linear([0.2, 0.8], [0.0, 3000.0])),
+        motion="rotation",
     )
     result = simulate(scene, (0.0, 2.5))
     ledger = result.energy()
@@ -41,7 +42,7 @@ def main(figure: Path) -> None:
     axes[3].set_xlabel("")
     plots.energy(result, ax=axes[4])
     drawing.align_ylabels(axes)
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

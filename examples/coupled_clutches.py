@@ -25,12 +25,13 @@ def main(figure: Path) -> None:
         Contact("clutch1", "J1", "J2", lining, normal=sine(pressure, frequency=0.2, phase=math.pi / 2)),
         Contact("clutch2", "J2", "J3", lining, normal=step(0.4, 0.0, pressure)),
         Contact("clutch3", "J3", "J4", lining, normal=step(0.9, 0.0, pressure)),
+        motion="rotation",
     )
     result = simulate(scene, (0.0, 1.5))
     for event in result.events:
         print(event)
     print("velocities at the end:", *(f"{result.velocity(b.name)[-1]:.9f}" for b in scene.bodies), "rad/s")
-    result.plot().savefig(figure, dpi=110)
+    result.plot().savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,7 @@ def main(figure: Path) -> None:
         ),
         *(Damper(name, GROUND, damping=2.0) for name in names),
         Contact("rock", "bit", GROUND, rock, normal=80e3),
+        motion="rotation",
     )
     result = simulate(scene, (0.0, 30.0), rtol=1e-6, atol=1e-8)
     stuck = [event.t for event in result.events if event.after.name == "STUCK"]
@@ -48,7 +49,7 @@ def main(figure: Path) -> None:
     plots.contact_forces(result, "rock", ax=axes[2]).set(ylim=(0.0, 10e3), ylabel="friction torque [N m]")
     for ax in axes[1:]:
         ax.legend(loc="upper right", ncols=4, fontsize="small", frameon=False)
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

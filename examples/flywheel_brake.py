@@ -23,6 +23,7 @@ def main(figure: Path) -> None:
         Body("wheel2", inertia=10.0, velocity=1.01),
         Contact("interface", "wheel1", "wheel2", dry, normal=100.0),
         Contact("brake", "wheel1", GROUND, dry, normal=pulses),
+        motion="rotation",
     )
     result = simulate(scene, (0.0, 4.0))
     for event, exact in zip(result.events, EXACT_EVENTS, strict=True):
@@ -31,7 +32,7 @@ def main(figure: Path) -> None:
     print(f"both wheels turn on with {result.velocity('wheel1')[-1]:.12f} rad/s")
     print(f"energy balance error {result.energy().relative_error:.1e} of the largest energy")
     # nothing changes after 0.65 s
-    result.plot(t_span=(0.0, 0.8)).savefig(figure, dpi=110)
+    result.plot(t_span=(0.0, 0.8)).savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def main(figure: Path) -> None:
         plots.velocities(result, ax=top).set(title=title, xlabel="", ylabel="velocity [rad/s]")
         plots.modes(result, ax=bottom).set_xlabel("")
     axes[-1].set_xlabel("time [s]")
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def main(figure: Path) -> None:
     plots.contact_forces(result, "floor", ax=axes[2]).set_ylabel("friction force [N]")
     for event in result.events:
         axes[1].axvline(event.t, color="0.7", linewidth=0.6)
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def main(figure: Path) -> None:
     above.set(ylabel="number of the block", title="which block slips when")
     below.stem(times, slip, basefmt=" ", linefmt="k-", markerfmt="k.")
     below.set(xlabel="time [s]", ylabel="slip of an event,\nall blocks [m]", yscale="log", xlim=(0.0, STOP))
-    drawing.savefig(figure, dpi=110)
+    drawing.savefig(figure, dpi=300)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ def stuck_part(speed: float, damping: float) -> float:
         Drive("belt", velocity=speed),
         Spring("block", "ground", stiffness=1.0, damping=damping),
         Contact("surface", "block", "belt", rough, normal=1.0),
+        motion="translation",
     )
     times = np.linspace(40.0, 80.0, 2001)
     result = simulate(scene, (0.0, 80.0), t_eval=times, rtol=1e-6, atol=1e-8)
@@ -54,4 +55,4 @@ if __name__ == "__main__":
     found = compute(3 if chosen.quick else 16, chosen.dask)
     print(found)
     names = {"speed": "belt speed [m/s]", "damping": "damping [N s/m]", "value": "part of the time stuck"}
-    plots.sweep_map(found, "speed", "damping", labels=names).figure.savefig(chosen.figure, dpi=110)
+    plots.sweep_map(found, "speed", "damping", labels=names).figure.savefig(chosen.figure, dpi=300)

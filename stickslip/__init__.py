@@ -1,7 +1,9 @@
 """Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
 
+from stickslip.model.controllers import pid
 from stickslip.model.elements import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -11,21 +13,41 @@ from stickslip.model.elements import (
     Gear,
     OneWay,
     Planetary,
+    Sampled,
     Spring,
+    StateSpace,
     Stop,
     Tie,
 )
 from stickslip.model.laws import Dahl, DryFriction, Karnopp, LuGre, PreSlip
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import (
+    TIME,
+    Quantity,
+    feedback,
+    normal,
+    position,
+    power,
+    relative_velocity,
+    saturate,
+    stretch,
+    table,
+    velocity,
+)
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.results import files as output
+from stickslip.model.when import When
+from stickslip.results.files import output
 from stickslip.results.outcome import Event
 from stickslip.simulation.explain import explain
+from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import attach as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
+from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle
+from stickslip.studies.fits import Fit, fit
+from stickslip.studies.linear_model import LinearModel, linearize
 from stickslip.studies.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
@@ -33,7 +55,10 @@ from stickslip.studies.work_precision import work_precision
 
 __all__ = [
     "GROUND",
+    "TIME",
+    "Block",
     "Body",
+    "Branch",
     "Contact",
     "Cycle",
     "CycleError",
@@ -42,37 +67,58 @@ __all__ = [
     "Drive",
     "DryFriction",
     "Event",
+    "Fit",
     "Force",
     "Gap",
     "Gear",
+    "Joined",
     "Karnopp",
+    "LinearModel",
     "LuGre",
     "Mode",
     "OneWay",
     "Planetary",
     "PreSlip",
+    "Quantity",
     "Result",
+    "Sampled",
     "Scene",
     "Sensitivities",
     "Signal",
     "SimulationError",
     "SimulationInterrupted",
     "Spring",
+    "StateSpace",
     "Stop",
     "Tie",
+    "When",
+    "continue_cycle",
     "explain",
+    "feedback",
+    "fit",
+    "join",
     "limit_cycle",
+    "linearize",
     "load",
+    "normal",
     "output",
+    "pid",
     "piecewise_linear",
+    "position",
+    "power",
+    "relative_velocity",
+    "saturate",
     "sensitivities",
     "signal",
     "simulate",
     "sine",
     "step",
+    "stretch",
     "sweep",
+    "table",
     "tradeoff",
     "triangle",
+    "velocity",
     "work_precision",
 ]
 __version__ = "0.2.0"

@@ -731,3 +731,55 @@ def test_laws_and_loads_that_are_code_go_with_ties() -> None:
     scene = Scene(A, B, Gear("g", "a", "b", ratio=2), Force("b", signal(math.cos)))
     result = simulate(scene, (0, 3))
     np.testing.assert_allclose(result.velocity("b"), np.sin(result.t) / 5, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "options", [{"method": "series"}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}]
+)
+def test_a_clutch_that_only_touches_stays_free(options: dict[str, Any]) -> None:
+    """Modelica's freewheel parallel to a dry clutch: at 1.5 s the relative velocity touches 0 with slope 0."""
+    scene = Scene(
+        Body("in", inertia=1, velocity=-0.5),
+        Body("out", inertia=1),
+        OneWay("free", "in", "out"),
+        Contact(
+            "clutch",
+            "in",
+            "out",
+            DryFriction(12.5, 0.5),
+            normal=piecewise_linear([0.3, 0.3, 0.95, 0.95, 1.6, 1.6], [0, 3, 3, 0, 0, 3]),
+        ),
+        Force("in", sine(10, frequency=3)),
+    )
+    result = simulate(scene, (0, 2), **options)
+    assert not [event for event in result.events if 1.2 < event.t < 1.6]
+    off = 1e-9 if options == EXACT else 2e-6
+    assert result.velocity("in")[-1] == pytest.approx(-0.25, abs=off)
+    assert result.velocity("out")[-1] == pytest.approx(-0.25, abs=off)
+    assert result.position("in")[-1] == pytest.approx(-0.2123499945496375, abs=off)
+
+
+@pytest.mark.parametrize("options", [{"method": "series"}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_a_drive_that_comes_back_to_0_at_the_very_end(options: dict[str, Any]) -> None:
+    """An event within roundoff of the end of the span is one at its end: time cannot tell them apart."""
+    scene = Scene(
+        Drive("motor", velocity=sine(0.9035492188790291, frequency=0.5)),
+        Body("wheel", inertia=0),
+        Body("other", inertia=0.318),
+        Tie("belt", {"motor": 1.0, "wheel": -0.5}),
+        Contact("dry", "wheel", GROUND, DryFriction(0.5, 0.3), normal=2.206),
+    )
+    result = simulate(scene, (0, 2), **options)
+    assert times(result, "dry") == pytest.approx([1.0], abs=1e-9)
+
+
+def test_a_drive_that_starts_from_roundoff_is_no_contradiction() -> None:
+    """sin(pi) is 1.2e-16 and not 0: the wheel tied to it starts from rest all the same."""
+    scene = Scene(
+        Drive("motor", velocity=sine(2.0, frequency=0.5, phase=math.pi)),
+        Body("wheel", inertia=1),
+        Tie("belt", {"motor": 1.0, "wheel": -1.0}),
+    )
+    assert simulate(scene, (0, 1)).velocity("wheel")[-1] == pytest.approx(0.0, abs=1e-12)
+    half = simulate(scene, (0, 0.5))
+    assert half.velocity("wheel")[-1] == pytest.approx(-2.0)

@@ -111,7 +111,7 @@ def _bdf(repeats: int) -> Iterator[Line]:
         ("four flywheels", four_flywheels(), BENCHMARK_SPAN),
         ("four flywheels, viscous", four_flywheels(viscous=VISCOUS), BENCHMARK_SPAN),
     ):
-        loose = partial(simulate, t_span=span, rtol=1e-5, atol=1e-7)
+        loose = partial(simulate, t_span=span, method="BDF", rtol=1e-5, atol=1e-7)
         hard, soft, ratio = _in_turn(
             partial(loose, scene), partial(loose, scene.regularized(PRE_SLIP)), repeats
         )
@@ -152,8 +152,9 @@ def _real_time(repeats: int) -> Iterator[Line]:
         ("four flywheels", four_flywheels()),
         ("four flywheels, viscous", four_flywheels(viscous=VISCOUS)),
     ):
-        hard = _factor(partial(simulate, scene, span), span, repeats)
-        soft = _factor(partial(simulate, scene.regularized(PRE_SLIP), span), span, repeats)
+        run = partial(simulate, t_span=span, method="BDF")
+        hard = _factor(partial(run, scene), span, repeats)
+        soft = _factor(partial(run, scene.regularized(PRE_SLIP)), span, repeats)
         yield f"{title}, BDF: contact force, pre-slip", f"{hard:.0f} and {soft:.0f} times real time"
     hard = _factor(lambda: simulate(four_flywheels(), span, method="RK4", step=1e-3), span, repeats)
     yield "four flywheels, RK4, contact force, step 1 ms", f"{hard:.0f} times real time"

@@ -12,7 +12,7 @@ from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
-from stickslip.engines.steps import DEGREE, take_steps
+from stickslip.engines.replay import Replay, first_step
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.work import SolverFailure, Work, failure_of, sound
 from stickslip.equations.guards import Guards
@@ -23,8 +23,21 @@ __all__ = ["ADAMS", "BDF", "Cvode"]
 
 Array = NDArray[np.float64]
 
+_ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
+"""The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
+
+_MOST_AGAIN = 1_000_000
+"""Steps between two values that the second solver of a replay may take."""
+
 _ROOTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
+
+
+_CAREFUL, _SHORTEST = 1e-4, 1e-8
+"""First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there."""
+
+_Steps = tuple[float, float]
+"""Longest and first step in s."""
 
 
 class Cvode:
@@ -41,12 +54,12 @@ class Cvode:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
         self.work = Work()
         self._linear_solver = LinearSolver()
-        self._solvers: dict[float, Any] = {}
-        self._roots: dict[float, int] = {}
+        self._solvers: dict[_Steps, tuple[Any, Any]] = {}
+        self._roots: dict[_Steps, int] = {}
+        self._replay = Replay(self._rate, self._jacobian)
         self._motion: _Selected
         self._guards: Guards
         self._progress: Progress
-        self._reading = False
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -55,17 +68,18 @@ class Cvode:
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, work, self._progress = self._motion, self.work, progress
-        key, solver = self._solver(selected.motion)
+        key, pair = self._solver(selected.motion)
         work.starts += 1
-        self._reading = False
-        solver.init_step(0.0, selected.start)
-        taken = take_steps(solver, tau, selected.start, DEGREE[self._kind], self._read)
+        taken = self._replay.take(*pair, tau, selected.start, self._kind, self._tolerance)
         solution = taken.last
         work.steps += taken.taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
         self._roots[key] = self._roots.get(key, 0) + (solution.status == 2)
         path = selected.whole(taken.taus, taken.coefficients, taken.state, solution.status == 2)
+        if solution.status == _ERROR_TEST_FAILED and taken.taus.size > _SOME_STEPS:
+            # a kink that its long memory cannot pass: it goes on from there with a new one
+            return path
         if solution.status < 0:
             raise failure_of(solution, path)
         fine = np.isfinite(taken.coefficients).all(axis=(1, 2))
@@ -77,52 +91,73 @@ class Cvode:
             )
         return path
 
-    def _read(self, reading: bool) -> None:
-        self._reading = reading
+    @property
+    def _tolerance(self) -> tuple[float, Array]:
+        """Relative and absolute tolerances of the solver's steps."""
+        return LOCAL * self._task.rtol, self._motion.pick(LOCAL * self._task.atol)
 
-    def _solver(self, motion: Motion) -> tuple[float, Any]:
+    def _solver(self, motion: Motion) -> tuple[_Steps, tuple[Any, Any]]:
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         if self._linear_solver.hold(self._motion.jacobian(0.0, self._motion.start)):
             self._solvers.clear()
-        if max_step not in self._solvers or self._roots.get(max_step, 0) >= _ROOTS_PER_SOLVER:
-            self._solvers[max_step], self._roots[max_step] = self._make(max_step), 0
+        selected = self._motion
+        bend = selected.pick(2.0 * motion.start.y[2])
+        first = first_step(bend, selected.start, self._tolerance, motion.horizon)
+        # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
+        fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
+        key = max_step, fit[0] if fit else _CAREFUL * first
+        if key not in self._solvers or self._roots.get(key, 0) >= _ROOTS_PER_SOLVER:
+            self._solvers[key], self._roots[key] = self._make(*key), 0
             self.work.solvers += 1
-        return max_step, self._solvers[max_step]
+        return key, self._solvers[key]
 
-    def _make(self, max_step: float) -> Any:
+    # -- what the solver calls -------------------------------------------------------------------------------
+
+    def _rate(self, tau: float, y: Array, out: Array) -> None:
+        self._progress.note(tau)
+        out[:] = self._motion.rate(tau, y)
+
+    def _jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
+        self._linear_solver.fill(self._motion.jacobian(tau, y), out)
+
+    def _make(self, max_step: float, first: float) -> tuple[Any, Any]:
+        """Return a solver that stops at guards, and one that takes the same steps again."""
+        replay = self._replay
+
         def rate(tau: float, y: Array, out: Array) -> None:
-            self._progress.note(tau)
-            out[:] = self._motion.rate(tau, y)
+            replay.rate(tau, y, out)
+
+        def known_rate(tau: float, y: Array, out: Array) -> None:
+            replay.known_rate(tau, y, out)
 
         def jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
-            self._linear_solver.fill(self._motion.jacobian(tau, y), out)
+            self._jacobian(tau, y, rate, out)
+
+        def known_jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
+            replay.known_jacobian(tau, y, rate, out)
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
-            if self._reading:
-                out[0] = 1.0
-                return
             self.work.guard_calls += 1
             # a guard that is found negative ends the motion
             pressed = self._task.interruption.pressed
             out[0] = -1.0 if pressed else sound(self._guards.smallest(tau, self._motion.expand(tau, y)), tau)
 
+        rtol, atol = self._tolerance
         options: dict[str, Any] = {
             "method": self._kind,
-            "rtol": LOCAL * self._task.rtol,
-            "atol": _shortest(self._motion.pick(LOCAL * self._task.atol)),
+            "rtol": rtol,
+            "atol": _shortest(atol),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
+            "first_step": first,
+            **self._linear_solver.options(),
         }
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
-            return CVODE(
-                rate,
-                eventsfn=smallest_guard,
-                num_events=1,
-                jacfn=jacobian,
-                **options,
-                **self._linear_solver.options(),
-            )
+            solver = CVODE(rate, eventsfn=smallest_guard, num_events=1, jacfn=jacobian, **options)
+            # the second one is asked for some steps only: between two of them may lie many
+            again = CVODE(known_rate, jacfn=known_jacobian, max_num_steps=_MOST_AGAIN, **options)
+            return solver, again
 
 
 class _Selected:

@@ -39,7 +39,7 @@ def first_dip(motion: Motion, guards: Guards, path: Path) -> float | None:
         return None
 
     def values(tau: Array) -> Array:
-        return guards.values(tau, motion.watched(tau, motion.exact(tau, path.at(tau).T)))
+        return guards.values(tau, motion.exact(tau, path.at(tau).T), late=True)
 
     found = _first_negative(looks, values(looks), values)
     return found if np.isfinite(found) else None

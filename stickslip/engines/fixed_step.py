@@ -128,14 +128,15 @@ class FixedStep:
         sound = int(np.append(np.isfinite(ys).all(axis=1), False).argmin())
         taus, ys = ends[1 : sound + 1], ys[:sound]
         self.work.guard_calls += sound
-        values = guards.values(taus, motion.watched(taus, ys.T))
+        values = guards.values(taus, ys.T)
         # an open row that turns over needs no new start: what it shows is all that changes
         violated = values.min(axis=0, initial=np.inf) < 0
         changed = violated
         if not motion.stretch.is_straight:
             alive = motion.system.alive[:, None]
-            now = (motion.normals(0.0) > 0)[:, None] & alive
-            changed = violated | np.any(((motion.normals(taus) > 0) & alive) != now, axis=0)
+            now = (motion.loads(0.0)[: motion.system.m] > 0)[:, None] & alive
+            later = motion.loads(taus)[: motion.system.m] > 0
+            changed = violated | np.any((later & alive) != now, axis=0)
         if changed.any():
             first = int(changed.argmax())
             return first + 1, bool(violated[first]), True
@@ -191,10 +192,12 @@ class _Rates:
 
     def __init__(self, motion: Motion, taus: Array) -> None:
         equations, size = motion.equations, motion.y.size
-        self._motion, self._equations, self._size = motion, equations, size
-        q = motion.inputs(taus)
-        self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
+        self._motion, self._equations, self._size, self._taus = motion, equations, size, taus
         self._has_law = motion.has_law
+        if motion.dependence is not None:
+            return
+        q = motion.loads(taus) if not motion.system.dwelling.size else motion.inputs(taus, motion.y)
+        self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
         if self._has_law:
             rest = np.zeros((size, taus.size))
             w, normal, lag, _ = motion.acting_terms(rest, q, taus)
@@ -204,6 +207,8 @@ class _Rates:
     def __call__(self, stage: int, y: Array) -> Array:
         """Return the rates at the time of a stage."""
         equations, size = self._equations, self._size
+        if self._motion.dependence is not None:
+            return self._motion.rate(float(self._taus[stage]), y)
         rate = equations.apply(y)[:size] + self._inputs[stage]
         if self._has_law:
             law, places = equations.law, equations.bristle_places

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.engines.dips import first_dip
+from stickslip.engines.passing import back_to_zero
 from stickslip.engines.progress import Interruption, Progress
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.guards import Guards
@@ -21,6 +22,9 @@ LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
 
 _STEPS_PER_PERIOD = 8
+
+_SHORT = (0.9, 0.5, 0.25, 0.1)
+"""How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
 
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
@@ -51,10 +55,10 @@ def follow(
         path = _protected(motion, horizon, solve, interruption)
         missed = first_dip(motion, guards, path)
         if missed is None:
-            return path
+            return back_to_zero(motion, guards, path)
         if missed >= path.taus[-1]:
             # a root at the very end is none for the solver, however often it is sent there
-            return replace(path, hit=True)
+            return back_to_zero(motion, guards, replace(path, hit=True))
         horizon = missed
 
 
@@ -69,10 +73,11 @@ def _protected(
         # a load or a law failed inside the solver, which forgets its points: go there again, but stop short
         size = motion.y.size
         path = Path(np.zeros(1), np.empty((0, 1, size)), motion.y, False, True)
-        short = 0.9 * progress.last
-        if short > 0:
+        reached = progress.last
+        for short in [part * reached for part in _SHORT if reached > 0]:
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
+                break
         raise SolverFailure(str(fault), LOOK_AT_SCENE, path) from fault
     if interruption.pressed:
         raise Interrupted(path)

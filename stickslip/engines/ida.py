@@ -161,7 +161,7 @@ class _Residual:
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
             # a load that fails there fails later, when the solver comes to it
             with contextlib.suppress(ArithmeticError, ValueError):
-                normal = motion.normals(tau)[motion.equations.held]
+                normal = motion.normals(tau, motion.y)[motion.equations.held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
         # a body without inertia moves only with others, so count it as the lightest of those
@@ -173,7 +173,7 @@ class _Residual:
     def _forces(self, tau: float, y: Array) -> Array:
         """Return all forces on the bodies but those of the held rows."""
         motion, system = self._motion, self._system
-        q = motion.inputs(tau)
+        q = motion.inputs(tau, y)
         friction = motion.equations.friction @ q
         if motion.has_law:
             friction[motion.equations.acting] = motion.acting_forces(tau, y)
@@ -191,7 +191,7 @@ class _Residual:
         if force.size:
             out[size:] = self._G @ rate[:n]
             if system.drives:
-                out[size:] += self._D @ system.drive_accelerations(motion.inputs(tau))
+                out[size:] += self._D @ system.drive_accelerations(motion.loads(tau))
             if self._null is not None:
                 out[size:] -= self._null @ force
 
@@ -232,10 +232,12 @@ class _Residual:
             pushed = scipy.sparse.csr_array(system.GT)[:, acting]
             part = pushed @ scipy.sparse.diags_array(slopes) @ rows
             forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
+        if motion.dependence is not None:
+            forces = forces + self._of_dependence(tau, y)
         full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
-            w, normal, _, z = motion.acting_terms(y, motion.inputs(tau), tau)
+            w, normal, _, z = motion.acting_terms(y, motion.inputs(tau, y), tau)
             sigma = motion.equations.law.by_bristle(w, normal, z)
             pushed = scipy.sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
             entries = scipy.sparse.csr_array(
@@ -257,11 +259,22 @@ class _Residual:
             [[top, pull], [scipy.sparse.csr_array((count, size)), null]], format="csr"
         )
 
+    def _of_dependence(self, tau: float, y: Array) -> Any:
+        """Return how the forces on the bodies change with the states by way of the inputs."""
+        motion, system, dependence = self._motion, self._system, self._motion.dependence
+        assert dependence is not None
+        slopes = motion.input_slopes(tau, y)
+        found = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
+        wide = np.zeros((system.n, system.size))
+        wide[:, dependence.columns] = found
+        return scipy.sparse.csr_array(wide)
+
     def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
         y = u[: self._size]
         if self.pattern is None:
-            state = self._by_states(tau, y).toarray() if self._motion.has_law else self._constant
+            changes = self._motion.has_law or self._motion.dependence is not None
+            state = self._by_states(tau, y).toarray() if changes else self._constant
             out[:] = state + cj * self._rates
             return
         coo = scipy.sparse.coo_array(self._by_states(tau, y) + cj * self._rates)

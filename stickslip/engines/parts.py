@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.engines.roots import earliest, first_root
 from stickslip.engines.work import Work
@@ -160,10 +160,10 @@ class Parts:
         self.lead = np.full(n, FREE)
         self.groups = n
         if inner.size:
-            graph = sparse.coo_array(
+            graph = scipy.sparse.coo_array(
                 (np.ones(inner.size), (forest.child[inner], forest.parent[inner])), shape=(n, n)
             )
-            label = sparse.csgraph.connected_components(graph, directed=False)[1]
+            label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
             order = np.argsort(label[forest.body_at], kind="stable")
             bodies = forest.body_at[order]
             cuts = np.flatnonzero(np.diff(label[bodies])) + 1
@@ -411,7 +411,7 @@ class Parts:
         """Fill in the series of the groups' velocities; return those of the forces on the bodies."""
         k, unit, both = patch.bodies.size, self.unit, patch.both
         order = series.shape[1] - 1
-        is_many = sparse.issparse(both)
+        is_many = scipy.sparse.issparse(both)
         fixed = patch.outer
         fixed[:, :3] += push
         z = np.zeros((order + 1, 2 * k))
@@ -621,7 +621,7 @@ class Parts:
             return True
         age = math.inf
         if self._dwells[j]:
-            # a level is followed for a while only; at the due time itself a guard may be 0
+            # a level is followed for a while only, past the due time; there itself a guard may be 0
             t = max(t, due - 0.1 * min(until - due, _WORTH * float(system.dwell[j])))
             c = self._moved(row, t)[0]
             age = (t - self.since[j]) / float(system.dwell[j])
@@ -715,7 +715,7 @@ def _side_by_side(first: Array, second: Array, row: Indices, column: Indices, si
         starts = np.concatenate([[0], 2 * np.cumsum(np.bincount(row, minlength=size))])
         entries = np.stack([first, second], axis=1).ravel()
         columns = np.stack([column, size + column], axis=1).ravel()
-        return sparse.csr_array((entries, columns, starts), shape=(size, 2 * size))
+        return scipy.sparse.csr_array((entries, columns, starts), shape=(size, 2 * size))
     found = np.zeros((size, 2 * size))
     found[row, column], found[row, size + column] = first, second
     return found

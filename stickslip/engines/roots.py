@@ -17,6 +17,9 @@ _DEEPEST = 60
 _ROUNDOFF = 2e-15
 """Part of what adds up in a value that is uncertain."""
 
+_STEPS = 50.0
+"""In so many steps the roundoff of a quantity adds up."""
+
 
 @lru_cache(maxsize=64)
 def _to_bernstein(order: int) -> Array:
@@ -54,8 +57,38 @@ def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
-    else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root.
+    else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root; nor where
+    it dips below by what the roundoff of `floor` adds up to in many steps, and comes back.
     """
+    found, first = _first(coefficients, floor), 0.0
+    while found is not None and floor:
+        back = _back(coefficients, found, _STEPS * _ROUNDOFF * floor)
+        if back is None:
+            break
+        first = back
+        rest = _from(coefficients, first)
+        found = _first(rest, floor)
+        found = None if found is None else first + found * (1 - first)
+    return found
+
+
+def _back(coefficients: Array, root: float, touch: float) -> float | None:
+    """Return where a polynomial that has a root is positive again, None where it goes below `touch` or stays."""
+    whole = np.polynomial.Polynomial(coefficients)
+    slope, bend = float(whole.deriv()(root)), float(whole.deriv(2)(root))
+    if not (slope < 0 < bend and slope * slope <= 2 * bend * touch):
+        return None
+    back = root - 3 * slope / bend
+    return back if back < 1 and whole(back) > 0 else None
+
+
+def _from(coefficients: Array, first: float) -> Array:
+    """Return the polynomial on what is left of the interval from `first` on."""
+    shifted = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([first, 1 - first])).coef
+    return np.pad(shifted, (0, coefficients.size - shifted.size))
+
+
+def _first(coefficients: Array, floor: float) -> float | None:
     order = coefficients.size - 1
     bernstein = _to_bernstein(order) @ coefficients
     left, right = _halves(order)

@@ -139,7 +139,11 @@ class Series:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
             root = self._first(g, lambda: self._floor(motion, guards)[watched])
-        return _Step(expansion.y * stretched, h, root)
+        c = expansion.y * stretched
+        if motion.stretch.is_straight:
+            # a motion that is a short polynomial is kept as one
+            c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
+        return _Step(c, h, root)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -234,6 +238,8 @@ def why_no_series(system: System, loads: Loads) -> str | None:
         if what:
             listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
             return f"the force of {listed} depends on velocity ({what})"
+    if system.dependence is not None and not system.dependence.is_linear:
+        return f"{system.dependence.nodes[0].label} depends on the state, of which no Taylor series is known"
     if loads.has_functions:
         return "a load is a function, of which no Taylor series is known"
     return None

@@ -79,7 +79,7 @@ class Stability:
             If the step is too long for the last of them, or for a contact with a smooth law that passes through rest
             between them, where its slope is steepest.
         """
-        if not motion.has_law:
+        if not motion.has_law and motion.dependence is None:
             # a mode set without such laws has one Jacobian: what it was found to bear holds
             if h > self._longest.get(motion.equations, 0.0):
                 self._judge(motion.equations.jacobian(), h)
@@ -94,7 +94,7 @@ class Stability:
         smooth = free[np.isfinite(laws.resolution[free])]
         if not smooth.size:
             return []
-        w = motion.system.relative_velocity(states.T, motion.inputs(taus))[smooth]
+        w = motion.system.relative_velocity(states.T, motion.loads(taus))[smooth]
         near = np.abs(w) <= _NEAR_REST * laws.resolution[smooth][:, None]
         near[:, 1:] |= w[:, 1:] * w[:, :-1] < 0
         n, size = motion.system.n, states.shape[1]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Linear, Region
-from stickslip.model.scene import GROUND, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.scene import GROUND, AnyBlock, Body, Drive, Scene
+from stickslip.model.signal_makers import Constant, Load, Signal
 
 __all__ = ["Book", "Coupling", "Piecewise", "Row"]
 
@@ -27,10 +27,14 @@ class Row:
     kind : str
         "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its force
         is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes).
-    normal : Signal
+    normal : Signal or Quantity
         In N.
     rested : float
         How long in s it has been held at the start.
+    deflection : float
+        Of its bristles at the start, in m or rad.
+    slipping : bool
+        Whether it starts as one that has slipped.
     restitution : float
         Of impacts.
     """
@@ -39,8 +43,10 @@ class Row:
     coefficients: Mapping[int, float]
     law: Law | None
     kind: str
-    normal: Signal
+    normal: Load
     rested: float
+    deflection: float = 0.0
+    slipping: bool = False
     restitution: float = 0.0
 
 
@@ -76,14 +82,16 @@ class Piecewise:
 
 
 class Book:
-    """The entries of a scene."""
+    """The entries of a scene, and quantities that are watched without acting on anything."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
+        self.watched = list(watched)
         self.bodies: list[Body] = []
         self.drives: list[Drive] = []
         self.rows: list[Row] = []
         self.couplings: list[Coupling] = []
-        self.forces: list[tuple[int, Signal]] = []
+        self.forces: list[tuple[int, Load, str]] = []
+        self.blocks: list[AnyBlock] = []
         self.piecewises: list[Piecewise] = []
         self.signals: list[Signal] = []
         self.read: set[int] = set()
@@ -109,13 +117,15 @@ class Book:
         *,
         law: Law | None = None,
         kind: str = "friction",
-        normal: Signal | float = 0.0,
+        normal: Load | float = 0.0,
         rested: float = 0.0,
+        deflection: float = 0.0,
+        slipping: bool = False,
         restitution: float = 0.0,
     ) -> None:
         """Enter a row."""
         own = self._by_index(coefficients)
-        self.rows.append(Row(name, own, law, kind, _signal(normal), rested, restitution))
+        self.rows.append(Row(name, own, law, kind, _load(normal), rested, deflection, slipping, restitution))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
@@ -123,9 +133,19 @@ class Book:
         """Enter a spring and damper."""
         self.couplings.append(Coupling(label, self._by_index(coefficients), stiffness, damping, rest))
 
-    def push(self, body: str, force: Signal | float) -> None:
+    def block(self, block: AnyBlock) -> None:
+        """Enter a block."""
+        self.blocks.append(block)
+
+    def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
-        self.forces.append((self.index[body], _signal(force)))
+        self.forces.append((self.index[body], _load(force), f"force on {body!r}"))
+
+    def loads(self) -> list[Load]:
+        """Return all loads that may depend on the state."""
+        forces = [load for _, load, _ in self.forces]
+        normals = [row.normal for row in self.rows]
+        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
 
     def read_position(self, name: str) -> None:
         """Make the position of a body or drive a state."""
@@ -155,5 +175,5 @@ class Book:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}
 
 
-def _signal(value: Signal | float) -> Signal:
-    return value if isinstance(value, Signal) else Constant(float(value))
+def _load(value: Load | float) -> Load:
+    return value if isinstance(value, Load) else Constant(float(value))

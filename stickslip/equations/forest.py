@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
@@ -89,7 +89,7 @@ class Forest:
     def why_not(system: System, loads: Loads) -> str | None:
         """Return why the events of a scene are not followed one by one where they are, None if they are."""
         c = system.laws
-        if loads.has_functions or system.size > system.first_bristle:
+        if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
         if system.piecewise.count:
             return "some of its forces are piecewise linear"
@@ -140,12 +140,14 @@ class Forest:
 
     def _couple(self, system: System) -> None:
         n = self.n
-        full = sparse.csr_array(system.C)
+        full = scipy.sparse.csr_array(system.C)
         velocity = full[:, :n]
         columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
         places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
         position = full[:, places].tocoo()
-        position = sparse.csr_array((position.data, (position.row, columns[position.col])), shape=(n, n))
+        position = scipy.sparse.csr_array(
+            (position.data, (position.row, columns[position.col])), shape=(n, n)
+        )
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side
         pattern = (abs(velocity) + abs(position)).tocoo()
@@ -209,13 +211,13 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
     if i.size and matrix.nnz:
         found[:] = (
             np.asarray(matrix[i, k]).ravel()
-            if not sparse.issparse(matrix[i, k])
+            if not scipy.sparse.issparse(matrix[i, k])
             else matrix[i, k].toarray().ravel()
         )
     return found
 
 
 def _is_forest(ends: Indices, nodes: int) -> bool:
-    graph = sparse.coo_array((np.ones(ends.shape[0]), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
-    count, _ = sparse.csgraph.connected_components(graph, directed=False)
+    graph = scipy.sparse.coo_array((np.ones(ends.shape[0]), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
+    count, _ = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return bool(ends.shape[0] == nodes - count)

@@ -1,6 +1,7 @@
 """Guards: what has to stay positive while the modes hold, and what is violated at the start.
 
-``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one. A guard that is 0 at the start has its
+``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one, N of a closed contact whose normal force
+depends on the state, and ``-N`` of an open one. A guard that is 0 at the start has its
 zero divided out: what is left is positive there and has all the later roots.
 """
 
@@ -55,6 +56,9 @@ class Guards:
         Rows whose relative velocity is 0 at the start.
     fired : array (m,) of bool
         Rows that an event has just found at their limit.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: the errors of a solver, 0 where
+        an engine makes none.
 
     Attributes
     ----------
@@ -63,14 +67,23 @@ class Guards:
     is_border : array of bool
         Guards that are borders of regions.
     violated : array of bool
-        Guards that are negative at the start or just after it.
+        Guards that are negative at the start or just after it, but for those of normal forces.
+    misjudged : array of int
+        Rows that are closed though their normal force is negative, or open though it is positive.
     order : array of int
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
     """
 
-    def __init__(self, motion: Motion, labels: NDArray[np.int8], at_rest: Mask, fired: Mask) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        labels: NDArray[np.int8],
+        at_rest: Mask,
+        fired: Mask,
+        uncertain: float = 0.0,
+    ) -> None:
         # guards of no row have the number -1
-        self.motion, self.at_rest = motion, np.append(at_rest, False)
+        self.motion, self.at_rest, self.uncertain = motion, np.append(at_rest, False), uncertain
         equations = motion.equations
         loose = equations.open
         if loose.size:
@@ -97,16 +110,47 @@ class Guards:
             )
             self.is_velocity = np.append(self.is_velocity, none == 0)
             self.is_border = np.append(self.is_border, none != 0)
+        pressed = equations.pressed
+        self._watch_normals(pressed)
         self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
         if self.size:
             self._classify(fired)
+        if pressed.size:
+            self.misjudged = self.row[self.violated & self.is_normal]
+            self.violated &= ~self.is_normal
+        else:
+            self.misjudged = pressed
         self.is_plain = not self.order.any()
         self.armed = self.size - self._loose
         if not self.is_plain:
             self.armed -= np.count_nonzero(self.order == NEVER)
+
+    def _watch_normals(self, pressed: Indices) -> None:
+        """Add the guards of normal forces that depend on the state: N while closed, -N while open."""
+        motion, equations = self.motion, self.motion.equations
+        self.is_normal = np.zeros(self._row.size, dtype=bool)
+        if pressed.size:
+            none = np.zeros(pressed.size)
+            self._row = np.append(self._row, pressed)
+            self._source = np.append(self._source, none.astype(np.intp))
+            self._turn, self._constant, self.direction = (
+                np.append(x, none) for x in (self._turn, self._constant, self.direction)
+            )
+            self.is_border = np.append(self.is_border, none > 0)
+            self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
+            self.is_velocity, self.is_normal = (
+                np.append(self.is_velocity, none > 0),
+                np.append(self.is_normal, none == 0),
+            )
+        self._beside = self._row.size - equations.guard_row.size
+        if pressed.size:
+            self._has_levels = True
+        self._needs_functions = not (self.is_velocity | self.is_normal).all() or (
+            pressed.size > 0 and motion.pressed_by_functions
+        )
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -132,8 +176,8 @@ class Guards:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
         if expansion.g is not None:
             g = expansion.g
-            if self._loose:
-                loose = expansion.z[:, self._source[-self._loose :]] * self._turn[-self._loose :]
+            if self._beside:
+                loose = expansion.z[:, self._source[-self._beside :]] * self._turn[-self._beside :]
                 g = np.concatenate([g, loose], axis=1)
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
@@ -199,7 +243,7 @@ class Guards:
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.at_rest[self.row[i]]:
-                    self.violated[i] = coefficients[0, i] < 0
+                    self.violated[i] = coefficients[0, i] < -self.uncertain
                     continue
                 if self.motion.equations.modes[self.row[i]] == OPEN:
                     # nothing but roundoff is uncertain where no force can hold it
@@ -265,7 +309,7 @@ class Guards:
     def _majorant(self, order: int) -> Array:
         found = np.zeros((order + 2, self.size))
         for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
-            found[k] = z[self._source] + np.abs(self._mu) * q[self._row]
+            found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
             if self._rising.size:
                 found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
         # the roundoff of the time is one of all that changes
@@ -290,9 +334,10 @@ class Guards:
     @cached_property
     def force_scale(self) -> Array:
         """The same for guards of forces; without meaning for others."""
-        return np.asarray(
-            self.levels(self.motion.start_inputs) + np.abs(self.motion.start.z[0][self._source])
+        size = self.levels(self.motion.start_inputs) + np.abs(
+            self._turn * self.motion.start.z[0][self._source]
         )
+        return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
 
     @cached_property
     def allowance(self) -> Array:
@@ -301,7 +346,7 @@ class Guards:
         found = np.zeros(self.size)
         amplitudes = motion.stretch.amplitudes
         for i in amplitudes.nonzero()[0].tolist():
-            q = np.zeros(motion.inputs(0.0).size)
+            q = np.zeros(system.inputs + system.dwelling.size)
             q[i] = amplitudes[i]
             z = motion.equations.respond(q)[system.size :]
             found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
@@ -341,9 +386,22 @@ class Guards:
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
-    def values(self, tau: float | Array, z: Array) -> Array:
-        """Return the guards at local time `tau` from what is watched, zeros at the start divided out."""
-        g = self.raw(z, self.motion.inputs(tau))
+    @cached_property
+    def passing(self) -> Indices:
+        """Guards of velocities that pass 0."""
+        return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
+
+    def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
+        """Return the guards at local time `tau` from the state, zeros at the start divided out.
+
+        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        """
+        motion = self.motion
+        # functions of the state act on forces only
+        q = motion.inputs(tau, y, functions=self._needs_functions)
+        g = self.raw(motion.watched(tau, y, q), q)
+        if late and self.uncertain:
+            g[self.passing] += self.uncertain
         if self.is_plain:
             return g
 
@@ -366,5 +424,31 @@ class Guards:
         return g
 
     def smallest(self, tau: float, y: Array) -> float:
-        """Return the smallest guard at a state."""
-        return float(self.values(tau, self.motion.watched(tau, y)).min(initial=math.inf))
+        """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
+        if not self.size:
+            return math.inf
+        if tau <= self._told:
+            return float(self.values(tau, y, late=True).min())
+        # no zero of the start is near: its order does not change a sign
+        motion, q = self.motion, None
+        if self._has_levels or self._rising.size or motion.dependence is not None:
+            q = motion.inputs(tau, y, functions=self._needs_functions)
+        z = motion.watched(tau, y, q)
+        g = self.raw(z, z if q is None else q)
+        if self.uncertain:
+            g[self.passing] += self.uncertain
+        if self._offset is not None:
+            g += self._offset
+        return float(g.min())
+
+    @cached_property
+    def _told(self) -> float:
+        """Until when the sign of some guard that leaves 0 is roundoff."""
+        leaves = (self.order > 0) & (self.order < NEVER)
+        return float(self._roundoff[0][leaves].max()) if leaves.any() else -1.0
+
+    @cached_property
+    def _offset(self) -> Array | None:
+        """How far guards that stay 0 may stray from it, 0 for all others."""
+        stays = self.order == NEVER
+        return np.where(stays, self._roundoff[1], 0.0) if stays.any() else None

@@ -16,6 +16,7 @@ from stickslip.model.signal_makers import (
     Clipped,
     Constant,
     Function,
+    Line,
     PiecewiseLinear,
     Signal,
     Sine,
@@ -41,7 +42,9 @@ class Loads:
     start, stop : float
         The time span in s.
     stepped : bool
-        Whether a fixed-step method reads the loads wherever its steps fall: then nothing breaks.
+        Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
+    samples : sequence of float
+        Further times in s that break.
 
     Attributes
     ----------
@@ -53,6 +56,8 @@ class Loads:
         Times at which any signal breaks, each once, in order.
     has_functions : bool
         Whether any signal is a function without a known Taylor series.
+    regions : tuple of int or None
+        The region of each table of the state in which the run is; None where they are looked up.
     """
 
     def __init__(
@@ -62,6 +67,7 @@ class Loads:
         start: float,
         stop: float,
         stepped: bool = False,
+        samples: Sequence[float] = (),
     ) -> None:
         self._signals = [signal.within(start, stop) for signal in signals]
         self._rates, self._start, self._stop, self._stepped = list(rates), start, stop, stepped
@@ -70,8 +76,9 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = () if stepped else (b for s in self._signals for b in s.breaks(start, stop))
-        self.breaks = sorted(set(breaks))
+        breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
+        self._samples = {t for t in samples if start < t < stop} - breaks
+        self.breaks = sorted(breaks | self._samples)
         self.has_functions = stepped or any(_has_function(s) for s in self._signals)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0
@@ -79,6 +86,11 @@ class Loads:
             if isinstance(s, Constant):
                 self._constant[i] = s.value
         self._last: tuple[int, Stretch] | None = None
+        self.regions: tuple[int, ...] | None = None
+
+    def goes_on(self, t: float) -> bool:
+        """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
+        return t in self._samples
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""
@@ -89,11 +101,12 @@ class Loads:
         """Return the stretch that begins at `t` or goes on there."""
         number = bisect_right(self.breaks, t)
         if self._last is not None and self._last[0] == number:
+            self._last[1].regions = self.regions
             return self._last[1]
         found = self._stretch(
             self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop)
         )
-        self._last = (number, found)
+        self._last, found.regions = (number, found), self.regions
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -119,7 +132,7 @@ class Loads:
                         waves.append(
                             (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
                         )
-                elif isinstance(term, (Constant, PiecewiseLinear)):
+                elif isinstance(term, (Constant, Line, PiecewiseLinear)):
                     value[i] += term(t)
                     slope[i] += term.slope(t)
                     if rate is not None:
@@ -145,6 +158,8 @@ class Stretch:
     has_functions : bool
     bent : array of int
         Entries that are not straight.
+    regions : tuple of int or None
+        The regions of tables in which motions begin.
     """
 
     def __init__(
@@ -157,6 +172,7 @@ class Stretch:
         functions: Sequence[tuple[int, Callable[[float], float]]],
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
+        self.regions: tuple[int, ...] | None = None
         self.is_steady = not slope.any()
         self.has_waves, self.has_functions = bool(waves), bool(functions)
         self.is_straight = not waves and not functions
@@ -280,7 +296,7 @@ def _has_function(signal: Signal) -> bool:
         return any(_has_function(term) for term in signal.terms)
     if isinstance(signal, Clipped):
         return _has_function(signal.base)
-    return isinstance(signal, Function) or not isinstance(signal, (Constant, PiecewiseLinear, Sine))
+    return isinstance(signal, Function) or not isinstance(signal, (Constant, Line, PiecewiseLinear, Sine))
 
 
 def _sample(function: Callable[[float], float], times: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import Any
 
@@ -75,9 +76,11 @@ class ModeEquations:
         self.slip = (np.abs(modes) == 1).nonzero()[0]
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
         self.at_level = ((modes == AT_HIGH) | (modes == AT_LOW)).nonzero()[0]
+        self.pressed = (system.pressed & system.alive).nonzero()[0]
         self.acting = acting_in(modes, system).nonzero()[0]
         directions = np.where(np.abs(modes) == 1, modes, 0)[self.acting]
         self.law = ActingForces([system.laws.laws[j] for j in self.acting.tolist()], directions)
+        self._alone: dict[int, ActingForces] = {}
         self.bristle_places = np.array(
             [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
         )
@@ -254,8 +257,9 @@ class ModeEquations:
         self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
         self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
         self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
+        self._KL = np.vstack([self.K, self.L])
         self._place_maps()
-        self.feeds_back = bool(self.A[: system.n].any())
+        self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
     def _place_maps(self) -> None:
         """Rates, watched quantities and guards, but for constants, from states and from inputs."""
@@ -290,7 +294,8 @@ class ModeEquations:
     def push(self, e: Array) -> Array:
         """Return ``K e`` and ``L e`` in one array."""
         if not self.system.sparse:
-            return np.concatenate([self.K @ e, self.L @ e])
+            found: Array = self._KL @ e
+            return found
         wide = np.zeros((self.system.m, *e.shape[1:]))
         wide[self.acting] = e
         return self._of_friction(wide)
@@ -300,7 +305,7 @@ class ModeEquations:
         n = system.n
         moved = np.array(y)
         moved[:n] = balance.T @ y[:n]
-        out = self._out(self.C @ moved, moved[:n], None, None)
+        out = self._out(self.C @ moved, moved[:n], None, None, system.block_C @ moved)
         if self.borders.size:
             out[-self.borders.size :] = self._border_y @ moved
         return out
@@ -312,22 +317,28 @@ class ModeEquations:
         led = balance.U @ u
         moved = np.zeros((system.size, *q.shape[1:]))
         moved[:n] = led
-        forces = self.C @ moved + self.Q @ q[: system.inputs] - system.GT @ (self.friction @ q)
-        out = self._out(forces, led, u, system.drive_accelerations(q))
+        given = q[: system.inputs]
+        forces = self.C @ moved + self.Q @ given - system.GT @ (self.friction @ q)
+        blocks = system.block_C @ moved + system.block_Q @ given
+        out = self._out(forces, led, u, system.drive_accelerations(q), blocks)
         if self.borders.size:
-            out[-self.borders.size :] = self._border_y @ moved + self._border_q @ q[: system.inputs]
+            out[-self.borders.size :] = self._border_y @ moved + self._border_q @ given
         return out
 
     def _of_friction(self, r: Array) -> Array:
         system = self.system
-        return self._out(-(system.GT @ r), None, None, None)
+        return self._out(-(system.GT @ r), None, None, None, None)
 
-    def _out(self, forces: Array, v: Array | None, u: Array | None, rate: Array | None) -> Array:
-        """Return rates and watched quantities from forces on the bodies and velocities."""
+    def _out(
+        self, forces: Array, v: Array | None, u: Array | None, rate: Array | None, blocks: Array | None
+    ) -> Array:
+        """Return rates and watched quantities from forces on the bodies, velocities, and the rates of blocks."""
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
         out = np.zeros((size + self.rows, *forces.shape[1:]))
         acceleration = out[:n] = balance.accelerations(forces, rate)
+        if blocks is not None:
+            out[system.first_block : size] = blocks
         if v is not None:
             out[system.moved_state] = v[system.moved]
             out[size : size + m] = system.G @ v
@@ -350,6 +361,22 @@ class ModeEquations:
             y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
         return y
 
+    def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
+        """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
+        system, mode = self.system, int(self.modes[row])
+        if row not in self.acting:
+            side = int(mode < 0)
+            return mode * float(system.mu_c[side, row]) * normal if abs(mode) == 1 else 0.0
+        law = self._alone.get(row)
+        if law is None:
+            sign = self.modes[[row]] if abs(mode) == 1 else np.zeros(1, dtype=np.int8)
+            law = self._alone[row] = ActingForces([system.laws.laws[row]], sign)
+        dwell = float(system.dwell[row])
+        lag = math.exp(-rested / dwell) if dwell > 0 else 0.0
+        z = y[[system.bristle_state[row]]] if law.bristles.size else np.empty(0)
+        one = np.array
+        return float(law.forces(one([w]), one([normal]), one([lag]), z)[0])
+
     def law_jacobian(self, slopes: Array) -> Any:
         """Return what the acting rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
         system, n = self.system, self.system.n
@@ -370,7 +397,11 @@ class ModeEquations:
             return self.A
         system, balance, n = self.system, self.balance, self.system.n
         fold = scipy.sparse.block_diag([balance.T, scipy.sparse.eye_array(system.size - n)], format="csr")
-        return self._spread((self.C @ fold).tocsr(), balance.T)
+        found = self._spread((self.C @ fold).tocsr(), balance.T)
+        if system.size > system.first_block:
+            lines = scipy.sparse.csr_array(system.block_C @ fold)
+            found = scipy.sparse.vstack([found[: system.first_block], lines], format="csr")
+        return found
 
     def _spread(self, forces: Any, v: Any) -> Any:
         """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
@@ -417,6 +448,9 @@ class ModeEquations:
             rate[self.dependent] += abs(self.U_dependent) @ drives
         rate[system.moved_state] = y[system.moved]
         rate[system.carried_state] = system.drive_velocities(q)[system.carried]
+        if size > system.first_block:
+            blocks = abs(system.block_C) @ y + abs(system.block_Q) @ q[: system.inputs]
+            rate[system.first_block :] = blocks
         z[:m] = system.abs_G @ y[:n]
         if system.drives:
             z[:m] += system.abs_D @ system.drive_velocities(q)
@@ -427,6 +461,14 @@ class ModeEquations:
             z[first : first + self.at_level.size] = np.abs(self._shares) @ forces
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
+        return found
+
+    @cached_property
+    def acting_velocities(self) -> Array:
+        """The relative velocities of the acting rows from the states of a small scene, without drives."""
+        system = self.system
+        found = np.zeros((self.acting.size, system.size))
+        found[:, : system.n] = system.G[self.acting]
         return found
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:

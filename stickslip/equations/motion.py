@@ -59,6 +59,37 @@ class Expansion:
         return self._q
 
 
+class _Linked:
+    """The Taylor coefficients of inputs that depend linearly on the state, order by order."""
+
+    def __init__(self, motion: Motion, tau: float, order: int, scale: float, frozen: bool) -> None:
+        self._motion, self._scale = motion, scale
+        self.q: list[Array | None] = []
+        self._known: list[Array] = []
+        self.loads = motion.stretch.taylor(motion.t + tau, order, scale)
+        self._decay = motion.decay(tau, order, scale, frozen)
+
+    def part(self, k: int, y: Array) -> Array:
+        """Return order `k` of the inputs and dwells from order `k` of the states."""
+        motion, loads = self._motion, self.loads[k]
+        inputs = motion.system.inputs
+        full = np.zeros(inputs + motion.system.dwelling.size)
+        if loads is not None:
+            full[:inputs] = loads
+        assert motion.dependence is not None
+        motion.dependence.add_series(full[:inputs], y, motion.regions, k == 0)
+        self.q.append(full)
+        self._known.append(full)
+        if self._decay is not None:
+            rows, places, decay = self._decay
+            # exp(-age - rate tau) N, as the product of both series
+            total = np.zeros(rows.size)
+            for i, part in enumerate(self._known):
+                total += decay[k - i] * part[rows]
+            full[places] = total
+        return full
+
+
 class Motion:
     """The equations in one set of modes from a state on. Local time tau runs from 0 at the start.
 
@@ -80,14 +111,18 @@ class Motion:
         system = self.system = equations.system
         self.horizon = stretch.stop - t
         self.has_law = equations.acting.size > 0
-        self.is_linear = not (self.has_law or stretch.has_functions)
+        self.dependence, self.regions = system.dependence, stretch.regions
+        self.has_functions = stretch.has_functions or not (
+            self.dependence is None or self.dependence.is_linear_in(self.regions)
+        )
+        self.is_linear = not (self.has_law or self.has_functions)
         self._dwelling = system.dwelling
         self._over = -math.inf
         self.rises_push = equations.rises_push
         if self._dwelling.size:
             self._place_dwells()
         self.is_straight = stretch.is_straight
-        self.is_polynomial = not (stretch.has_functions or self.has_law or equations.feeds_back)
+        self.is_polynomial = self.is_linear and self.dependence is None and not equations.feeds_back
 
     # -- inputs ----------------------------------------------------------------------------------------------
 
@@ -132,7 +167,10 @@ class Motion:
     @property
     def may_be_bounded(self) -> bool:
         """Whether what bends the guards alone, rising levels and sines, moves nothing."""
-        return not self.rises_push and (self.waves_rest or not self.stretch.has_waves)
+        has_waves = self.stretch.has_waves
+        if has_waves and self.dependence is not None:
+            return False
+        return not self.rises_push and (self.waves_rest or not has_waves)
 
     def is_rising(self, tau: float) -> bool:
         """Tell whether a static coefficient still rises at local time `tau`."""
@@ -143,14 +181,27 @@ class Motion:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
 
-    def inputs(self, tau: float | Array) -> Array:
-        """Return inputs and dwells at local time `tau`, one column per time where that is an array."""
+    @property
+    def pressed_by_functions(self) -> bool:
+        """Whether a normal force is a function of the state."""
+        return self.dependence is not None and self.dependence.normals_need_functions
+
+    def loads(self, tau: float | Array) -> Array:
+        """Return the inputs that loads are at local time `tau`, without what depends on the state."""
+        if isinstance(tau, np.ndarray):
+            return self.stretch.sampled(self.t + tau)
+        return self.stretch.at(self.t + tau)
+
+    def inputs(self, tau: float | Array, y: Array, functions: bool = True) -> Array:
+        """Return inputs and dwells at local time `tau`, one column per time where that is an array.
+
+        Without `functions`, those of them that are functions of the state count nothing.
+        """
         many = isinstance(tau, np.ndarray)
-        q = (
-            self.stretch.sampled(self.t + tau)
-            if isinstance(tau, np.ndarray)
-            else self.stretch.at(self.t + tau)
-        )
+        q = self.loads(tau)
+        if self.dependence is not None:
+            y = self.exact(tau, y)
+            self.dependence.fill(q, y, self.t + tau, tau, self, functions, self.regions)
         if not self._dwelling.size:
             return q
         full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
@@ -161,8 +212,11 @@ class Motion:
             full[q.shape[0] + self._rising] = decay * q[self._dwelling[self._rising]]
         return full
 
-    def _input_rate(self, tau: float) -> Array:
+    def _input_rate(self, tau: float, y: Array, y_rate: Array) -> Array:
+        """Return the derivatives of inputs and dwells along the motion."""
         rate = self.stretch.rate(self.t + tau)
+        if self.dependence is not None:
+            self._add_rates(rate, tau, y, y_rate)
         if not self._dwelling.size:
             return rate
         full = np.zeros(rate.size + self._dwelling.size)
@@ -170,9 +224,48 @@ class Motion:
         if self._rising.size:
             rows = self._dwelling[self._rising]
             decay = np.exp(-(self._age + self._rate * tau))
-            normal = self.stretch.at(self.t + tau)[rows]
+            normal = self.inputs(tau, y)[rows]
             full[rate.size + self._rising] = decay * (rate[rows] - self._rate * normal)
         return full
+
+    def decay(
+        self, tau: float, order: int, scale: float, frozen: bool
+    ) -> tuple[Indices, Indices, list[Array]] | None:
+        """Return the rows whose static coefficients rise, the places of their dwells, and the series of these."""
+        if not (self._dwelling.size and self._rising.size):
+            return None
+        age = self._age + self._rate * tau
+        live = (age < _DWELL_OVER).nonzero()[0]
+        if not live.size:
+            return None
+        rows, places = self._dwelling[self._rising[live]], self.system.inputs + self._rising[live]
+        found = [np.exp(-age[live])]
+        for k in range(order):
+            found.append(found[-1] * (0.0 if frozen else -self._rate[live] * scale / (k + 1)))
+        return rows, places, found
+
+    def _add_magnitudes(self, q: Array, y: Array, values: bool) -> None:
+        """Add what adds up in the inputs that depend on the state, in place."""
+        dependence = self.dependence
+        assert dependence is not None
+        slopes = None if dependence.is_linear else self._start_slopes
+        dependence.add_sizes(q, y, slopes, values)
+
+    @cached_property
+    def _start_slopes(self) -> Array:
+        return self.input_slopes(0.0, self.y)
+
+    def _add_rates(self, rate: Array, tau: float, y: Array, y_rate: Array) -> None:
+        """Add how fast the inputs change that depend on the state, in place: functions by differences."""
+        dependence = self.dependence
+        assert dependence is not None
+        if dependence.is_linear:
+            dependence.add_series(rate, y_rate, self.regions, False)
+            return
+        d, count = self.difference_step, rate.size
+        now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
+        places = dependence.places
+        rate[places] = (4 * soon - 3 * now - later)[places] / (2 * d)
 
     def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> list[Array | None]:
         series = self.stretch.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
@@ -186,76 +279,116 @@ class Motion:
                 wide = np.zeros(size + count)
                 wide[:size] = part
             full.append(wide)
-        if not self._rising.size:
+        decaying = self.decay(tau, order, scale, frozen)
+        if decaying is None:
             return full
-        age = self._age + self._rate * tau
-        live = (age < _DWELL_OVER).nonzero()[0]
-        rows, places = self._dwelling[self._rising[live]], size + self._rising[live]
+        rows, places, decay = decaying
         if frozen:
-            factor = np.exp(-age[live])
             for part, wide in zip(series, full, strict=True):
                 if part is not None and wide is not None:
-                    wide[places] = factor * part[rows]
+                    wide[places] = decay[0] * part[rows]
             return full
         # exp(-age - rate tau) N, as the product of both series
-        decay = [np.exp(-age[live])]
-        for k in range(order):
-            decay.append(decay[-1] * (-self._rate[live] * scale / (k + 1)))
         normals = [None if part is None else part[rows] for part in series]
         known = [k for k, part in enumerate(normals) if part is not None]
         for k in range(order + 1):
-            value = sum(decay[k - i] * normals[i] for i in known if i <= k)
+            value: Any = sum(decay[k - i] * normals[i] for i in known if i <= k)  # type: ignore[operator, misc]
             wide = full[k]
             if wide is None:
                 wide = full[k] = np.zeros(size + count)
             wide[places] = value
         return full
 
-    def normals(self, tau: float | Array) -> Array:
+    def normals(self, tau: float | Array, y: Array) -> Array:
         """Return the normal forces at local time `tau`."""
-        return np.maximum(self.inputs(tau)[: self.system.m], 0.0)
+        return np.maximum(self.inputs(tau, y)[: self.system.m], 0.0)
+
+    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
+        """Return the friction force of one row at local time `tau`, 0 where it is held."""
+        return self.equations.friction_of(row, w, normal, self.t + tau - self.since[row], y)
 
     # -- rates -----------------------------------------------------------------------------------------------
 
     def acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
         """Return relative velocity, normal force, dwell lag and bristle deflection of the acting rows."""
-        equations, system = self.equations, self.system
-        rows = equations.acting
-        w = system.relative_velocity(y, q)[rows]
-        dwell = system.dwell[rows]
-        lag = np.zeros_like(w)
-        some = (dwell > 0).nonzero()[0]
+        rows = self.equations.acting
+        w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
+        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
+
+    def _lag(self, tau: float | Array, w: Array) -> Array:
+        """Return what the dwell of the acting rows still withholds, an array like `w`."""
+        lag = np.zeros(w.shape)
+        some, age, dwell = self._acting_dwells
         if some.size:
-            age = np.add.outer(self.t - self.since[rows[some]], tau)
-            lag[some] = np.exp(-(age.T / dwell[some]).T)
-        return w, np.maximum(q[rows], 0.0), lag, y[equations.bristle_places]
+            lag[some] = np.exp(-(np.add.outer(age, tau).T / dwell).T)
+        return lag
+
+    @cached_property
+    def _acting_dwells(self) -> tuple[Indices, Array, Array]:
+        rows = self.equations.acting
+        dwell = self.system.dwell[rows]
+        some = (dwell > 0).nonzero()[0]
+        return some, self.t - self.since[rows[some]], dwell[some]
+
+    @cached_property
+    def _lines(self) -> tuple[Array, Array, Array, Array, Array, Array] | None:
+        """What the inputs of a small motion do, where they are lines: each a value at the start and a slope.
+
+        Rates and watched quantities; relative velocities, and normal forces, of the acting rows.
+        """
+        system, equations = self.system, self.equations
+        if system.sparse or self.rises_push or not self.is_straight or self.dependence is not None:
+            return None
+        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
+        slope[: system.inputs] = self.stretch.slope
+        rows, none = equations.acting, np.zeros(system.size)
+        w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
+        return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self.acting_terms(y, self.inputs(tau), tau))
+        return self.equations.law.forces(*self.acting_terms(y, self.inputs(tau, y), tau))
 
     def law_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of the friction forces that depend on velocity with respect to it."""
-        return self.equations.law.slopes(*self.acting_terms(y, self.inputs(tau), tau))
+        return self.equations.law.slopes(*self.acting_terms(y, self.inputs(tau, y), tau))
 
-    def both(self, tau: float | Array, y: Array) -> Array:
-        """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array."""
+    def both(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
+        """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array.
+
+        The inputs `q` need not be given.
+        """
         equations = self.equations
-        q = self.inputs(tau)
-        found = equations.apply(y)
-        found += equations.respond(q)
+        found = self._linear(tau, y, q)
         if self.has_law:
-            w, normal, lag, z = self.acting_terms(y, q, tau)
+            lines = None if isinstance(tau, np.ndarray) else self._lines
+            if lines is None:
+                w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y) if q is None else q, tau)
+            else:
+                w = equations.acting_velocities @ y
+                w += lines[2] + tau * lines[3]
+                normal = np.maximum(lines[4] + tau * lines[5], 0.0)
+                lag, z = self._lag(tau, w), y[equations.bristle_places]
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
+        return found
+
+    def _linear(self, tau: float | Array, y: Array, q: Array | None) -> Array:
+        """Return ``A y + B q`` and ``E y + H q``."""
+        found = self.equations.apply(y)
+        lines = None if isinstance(tau, np.ndarray) else self._lines
+        if lines is None:
+            found += self.equations.respond(self.inputs(tau, y) if q is None else q)
+        else:
+            found += lines[0] + tau * lines[1]
         return found
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the forces of all rows, one column per time where `tau` is an array."""
         equations, size, m = self.equations, self.system.size, self.system.m
         found = self.both(tau, y)[size:]
-        forces: Array = equations.friction @ self.inputs(tau)
+        forces: Array = equations.friction @ self.inputs(tau, y)
         if self.has_law:
             forces[equations.acting] = self.acting_forces(tau, y)
         forces[equations.held] = found[m : m + equations.held.size]
@@ -265,9 +398,13 @@ class Motion:
         """Return ``y' = A y + B q + K e``."""
         return self.both(tau, y)[: self.system.size]
 
-    def watched(self, tau: float | Array, y: Array) -> Array:
-        """Return ``z = E y + H q + L e``."""
-        return self.both(tau, y)[self.system.size :]
+    def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
+        """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
+        equations = self.equations
+        # the laws' forces reach what is watched only where forces are
+        watches_forces = equations.held.size or equations.at_level.size
+        found = self.both(tau, y, q) if watches_forces else self._linear(tau, y, q)
+        return found[self.system.size :]
 
     def exact(self, tau: float | Array, y: Array) -> Array:
         """Return a state (or columns) with dependent velocities written through T."""
@@ -277,17 +414,64 @@ class Motion:
         y = np.array(y)
         if not equations.is_driven:
             return equations.consistent(y, np.empty(0))
-        return equations.consistent(y, self.system.drive_velocities(self.inputs(tau)))
+        return equations.consistent(y, self.system.drive_velocities(self.loads(tau)))
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return ``d y' / d y``, dense or sparse as the scene is."""
         equations = self.equations
         matrix = equations.jacobian()
+        if self.dependence is not None:
+            matrix = matrix + self._of_dependence(tau, y)
         if not self.has_law:
             return matrix
-        terms = self.acting_terms(y, self.inputs(tau), tau)
+        terms = self.acting_terms(y, self.inputs(tau, y), tau)
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
+
+    def input_slopes(self, tau: float, y: Array) -> Array:
+        """Return the derivatives of inputs and dwells with respect to the states that they depend on."""
+        dependence = self.dependence
+        assert dependence is not None
+        q = self.inputs(tau, y)
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.regions)
+        if self._dwelling.size and self._rising.size:
+            rows = self._dwelling[self._rising]
+            decay = np.exp(-(self._age + self._rate * tau))
+            found[self.system.inputs + self._rising] = decay[:, None] * found[rows]
+        return found
+
+    def _of_dependence(self, tau: float, y: Array) -> Any:
+        """Return what inputs that depend on the state add to the Jacobian."""
+        equations, system, dependence = self.equations, self.system, self.dependence
+        assert dependence is not None
+        slopes = self.input_slopes(tau, y)
+        found = equations.respond(slopes)
+        rows = equations.acting
+        if rows.size and dependence.rows.size:
+            # forces that depend on velocity are multiples of the normal force, but for those of bristles
+            w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y), tau)
+            pressed = normal > 0
+            e = equations.law.forces(w, normal, lag, z)
+            part = np.where(pressed, e / np.where(pressed, normal, 1.0), 0.0)
+            found = found + equations.push(part[:, None] * slopes[rows])
+        size, n = system.size, system.n
+        if not system.sparse:
+            full = np.zeros((size, size))
+            full[:, dependence.columns] = found[:size]
+            if equations.dependent.size:
+                full[:, :n] = full[:, :n] @ equations.balance.T
+            return full
+        # entries that may differ from 0 elsewhere are kept, because the solver keeps the pattern
+        some = (equations.respond(dependence.pattern(slopes.shape[0])) != 0)[:size] | (found[:size] != 0)
+        places = some.nonzero()
+        entries = (found[places], (places[0], dependence.columns[places[1]]))
+        matrix = scipy.sparse.csr_array(entries, shape=(size, size))
+        if equations.dependent.size:
+            fold = scipy.sparse.block_diag(
+                [equations.balance.T, scipy.sparse.eye_array(size - n)], format="csr"
+            )
+            matrix = scipy.sparse.csr_array(matrix @ fold)
+        return matrix
 
     def _with_bristles(self, matrix: Any, terms: tuple[Array, Array, Array, Array]) -> Any:
         """Add the entries of the bristles: ``dz'/dw W``, ``dz'/dz`` and ``K dr/dz``."""
@@ -321,17 +505,18 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        if not self.stretch.has_waves or (frozen and self.waves_rest):
+        if self.dependence is None and (not self.stretch.has_waves or (frozen and self.waves_rest)):
             taylor = equations.taylor(order, frozen)
             if taylor is not None and taylor.reaches(scale):
                 y, z, g = taylor(self._extended(tau, y), scale)
                 return Expansion(y, lambda: self._input_series(tau, order, scale, frozen), z, g)
-        q = self._input_series(tau, order, scale, frozen)
+        linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
+        q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
         finite = False
         for k in range(order + 1):
-            part = q[k]
+            part = q[k] if linked is None else linked.part(k, ys[k])
             if finite and part is None:
                 continue
             found = equations.apply(ys[k])
@@ -343,12 +528,12 @@ class Motion:
             following = ys[k + 1]
             np.multiply(found[:size], scale / (k + 1), out=following)
             if equations.dependent.size:
-                u = q[k + 1]
+                u = q[k + 1] if linked is None else linked.loads[k + 1]
                 led = equations.T_dependent @ following[:n]
                 if equations.is_driven and u is not None:
                     led = led + equations.U_dependent @ system.drive_velocities(u)
                 following[equations.dependent] = led
-            finite = not following.any()
+            finite = linked is None and not following.any()
         return Expansion(ys, q, zs)
 
     def _extended(self, tau: float, y: Array) -> Array:
@@ -385,6 +570,8 @@ class Motion:
                 rows = self._dwelling[self._rising]
                 fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
                 q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+            if self.dependence is not None:
+                self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)
@@ -395,7 +582,7 @@ class Motion:
     @cached_property
     def start_inputs(self) -> Array:
         """Inputs and dwells at the start."""
-        return self.inputs(0.0)
+        return self.inputs(0.0, self.y)
 
     @cached_property
     def start(self) -> Expansion:
@@ -403,17 +590,20 @@ class Motion:
         if self.is_linear:
             return self.expand(0.0, self.y, 2)
         size = self.system.size
-        found = self.both(0.0, self.y)
+        q0 = self.start_inputs
+        found = self.both(0.0, self.y, q0)
         rate = found[:size]
-        slope = self._slope(0.0, self.y, rate)
+        q1 = self._input_rate(0.0, self.y, rate)
+        slope = self._slope(0.0, self.y, rate, q1)
         second, z1 = slope[:size], slope[size:]
         d = self.difference_step
         ahead = self.y + d * (rate + 0.5 * d * second)
-        later = self._slope(d, ahead, self.rate(d, ahead))
+        rate_ahead = self.rate(d, ahead)
+        q1_ahead = self._input_rate(d, ahead, rate_ahead)
+        later = self._slope(d, ahead, rate_ahead, q1_ahead)
         z2 = 0.5 * (later[size:] - z1) / d
         y = np.array([self.y, rate, 0.5 * second])
-        q = [self.inputs(0.0), self._input_rate(0.0), np.zeros_like(self.inputs(0.0))]
-        q[2] = 0.5 * (self._input_rate(d) - q[1]) / d
+        q = [q0, q1, 0.5 * (q1_ahead - q1) / d]
         return Expansion(y, list(q), np.array([found[size:], z1, z2]))
 
     @property
@@ -421,21 +611,20 @@ class Motion:
         """Step in s of differences along the motion."""
         return _DIFFERENCE * min(self.horizon or np.inf, 1.0)
 
-    def _slope(self, tau: float, y: Array, rate: Array) -> Array:
-        """Return the derivatives of rates and watched quantities along the motion."""
+    def _slope(self, tau: float, y: Array, rate: Array, dq: Array) -> Array:
+        """Return the derivatives of rates and watched quantities along the motion, whose inputs change by `dq`."""
         equations, system = self.equations, self.system
-        dq = self._input_rate(tau)
         found = equations.apply(rate) + equations.respond(dq)
         if not self.has_law:
             return found
-        q = self.inputs(tau)
+        q = self.inputs(tau, y)
         w, normal, lag, z = self.acting_terms(y, q, tau)
         dw = system.relative_velocity(rate, dq)[equations.acting]
         d = self.difference_step
         law = equations.law
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference
         e = law.forces(w, normal, lag, z)
-        moved_q = self.inputs(tau + d)
+        moved_q = self.inputs(tau + d, y + d * rate)
         _, normal_d, lag_d, _ = self.acting_terms(y, moved_q, tau + d)
         z_d = z + d * rate[equations.bristle_places]
         by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d

@@ -1,13 +1,14 @@
 """A scene as constants: its states, its inputs, its rows, and the matrices between them.
 
-Everything is linear in the state ``y = (velocities, positions, bristles)``, in the inputs
-``q = (normal forces, forces, drive velocities, drive accelerations, 1)`` and in the friction forces of rows whose law
-depends on velocity. Only bodies that a spring touches have a position.
+Everything is linear in the state ``y = (velocities, positions, bristles, blocks)``, in the inputs
+``q = (normal forces, forces, loads and functions that quantities are made of, drive velocities, drive accelerations,
+1)`` and in the friction forces of rows whose law depends on velocity. Only bodies have a position that a spring touches
+or whose position is read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -17,12 +18,15 @@ from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.book import Book
+from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
 from stickslip.equations.loads import Loads
 from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
+from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
+from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, PiecewiseLinear, Signal
+from stickslip.model.signal_makers import Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -41,6 +45,8 @@ class System:
     Parameters
     ----------
     scene : Scene
+    watched : sequence of Quantity
+        Quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
@@ -50,11 +56,19 @@ class System:
         Coefficients of the rows on bodies and drives.
     C, Q : array or sparse (n, size), (n, inputs)
         Forces on the bodies from states and inputs.
+    push_C, push_Q : array or sparse (n, size), (n, inputs)
+        The part of them that loads are.
+    dependence : Dependence or None
+        The inputs that depend on the state, if there are any.
+    clocked : array of int
+        States of sampled blocks: they change at samples only.
+    pressed : array (m,) of bool
+        Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        book = Book(scene)
+    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
+        self.scene, self.watched = scene, tuple(watched)
+        book = Book(scene, watched)
         self.index, self.rows = book.index, book.rows
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -62,14 +76,8 @@ class System:
         self.n, self.drives, self.m = n, drives, m
         self.sparse = n + m > _DENSE_LIMIT
         self.inertia = np.array([body.inertia for body in book.bodies])
-        self.normals = [row.normal for row in book.rows]
-        self.others = [signal for _, signal in book.forces] + book.signals
-        self.others += [_signal(drive.velocity) for drive in book.drives]
-        self.first_force, self.first_signal = m, m + len(book.forces)
-        self.first_drive = self.first_signal + len(book.signals)
-        self.first_acceleration = self.first_drive + drives
-        self.inputs = self.first_acceleration + drives + 1
         self._place_states(book)
+        self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
         self.piecewise = PiecewiseMatrices(book, self)
@@ -79,12 +87,92 @@ class System:
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        self.placed = np.array(sorted(stretched | book.read), dtype=np.intp)
+        stretched |= book.read | _read_positions(book)
+        self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
+        c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
+        bristles = np.flatnonzero(c.has_state)
+        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
+        self.size = self.first_block = self.first_bristle + bristles.size
+        self.blocks: dict[str, BlockPlace] = {}
+        read = _read_outputs(book)
+        for block in book.blocks:
+            states = len(block.states or ())
+            outputs = block.output_count or read.get(block.name, 1)
+            place = BlockPlace(block, self.size, states, self.size + states, outputs)
+            self.blocks[block.name], self.size = place, place.end
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
+    def _place_inputs(self, book: Book) -> None:
+        """Resolve what forces depend on, and give every input its place."""
+        m, drives = self.m, self.drives
+        reader = Reader(book, self.position_state, self.blocks)
+        reader.signals += book.signals
+        parts = [_parts(load) for _, load, _ in book.forces]
+        self.pushes = [
+            (i, reader.form(linear, label))
+            for (i, _, label), (_, linear) in zip(book.forces, parts, strict=True)
+            if linear is not None
+        ]
+        pressed = [_parts(row.normal) for row in book.rows]
+        self.normals = [own for own, _ in pressed]
+        self.pressed = np.array([linear is not None for _, linear in pressed], dtype=bool)
+        normals = {
+            j: reader.form(linear, f"the normal force of contact {book.rows[j].name!r}")
+            for j, (_, linear) in enumerate(pressed)
+            if linear is not None
+        }
+        rates = {
+            place.first + k: form
+            for place in self.blocks.values()
+            for k, form in enumerate(reader.rates(place.block))
+        }
+        sampled = [
+            (place, place.block, [reader.form(u, place.block.label) for u in place.block.inputs])
+            for place in self.blocks.values()
+            if isinstance(place.block, Sampled)
+        ]
+        acting = len(reader.nodes)
+        seen = [reader.form(load, "a watched quantity") for load in book.watched]
+        first_signal = self.first_signal = m + len(book.forces)
+        first_node = first_signal + len(reader.signals)
+        widths = [node.width for node in reader.nodes]
+        self.others = [
+            *(own for own, _ in parts),
+            *reader.signals,
+            *(Constant(0.0) for _ in range(sum(widths))),
+            *(_signal(d.velocity) for d in book.drives),
+        ]
+        self.force_count = len(book.forces)
+        self.first_force, self.first_drive = m, first_node + sum(widths)
+        self.first_acceleration = self.first_drive + drives
+        self.inputs = self.first_acceleration + drives + 1
+        starts = first_node + np.cumsum([0, *widths])
+        firsts = {
+            "normal": 0,
+            "signal": first_signal,
+            "drive": self.first_drive,
+            "one": self.inputs - 1,
+        }
+
+        def place(key: Key) -> int:
+            kind, k, which = key
+            return int(starts[k]) + which if kind == "node" else firsts[kind] + k
+
+        self._place = place
+        self._rates = rates
+        self.sampled = [(own, block, Part.of(forms, place)) for own, block, forms in sampled]
+        self.reader = reader
+        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
+        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
+        self.samples = 0
+        nodes = reader.nodes[:acting]
+        self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
+        self._seen = Part.of(seen, place)
+        self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
+
     def _place_laws(self, book: Book) -> None:
-        c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
+        c = self.laws
         self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
         self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
         self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
@@ -94,15 +182,13 @@ class System:
         self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
-        self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool)
+        self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
         self.hard = c.sticks & ~self.is_gap
         self.all_hard = bool((self.hard | self.is_gap).all())
         self.free = ~(c.sticks | c.has_slip_state)
-        bristles = np.flatnonzero(c.has_state)
-        self.size = self.first_bristle + bristles.size
-        self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
+        self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - self.least, 0.0)
         self.rise = np.where(self.dwell > 0, rise, 0.0)
@@ -132,10 +218,28 @@ class System:
                     else:
                         inputs.add(i, self.first_drive + k - n, -c * e * link.damping)
                 inputs.add(i, self.inputs - 1, c * link.stiffness * link.rest)
-        for k, (i, _) in enumerate(book.forces):
-            inputs.add(i, self.first_force + k, 1.0)
-        self.C, self.Q = self.matrix(state, (n, self.size)), self.matrix(inputs, (n, self.inputs))
-        self.has_couplings = bool(state.values or book.piecewises)
+        push_state, push_inputs = Triplets(), Triplets()
+        for k, (i, _, _) in enumerate(book.forces):
+            push_inputs.add(i, self.first_force + k, 1.0)
+        for i, form in self.pushes:
+            for column, c in form.states.items():
+                push_state.add(i, column, c)
+            for key, c in form.inputs.items():
+                push_inputs.add(i, self._place(key), c)
+        self.push_C = self.matrix(push_state, (n, self.size))
+        self.push_Q = self.matrix(push_inputs, (n, self.inputs))
+        self.C = self.matrix(state, (n, self.size)) + self.push_C
+        self.Q = self.matrix(inputs, (n, self.inputs)) + self.push_Q
+        block_state, block_inputs = Triplets(), Triplets()
+        for k, form in self._rates.items():
+            for column, c in form.states.items():
+                block_state.add(k - self.first_block, column, c)
+            for key, c in form.inputs.items():
+                block_inputs.add(k - self.first_block, self._place(key), c)
+        blocks = self.size - self.first_block
+        self.block_C = self.matrix(block_state, (blocks, self.size))
+        self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
+        self.has_couplings = bool(state.values or push_state.values or block_state.values or book.piecewises)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -166,14 +270,90 @@ class System:
         y[: self.n] = [body.velocity for body in scene.bodies]
         places: list[Any] = [*scene.bodies, *scene.drives]
         y[self.n : self.first_bristle] = [places[i].position for i in self.placed]
+        for j, state in self.bristle_state.items():
+            y[state] = self.rows[j].deflection
+        for place in self.blocks.values():
+            y[place.first : place.first_held] = place.block.states or ()
+            if isinstance(place.block, Sampled) and place.block.held:
+                y[place.first_held : place.end] = place.block.held
         return y
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
-        """Return the inputs over a time span; normal forces are cut off at 0."""
-        clipped = [s.clipped(start, stop) for s in self.normals]
-        return Loads(
-            [*clipped, *self.others], range(self.first_drive, self.first_acceleration), start, stop, stepped
-        )
+        """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
+        clipped = [
+            s if pressed else s.clipped(start, stop)
+            for s, pressed in zip(self.normals, self.pressed.tolist(), strict=True)
+        ]
+        samples = [t for _, block, _ in self.sampled for t in block.instants(start, stop)]
+        drives = range(self.first_drive, self.first_acceleration)
+        return Loads([*clipped, *self.others], drives, start, stop, stepped, samples)
+
+    def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
+        """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
+
+        Parameters
+        ----------
+        t, start : float
+            Time, and that of the start, in s.
+        q : array (inputs,)
+        y : array (size,)
+
+        Raises
+        ------
+        ValueError
+            If a block returns what are no finite numbers; the message names block, time and arguments.
+        """
+        after = y
+        for place, block, part in self.sampled:
+            if not block.is_due(t, start):
+                continue
+            if after is y:
+                after = y.copy()
+            x, u = y[place.first : place.first_held], part.at(y, q)
+            self.samples += 1
+            try:
+                held = block.call("output", t, x, u, place.outputs, exactly=False)
+                after[place.first_held : place.end] = held
+                if block.update is not None:
+                    after[place.first : place.first_held] = block.call("update", t, x, u, place.states, True)
+            except ValueError as error:
+                given = ", ".join(f"{value:.9g}" for value in u.tolist())
+                raise ValueError(
+                    f"{block.label}: {error} at t = {t:.9g} s with the inputs ({given})"
+                ) from error
+        return after
+
+    def watched_values(
+        self, q: Array, y: Array, t: Array, taus: Array, motion: Friction
+    ) -> tuple[Array, Array]:
+        """Return the watched quantities at many times, a line each, and what adds up in them."""
+        self._only_seen.fill(q, y, t, taus, motion)
+        return self._seen.at(y, q), self._seen.sizes(np.abs(y), np.abs(q))
+
+    def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
+        """Return the outputs of a block that is not sampled, a line each, at many times."""
+        block, reader = place.block, self.reader
+        if isinstance(block, StateSpace):
+            forms = [reader.linear_output(block, k, block.label) for k in range(place.outputs)]
+            found = Part.of(forms, self._place).at(y, q)
+            limits = block.limits or ((-np.inf, np.inf),) * place.outputs
+            return np.asarray(np.clip(found, *np.array(limits).T[:, :, None]))
+        assert isinstance(block, Block)
+        x = y[place.first : place.first_held]
+        if block.output is None:
+            return x
+        u = Part.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        columns = [
+            block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
+            for k in range(t.size)
+        ]
+        return np.array(columns).reshape(t.size, place.outputs).T
+
+    def filled(self, q: Array, y: Array, t: float) -> Array:
+        """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""
+        if self.dependence is not None:
+            self.dependence.fill(q, y, t, 0.0, None)
+        return q
 
     def drive_velocities(self, q: Array) -> Array:
         """Return the velocities of the drives from the inputs."""
@@ -211,7 +391,38 @@ class System:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
-        return System, (self.scene,)
+        return System, (self.scene, self.watched)
+
+
+def _read_positions(book: Book) -> set[int]:
+    """Return the bodies and drives whose positions quantities read."""
+    coefficients = {row.name: row.coefficients for row in book.rows}
+    moving, found = len(book.bodies) + len(book.drives), set[int]()
+    for load in book.loads():
+        for quantity in load.walk() if isinstance(load, Quantity) else ():
+            if isinstance(quantity, Position):
+                found.add(book.index[quantity.body])
+            elif isinstance(quantity, Stretch):
+                found.update(coefficients[quantity.row])
+    return {i for i in found if i < moving}
+
+
+def _read_outputs(book: Book) -> dict[str, int]:
+    """Return how many outputs of each block quantities read."""
+    found: dict[str, int] = {}
+    for load in book.loads():
+        for quantity in load.walk() if isinstance(load, Quantity) else ():
+            if isinstance(quantity, Output):
+                found[quantity.block] = max(found.get(quantity.block, 1), quantity.index + 1)
+    return found
+
+
+def _parts(load: Load) -> tuple[Signal, Expression | None]:
+    """Return a load as a signal and what depends on the state."""
+    if isinstance(load, Signal):
+        return load, None
+    own = as_expression(load)
+    return own.signal, Expression(own.terms) if own.terms else None
 
 
 def _signal(value: Signal | float) -> Signal:

@@ -27,6 +27,9 @@ _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
 _CONSTANT = 1e-7
+_FULLY = 0.999
+"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
+
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
 
@@ -87,12 +90,16 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.hit:
         tau = float(path.taus[-1])
-        values = guards.values(tau, motion.watched(tau, path.last))
+        values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
             size = np.maximum(guards.scale, guards.value_majorant)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
+        if guards.uncertain:
+            # a velocity that is beyond 0 by no more than the solver's errors has not passed it
+            passed = values[guards.passing] / guards.uncertain
+            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
@@ -231,7 +238,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
     system = motion.system
-    q = motion.inputs(taus) if system.drives else np.empty(0)
+    q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(states, q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
@@ -278,11 +285,11 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     held = equations.is_held.copy()
     held[row] = True
     equal = y.copy()
-    u = system.drive_velocities(motion.inputs(tau))
+    u = system.drive_velocities(motion.loads(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
     pull = dense(system.G[[row]])[0]
     total = float(pull @ equations.balance.accelerations(pull))
-    q = motion.inputs(tau)
+    q = motion.inputs(tau, y)
     scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes

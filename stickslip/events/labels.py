@@ -29,8 +29,8 @@ def label(
     before: Modes | None,
     quiet: float,
     blur: float,
-) -> Modes:
-    """Return the modes that rows show.
+) -> tuple[Modes, Mask]:
+    """Return the modes that rows show, and which open rows keep theirs though their velocity has died away.
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ def label(
     """
     equations, modes = motion.equations, motion.equations.modes
     if not (equations.open.size or equations.free.size or equations.at_level.size):
-        return modes
-    is_open = modes == OPEN
+        return modes, np.zeros(modes.size, dtype=bool)
+    is_open, died = modes == OPEN, np.zeros(modes.size, dtype=bool)
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
     may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
     if np.any(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
-        named = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
+        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
     shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
-    return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8)
+    return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8), died & is_open
 
 
 def _to_come(
@@ -70,18 +70,18 @@ def _to_come(
     before: Modes,
     quiet: float,
     blur: float,
-) -> Array | Modes:
-    """Return the signs of relative velocities, or where these are 0 of what they become."""
+) -> tuple[Array | Modes, Mask]:
+    """Return the signs of relative velocities, or where these are 0 of what they become, and which have died away."""
     is_open = motion.equations.modes == OPEN
     to_come, calm = _first_terms(motion, 2, quiet, blur)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come
-    kept = (to_come == 0) & (before != 0) & ~motion.equations.locked(slice(None))
-    named = np.where(resting, np.where(kept, before, to_come), named)
+    died = ((to_come == 0) | calm) & resting & (before != 0) & ~motion.equations.locked(slice(None))
+    named = np.where(resting, np.where(died, before, to_come), named)
     named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
-    return named
+    return named, died
 
 
 def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:

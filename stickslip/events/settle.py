@@ -21,7 +21,7 @@ from stickslip.equations.system import System
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
-__all__ = ["Inconsistent", "Settled", "Situation", "settle"]
+__all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -114,7 +114,34 @@ class Situation:
         return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
 
 
-def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: float) -> Settled:
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on, which have not jumped.
+    t : float
+        Time in s.
+    y : array (size,)
+        State there.
+    """
+    motion = now.motion
+    if motion.equations.modes.max(initial=0) >= OPEN:
+        return None
+    following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    none = np.zeros(now.labels.size, dtype=bool)
+    guards = Guards(following, now.labels, none, none, now.guards.uncertain)
+    if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
+        return None
+    return Settled(now.labels, following, guards)
+
+
+def settle(
+    system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
+) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
@@ -130,6 +157,8 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event.
 
     Raises
     ------
@@ -137,8 +166,32 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
         If no set of modes is consistent.
     """
     stretch = loads.after(now.t)
-    q = stretch.at(now.t)
+    q = system.filled(stretch.at(now.t), now.y, now.t)
     closed = _closed(system, stretch.rate(now.t), q)
+    tried = set[bytes]()
+    while True:
+        found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
+        wrong = found.guards.misjudged
+        if not wrong.size:
+            return found
+        # the motion tells which normal forces that depend on it become positive or negative
+        tried.add(closed.tobytes())
+        closed = closed.copy()
+        closed[wrong] ^= True
+        if closed.tobytes() in tried:
+            raise Inconsistent(wrong)
+
+
+def _settled(
+    system: System,
+    stretch: Stretch,
+    now: Situation,
+    resolved: tuple[float, float, float],
+    q: Array,
+    closed: Mask,
+) -> Settled:
+    """Return consistent modes where it is known which rows can carry a force."""
+    quiet, blur, uncertain = resolved
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -174,17 +227,20 @@ def settle(system: System, loads: Loads, now: Situation, quiet: float, blur: flo
     if functions.count:
         trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
-    search = _Search(system, stretch, now, y, since, labels, candidates, functions.at(y, q, now.regions))
+    regions = functions.at(y, q, now.regions)
+    search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     motion, guards = search.run(_foreseen(system, trial, now))
-    shown = label(motion, labels, w, resting, now.labels, quiet, blur)
+    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
-        if np.any(shown[is_open] != labels[is_open]):
-            guards = Guards(motion, shown, search.at_rest(shown), now.at_level(system))
+        # the sign of what has died away is a solver's error
+        watched = np.where(died, 0, shown).astype(np.int8)
+        if np.any(watched[is_open] != labels[is_open]):
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards, now.impulses)
@@ -220,7 +276,7 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
 def _slip_states(system: System, w: Array, now: Situation) -> Array:
     """Return the modes of contacts with a pre-slip velocity: the binary slip state of eq. (4), with its memory."""
     speed, sign = np.abs(w), np.sign(w)
-    slipped = np.zeros(system.m, dtype=bool) if now.labels is None else np.abs(now.labels) == 1
+    slipped = system.starts_slipping if now.labels is None else np.abs(now.labels) == 1
     limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
     slips &= ~(now.fired & slipped)
@@ -230,7 +286,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, rate: Array, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0)
+    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
@@ -273,10 +329,11 @@ class _Search:
         labels: Modes,
         candidates: Mask,
         regions: Regions,
+        uncertain: float,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level = regions, now.at_level(system)
+        self._regions, self._at_level, self._uncertain = regions, now.at_level(system), uncertain
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
@@ -316,7 +373,7 @@ class _Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level)
+            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
@@ -363,6 +420,20 @@ class _Search:
             return following
         return self._released(trial, motion, rows, side)
 
+    def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
+        """Return modes in which stops are closed that would pass their limit, None if there are none."""
+        functions, borders = self._system.piecewise, motion.equations.borders
+        over = (guards.violated & guards.is_border)[guards.is_border]
+        over &= functions.is_stop[functions.owner[borders]]
+        if not over.any():
+            return None
+        following = trial.copy()
+        for border in borders[over].tolist():
+            row = functions.row[functions.owner[border]]
+            following[row] = 0
+            self._sides[row] = 1 if functions.beyond[border] == 1 else -1
+        return following
+
     def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
 
@@ -378,20 +449,6 @@ class _Search:
             np.maximum.at(each, number, ratio)
             largest = each[number]
         return np.asarray(ratio >= largest * (1 - AT_LIMIT))
-
-    def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
-        """Return modes in which stops are closed that would pass their limit, None if there are none."""
-        functions, borders = self._system.piecewise, motion.equations.borders
-        over = (guards.violated & guards.is_border)[guards.is_border]
-        over &= functions.is_stop[functions.owner[borders]]
-        if not over.any():
-            return None
-        following = trial.copy()
-        for border in borders[over].tolist():
-            row = functions.row[functions.owner[border]]
-            following[row] = 0
-            self._sides[row] = 1 if functions.beyond[border] == 1 else -1
-        return following
 
     def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.

@@ -5,11 +5,53 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["check_entries", "check_takes_one", "finite", "sequence"]
+__all__ = ["NamedArguments", "check_entries", "check_takes_one", "finite", "sequence"]
+
+
+class NamedArguments(type):
+    """A class whose constructor names the arguments that are missing or unknown, and those that there are."""
+
+    if not TYPE_CHECKING:  # type checkers look at the constructor itself
+
+        def __call__(cls, *args: Any, **given: Any) -> Any:
+            """Make an object."""
+            try:
+                return super().__call__(*args, **given)
+            except TypeError:
+                _check_call(cls, args, given)
+                raise
+
+        @property
+        def __signature__(cls) -> inspect.Signature:
+            """The arguments of the constructor, which that call would hide."""
+            own = inspect.signature(cls.__init__)
+            return own.replace(parameters=list(own.parameters.values())[1:])
+
+
+def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> None:
+    """Refuse a call that does not fit the constructor; one that does was refused for its values."""
+    arguments = inspect.signature(cls).parameters
+    if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in arguments.values()):
+        return
+    plain = [name for name, one in arguments.items() if one.kind is not one.KEYWORD_ONLY]
+    has = f"it has {', '.join(arguments)}"
+    if len(args) > len(plain):
+        after = arguments.keys() - set(plain)
+        by_name = f"; give {', '.join(name for name in arguments if name in after)} by name" if after else ""
+        raise TypeError(f"{cls.__name__}: too many positional arguments; {has}{by_name}") from None
+    taken = set(plain[: len(args)])
+    for name in given:
+        if name not in arguments:
+            raise TypeError(f"{cls.__name__}: unknown argument {name!r}; {has}") from None
+        if name in taken:
+            raise TypeError(f"{cls.__name__}: argument {name!r} is given twice; {has}") from None
+    for name, one in arguments.items():
+        if one.default is one.empty and name not in given and name not in taken:
+            raise TypeError(f"{cls.__name__}: argument {name!r} is missing; {has}") from None
 
 
 def finite(value: Any, what: str) -> float:

@@ -12,6 +12,8 @@ import numpy as np
 from stickslip.model.elements import (
     GROUND,
     KINDS,
+    AnyBlock,
+    Block,
     Body,
     Contact,
     Damper,
@@ -24,18 +26,32 @@ from stickslip.model.elements import (
     OneWay,
     Planetary,
     Row,
+    Sampled,
     Spring,
+    StateSpace,
     Stop,
     Tie,
 )
 from stickslip.model.elements.base import listed
+from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
+from stickslip.model.quantities import (
+    Normal,
+    OfRow,
+    Output,
+    Position,
+    Power,
+    Quantity,
+    Velocity,
+    load_from_dict,
+)
 from stickslip.model.showing import shown_by
-from stickslip.model.signal_makers import signal_from_dict
 
 __all__ = [
     "GROUND",
+    "AnyBlock",
+    "Block",
     "Body",
     "Contact",
     "Damper",
@@ -48,8 +64,10 @@ __all__ = [
     "OneWay",
     "Planetary",
     "Row",
+    "Sampled",
     "Scene",
     "Spring",
+    "StateSpace",
     "Stop",
     "Tie",
 ]
@@ -73,8 +91,8 @@ class Scene:
     Parameters
     ----------
     *elements : Element
-        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper or Force; they refer to bodies
-        by name.
+        Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper, Block, StateSpace, Sampled or
+        Force; they refer to bodies by name.
     motion : "rotation" or "translation", optional
         How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
 
@@ -82,8 +100,8 @@ class Scene:
     ----------
     elements : tuple of Element
         All of them, kind by kind.
-    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers, forces : tuple
-        Those of one kind, in the order given.
+    bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers : tuple
+        Those of one kind, in the order given; and so `blocks`, `state_spaces`, `sampled` and `forces`.
 
     Raises
     ------
@@ -120,6 +138,7 @@ class Scene:
         object.__setattr__(self, "elements", tuple(e for of_kind in sorted_.values() for e in of_kind))
         self._check_names()
         self._check_references()
+        self._check_quantities()
         self._check_weightless()
 
     @property
@@ -127,10 +146,19 @@ class Scene:
         """All elements with a named relative velocity and force: contacts, ties and clutches."""
         return tuple(element for element in self.elements if isinstance(element, Row))
 
+    @property
+    def all_blocks(self) -> tuple[AnyBlock, ...]:
+        """All elements with states of their own: blocks, state spaces, sampled blocks."""
+        return (*self.blocks, *self.state_spaces, *self.sampled)
+
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        groups: tuple[tuple[Named, ...], ...] = ((*self.bodies, *self.drives), self.rows)
+        groups: tuple[tuple[Named, ...], ...] = (
+            (*self.bodies, *self.drives),
+            self.rows,
+            self.all_blocks,
+        )
         for named in groups:
             seen: set[str] = set()
             for one in named:
@@ -143,6 +171,46 @@ class Scene:
         known = free | {drive.name for drive in self.drives} | {GROUND}
         for element in self.elements:
             element.check_ends(free, known)
+
+    def _check_quantities(self) -> None:
+        for element in self.elements:
+            for load in element.quantities():
+                self.check_quantities(load, element.label)
+
+    def check_quantities(self, load: Quantity, label: str) -> None:
+        """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body or contact.
+        """
+        moving = {GROUND, *(body.name for body in (*self.bodies, *self.drives))}
+        rows = {row.name: row for row in self.rows}
+        blocks = {block.name: block for block in self.all_blocks}
+        for quantity in load.walk():
+            if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
+                raise ValueError(f"{label}: no body is called {quantity.body!r}; known are {listed(moving)}")
+            if isinstance(quantity, Output):
+                if quantity.block not in blocks:
+                    raise ValueError(
+                        f"{label}: no block is called {quantity.block!r}; known are {listed(blocks) or 'none'}"
+                    )
+                count = blocks[quantity.block].output_count
+                if count is not None and quantity.index >= count:
+                    raise ValueError(
+                        f"{label}: block {quantity.block!r} has {count} outputs, so none has the index "
+                        f"{quantity.index}; they count from 0"
+                    )
+            if not isinstance(quantity, OfRow):
+                continue
+            if quantity.row not in rows:
+                raise ValueError(
+                    f"{label}: no contact is called {quantity.row!r}; known are {listed(rows) or 'none'}"
+                )
+            if isinstance(quantity, (Normal, Power)) and not isinstance(rows[quantity.row], Contact):
+                what = "normal force" if isinstance(quantity, Normal) else "power"
+                raise ValueError(f"{label}: {rows[quantity.row].label} has no {what} to read; name a contact")
 
     def _check_weightless(self) -> None:
         """Refuse bodies without inertia whose motion ties alone do not decide: they could move without energy."""
@@ -182,7 +250,7 @@ class Scene:
             If no element has the name, or the element refuses the changes.
         """
         every: list[Any] = [element for element in self.elements if isinstance(element, Named)]
-        named = [element for element in every if element.name == name]
+        named = [element for element in every if isinstance(name, str) and element.name == name]
         if not named:
             known = {element.name for element in every}
             raise ValueError(
@@ -296,7 +364,11 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
             raise ValueError(f"{where}: field {name!r} is missing; a {maker.__name__} needs it")
     for name in ("velocity", "normal", "signal"):
         if isinstance(values.get(name), Mapping):
-            values[name] = signal_from_dict(values[name], f"{where}.{name}")
+            values[name] = load_from_dict(values[name], f"{where}.{name}")
+    if isinstance(inputs := values.get("inputs"), (list, tuple)):
+        values["inputs"] = [load_from_dict(one, f"{where}.inputs[{k}]") for k, one in enumerate(inputs)]
+    if maker is StateSpace and values.get("limits") is not None:
+        values["limits"] = as_limits(values["limits"])
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:

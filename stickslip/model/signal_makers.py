@@ -20,6 +20,8 @@ from stickslip.model.checks import finite as _finite
 from stickslip.model.signals import (
     Clipped,
     Constant,
+    Line,
+    Load,
     PiecewiseLinear,
     Signal,
     Sine,
@@ -32,6 +34,8 @@ __all__ = [
     "Clipped",
     "Constant",
     "Function",
+    "Line",
+    "Load",
     "PiecewiseLinear",
     "Signal",
     "Sine",
@@ -290,6 +294,7 @@ def signal_from_dict(data: Any, what: str) -> Signal:
         "piecewise_linear": piecewise_linear,
         "triangle": triangle,
         "step": step,
+        "line": Line,
         "sine": sine,
     }
     if not isinstance(kind, str) or kind not in makers:

@@ -14,18 +14,37 @@ from numpy.typing import NDArray
 from stickslip.model.checks import finite
 from stickslip.model.crossings import positive_pieces
 
-__all__ = ["Clipped", "Constant", "PiecewiseLinear", "Signal", "Sine", "Sum", "as_signal", "time_scale"]
+__all__ = [
+    "Clipped",
+    "Constant",
+    "Line",
+    "Load",
+    "PiecewiseLinear",
+    "Signal",
+    "Sine",
+    "Sum",
+    "as_signal",
+    "time_scale",
+]
 
 Array = NDArray[np.float64]
 
 _SAMPLES_PER_PERIOD = 16
 
 
-class Signal:
-    """A load over time; ``+`` adds signals and numbers, ``*`` scales by a number."""
+class Load:
+    """What may stand as a force or a normal force: a signal, or a quantity of the motion."""
 
     __array_ufunc__ = None
-    """NumPy's numbers leave ``+`` and ``*`` to the signal."""
+    """NumPy's numbers leave ``+`` and ``*`` to the load."""
+
+    def to_dict(self) -> Any:
+        """Return the load as plain data."""
+        raise NotImplementedError
+
+
+class Signal(Load):
+    """A load over time; ``+`` adds signals and numbers, ``*`` scales by a number."""
 
     def __call__(self, t: float) -> float:
         """Return the value at `t` (the right limit where it jumps)."""
@@ -66,6 +85,8 @@ class Signal:
 
     def __add__(self, other: Signal | float) -> Signal:
         """Return the sum with a signal or a number."""
+        if _is_quantity(other):
+            return NotImplemented
         return _sum(self, as_signal(other, "a signal's summand"))
 
     __radd__ = __add__
@@ -76,6 +97,8 @@ class Signal:
 
     def __sub__(self, other: Signal | float) -> Signal:
         """Return the difference from a signal or a number."""
+        if _is_quantity(other):
+            return NotImplemented
         return self + -as_signal(other, "a signal's subtrahend")
 
     def __rsub__(self, other: float) -> Signal:
@@ -84,7 +107,7 @@ class Signal:
 
     def __mul__(self, factor: float) -> Signal:
         """Return the signal times a number."""
-        if isinstance(factor, Signal):
+        if isinstance(factor, Load):
             raise TypeError(
                 "signals are scaled by numbers, not by signals; use signal(function) for a product"
             )
@@ -119,6 +142,34 @@ class Constant(Signal):
     def to_dict(self) -> float:
         """Return the number."""
         return self.value
+
+
+@dataclass(frozen=True)
+class Line(Signal):
+    """A straight line for all times: ``offset + rise t``."""
+
+    rise: float
+    offset: float = 0.0
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t`."""
+        return self.offset + self.rise * t
+
+    def slope(self, t: float) -> float:
+        """Return the rise."""
+        return self.rise
+
+    def clipped(self, start: float, stop: float) -> Signal:
+        """Return the line within the time span, cut off where it crosses 0."""
+        return PiecewiseLinear((start, stop), (self(start), self(stop))).clipped(start, stop)
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the line times a number."""
+        return Line(factor * self.rise, factor * self.offset)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the parameters."""
+        return {"type": "line", **asdict(self)}
 
 
 @dataclass(frozen=True)
@@ -346,6 +397,11 @@ def as_signal(value: Signal | float, what: str) -> Signal:
         return Constant(finite(value, what))
     except TypeError:
         raise TypeError(f"{what} must be a number or a signal, got {value!r}") from None
+
+
+def _is_quantity(value: object) -> bool:
+    """Tell whether a summand is a quantity, which knows how to add signals."""
+    return isinstance(value, Load) and not isinstance(value, Signal)
 
 
 def _sum(*signals: Signal) -> Signal:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Figure
 
 from stickslip.plots.contact import (
     characteristic,
@@ -18,24 +18,28 @@ from stickslip.plots.contact import (
     phase_portrait,
     varying,
 )
+from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, modes, velocities
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
-from stickslip.plots.studies import sweep_map, work_precision
+from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = [
     "Figure",
+    "bifurcation",
     "characteristic",
     "contact_forces",
     "energy",
+    "fit",
     "load_of_contacts",
     "modes",
     "normal_forces",
     "overview",
     "phase_portrait",
     "schematic",
+    "stretch",
     "sweep_map",
     "velocities",
     "work_precision",
@@ -109,6 +113,8 @@ def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) ->
         panels += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
     else:
         panels.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
+    limited = [name for name in names if has_limits(result, name)][:_FORCE_PANELS]
+    panels += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in limited]  # type: ignore[misc]
     loaded = [name for name in varying(result) if name in names]
     if loaded:
         panels.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
@@ -139,6 +145,7 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
     if result.scene.drives:
         curves["work of drives"] = ledger.drives
     heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
+    heat |= {f"impacts of {name}": value for name, value in ledger.impacts.items() if value.any()}
     if len(heat) > _CURVES:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):

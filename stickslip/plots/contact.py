@@ -59,8 +59,11 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """
     ax = own_axes(ax)
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
-    # a tie holds any force, a one-way clutch any forward one: there is no level to draw
+    element = _element(result, contact)
+    # a tie holds any force, a one-way clutch or a stop any to one side: there is no level to draw
     upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
+    if not isinstance(element, Contact):
+        upper = lower = np.full(fine.t.size, np.nan)
     label = "± breakaway level" if np.array_equal(upper, -lower) else "breakaway levels"
     if np.isnan(upper).all():
         label = "_"
@@ -71,9 +74,9 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
-    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, _element(result, contact)).force}]")
+    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, element).force}]")
     ax.margins(x=0.01)
-    beside(ax, title=f"contact {contact}", alignment="left")
+    beside(ax, title=f"{element.noun()} {contact}", alignment="left")
     return ax
 
 

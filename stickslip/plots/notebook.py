@@ -17,7 +17,15 @@ from stickslip.plots.schematic import MOST, schematic
 from stickslip.results.outcome import Drawable, Event
 from stickslip.results.units import units
 
-__all__ = ["elements_table", "events_table", "final_table", "result_html", "scene_html", "study_html"]
+__all__ = [
+    "cycle_html",
+    "elements_table",
+    "events_table",
+    "final_table",
+    "result_html",
+    "scene_html",
+    "study_html",
+]
 
 _EVENTS = 12
 _ELEMENTS = 40
@@ -62,6 +70,14 @@ def study_html(study: Study) -> str:
     ax = Figure(figsize=(7.5, 4.5), layout="constrained").subplots()
     study.plot(ax=ax)
     return _shown(bitmap(ax.figure, "error against time"), f"<pre>{escape(str(study))}</pre>")
+
+
+def cycle_html(cycle: Any) -> str:
+    """Return one period of a limit cycle as a figure, and what there is to say of it."""
+    from stickslip.plots import overview
+
+    figure = bitmap(overview(cycle.result), "one period: velocities, modes and forces", 80)
+    return _shown(figure, f"<pre>{escape(str(cycle))}</pre>")
 
 
 def elements_table(scene: Scene) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
+from stickslip.model.modes import Mode
 from stickslip.plots.html import bitmap, table, vector
 from stickslip.plots.notebook import elements_table, events_table, final_table
 from stickslip.plots.schematic import schematic
@@ -105,11 +106,13 @@ def _shares(result: Drawable) -> str:
     names = [row.name for row in result.scene.rows]
     if not names or not result.trajectory.is_dense:
         return ""
-    rows = []
-    for name in names[:_ROWS]:
-        parts = share(result, name)
-        rows.append((name, *(f"{100 * part:.4g} %" for part in parts.values())))
-    heads = ("what", *(mode.name for mode in parts))
+    shares = {name: share(result, name) for name in names[:_ROWS]}
+    modes = [mode for mode in Mode if any(mode in parts for parts in shares.values())]
+    rows = [
+        (name, *(f"{100 * parts[mode]:.4g} %" if mode in parts else "" for mode in modes))
+        for name, parts in shares.items()
+    ]
+    heads = ("what", *(mode.name for mode in modes))
     left = len(names) - _ROWS
     return table(heads, rows, f"and {left} more" if left > 0 else "")
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Rectangle
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 
 from stickslip.model.elements import (
     GROUND,
@@ -20,10 +20,12 @@ from stickslip.model.elements import (
     Damper,
     Drive,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     Spring,
+    Stop,
     Tie,
 )
 from stickslip.model.laws.dry_friction import DryFriction
@@ -83,6 +85,7 @@ class _Drawing:
         links = [found for element in scene.elements if (found := _link(element, scene)) is not None]
         self.links = [one for one in links if all(end in self.nodes or end == GROUND for end in one.ends)]
         self.pushes = _pushes(scene)
+        self.blocks = _blocks(scene)
         self.left_out = len(every) - len(self.nodes), len(links) - len(self.links)
         self.rows = {name: row for row, name in enumerate(_order(list(self.nodes), self.links))}
         self._place()
@@ -155,7 +158,10 @@ class _Drawing:
                 left = min(left, self._sides(name)[0] - reach)
         note = self._note()
         right = max(right, left + _LETTER * len(note)) + 0.1
-        lowest -= 0.15 + (0.2 if note else 0.0)
+        self.below = lowest
+        lowest -= 0.15 + (0.2 if note else 0.0) + (_BOX + 0.1 if self.blocks else 0.0)
+        ends = [end for _, end, _ in self.blocks]
+        right = max(right, *ends, 0.0) if ends else right
         width, height = right - left, 0.15 - lowest
         if ax is None:
             ax = Figure(figsize=(width, height)).add_axes((0.0, 0.0, 1.0, 1.0))
@@ -195,6 +201,12 @@ class _Drawing:
                 self._push(ax, left, self._top(row) - 0.5 * _BOX, _short(", ".join(self.pushes[name])))
         for k, link in enumerate(self.links):
             self._join(ax, k, link)
+        for left, right, name in self.blocks:
+            low = self.below - _BOX - 0.1
+            shape = FancyBboxPatch((left, low), right - left, _BOX, boxstyle="round,pad=0,rounding_size=0.12")
+            shape.set(facecolor="white", edgecolor="black", linewidth=1.1, linestyle="--")
+            ax.add_patch(shape)
+            ax.text(0.5 * (left + right), low + 0.5 * _BOX, name, ha="center", va="center")
 
     def _push(self, ax: Any, x: float, y: float, text: str) -> None:
         arrow: dict[str, Any] = {
@@ -211,7 +223,11 @@ class _Drawing:
         x, rows = self._x(k), sorted(self.rows[end] for end in link.ends if end in self.rows)
         high = self._top(rows[0]) - _BOX
         low = high - _GAP if len(rows) > 1 else high - _GAP + 0.16
-        link.symbol(ax, x, low, high)
+        symbol = link.symbol
+        if symbol is symbols.one_way and self.rows.get(next(iter(link.ends)), len(self.rows)) > rows[0]:
+            # its first end, which drives, is the lower one
+            symbol = symbols.one_way_up
+        symbol(ax, x, low, high)
         if len(rows) > 1:
             end = self._top(rows[-1])
             ax.plot([x, x], [low, end], color="black", linewidth=1.1, zorder=1)
@@ -295,6 +311,9 @@ def _link(element: Any, scene: Scene) -> _Link | None:
         case Planetary():
             parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
             return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+        case Gap() | Stop():
+            symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
+            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
         case Tie():
             return _Link(
                 {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
@@ -313,6 +332,21 @@ def _radii(element: Any) -> dict[str, float]:
     if not hasattr(element, "radius_a"):
         return {}
     return {element.a: element.radius_a, element.b: element.radius_b}
+
+
+def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
+    """Return left side, right side and text of what joins no bodies: controllers and other blocks, in one line."""
+    found: list[tuple[float, float, str]] = []
+    left = 0.0
+    for element in scene.elements:
+        if isinstance(element, (Body, Drive, Force)) or _ends(element):
+            continue
+        text = f"{element.noun()} {_short(getattr(element, 'name', ''))}".rstrip()
+        right = left + _LETTER * (len(text) + 2)
+        if len(found) < MOST:
+            found.append((left, right, text))
+        left = right + 0.15
+    return found
 
 
 def _pushes(scene: Scene) -> dict[str, list[str]]:

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from stickslip.plots.style import COLOURS, makes_room, robust
 
-__all__ = ["sweep_map", "tradeoff", "work_precision"]
+__all__ = ["bifurcation", "fit", "sweep_map", "tradeoff", "work_precision"]
 
 _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
@@ -242,6 +242,140 @@ def sweep_map(
     ax.set(xlabel=labels.get(x, x), ylabel=labels.get(y, y))
     ax.figure.colorbar(mesh, ax=ax, label=labels.get(shown, shown), extend=ends)
     return ax
+
+
+class Followed(Protocol):
+    """What is drawn of a branch of cycles: a `Branch`."""
+
+    @property
+    def parameter(self) -> str:
+        """The name of the parameter."""
+        ...
+
+    @property
+    def values(self) -> Any:
+        """Its values."""
+        ...
+
+    @property
+    def periods(self) -> np.ndarray:
+        """Periods in s."""
+        ...
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether each cycle is stable."""
+        ...
+
+    @property
+    def points(self) -> Sequence[Any]:
+        """Where the kind of the cycles changes."""
+        ...
+
+    def amplitudes(self, body: str) -> np.ndarray:
+        """Return half of the ranges of a body's position."""
+        ...
+
+
+def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) -> Any:
+    """Draw the bifurcation diagram of a branch of cycles, and return the axes.
+
+    Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line; vertical lines mark where
+    the kind of the cycles changes.
+
+    Parameters
+    ----------
+    branch : Branch
+    body : str, optional
+        Whose amplitude is drawn; by default the period is.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
+    y = branch.periods if body is None else branch.amplitudes(body)
+    ax = _axes(ax)
+    x, stable = np.asarray(branch.values), np.asarray(branch.stable)
+    for chosen, line, fill, label in ((stable, "-", "C0", "stable"), (~stable, "--", "white", "unstable")):
+        shown = np.where(chosen & np.isfinite(y), y, np.nan)
+        if np.isfinite(shown).any():
+            ax.plot(x, shown, line, marker="o", color="C0", markerfacecolor=fill, markersize=4, label=label)
+    kinds = list(dict.fromkeys(point.kind for point in branch.points))
+    for k, kind in enumerate(kinds):
+        for i, point in enumerate(p for p in branch.points if p.kind == kind):
+            ax.axvline(
+                point.value,
+                color="0.35",
+                linestyle=_LINES[1 + k % 3],
+                label=None if i else kind,
+                linewidth=1.0,
+            )
+    ax.set(
+        xlabel=branch.parameter, ylabel="period [s]" if body is None else f"amplitude of {body} [m or rad]"
+    )
+    _legend(ax)
+    return ax
+
+
+class Fitted(Protocol):
+    """What is drawn of a fit: a `Fit`."""
+
+    @property
+    def measured(self) -> Sequence[Any]:
+        """What was measured: name, times and values."""
+        ...
+
+    @property
+    def result(self) -> Any:
+        """The motion of the fitted scene."""
+        ...
+
+    def residuals(self) -> Mapping[str, np.ndarray]:
+        """Return what was measured less what the fitted scene does."""
+        ...
+
+
+def fit(found: Fitted, *, axes: Any = None) -> Any:
+    """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.
+
+    Parameters
+    ----------
+    found : Fit
+    axes : sequence of matplotlib axes, optional
+        Two for each quantity, from top to bottom; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If the number of axes is not that of the panels.
+    """
+    count = 2 * len(found.measured)
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        heights = [2.4, 1.2] * len(found.measured)
+        size = (9.0, 0.6 + sum(heights))
+        _, axes = plt.subplots(
+            count, 1, sharex=True, figsize=size, height_ratios=heights, layout="constrained", squeeze=False
+        )
+        axes = axes[:, 0]
+    elif len(axes) != count:
+        raise ValueError(f"fit: {count} panels need as many axes, got {len(axes)}")
+    smooth, left = found.result.fit_for_plot(1000), found.residuals()
+    for k, one in enumerate(found.measured):
+        top, below = axes[2 * k], axes[2 * k + 1]
+        top.plot(one.t, one.values, linestyle="none", marker=".", markersize=3, color="0.5", label="measured")
+        top.plot(smooth.t, getattr(smooth, one.quantity)(one.of), color="C0", label="fitted")
+        top.set_ylabel(one.name)
+        below.plot(one.t, left[one.name], linestyle="none", marker=".", markersize=3, color="C0")
+        below.axhline(0.0, color="0.35", linewidth=0.8)
+        below.set_ylabel("residual")
+        _legend(top)
+    axes[-1].set_xlabel("time [s]")
+    return axes[0].get_figure()
 
 
 def _axes(ax: Any) -> Any:

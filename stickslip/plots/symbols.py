@@ -9,17 +9,19 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 __all__ = [
     "Symbol",
-    "clutch",
     "dashpot",
+    "gap",
     "gears",
     "ground",
     "link",
     "one_way",
+    "one_way_up",
     "planetary",
     "plates",
     "relation",
     "spring",
     "spring_and_dashpot",
+    "stop",
 ]
 
 Symbol = Callable[[Any, float, float, float], None]
@@ -72,8 +74,7 @@ def spring_and_dashpot(ax: Any, x: float, low: float, high: float) -> None:
     _piston(ax, x + 0.11, middle - 0.1, middle + 0.1, 0.06)
 
 
-def _zigzag(ax: Any, x: float, bottom: float, top: float) -> None:
-    turns = 8
+def _zigzag(ax: Any, x: float, bottom: float, top: float, turns: int = 8) -> None:
     heights = [bottom + (top - bottom) * k / turns for k in (0, *(j + 0.5 for j in range(turns)), turns)]
     sides = [x, *(x + (0.08 if j % 2 else -0.08) for j in range(turns)), x]
     ax.plot(sides, heights, **_LINE)
@@ -114,19 +115,34 @@ def relation(ax: Any, x: float, low: float, high: float) -> None:
 
 def one_way(ax: Any, x: float, low: float, high: float) -> None:
     """Draw a one-way clutch: an arrow from the upper body, which drives, against a bar at the lower one."""
-    _clutch(ax, x, low, high, downward=True)
-
-
-def clutch(ax: Any, x: float, low: float, high: float) -> None:
-    """Draw a one-way clutch whose lower body drives."""
-    _clutch(ax, x, low, high, downward=False)
-
-
-def _clutch(ax: Any, x: float, low: float, high: float, *, downward: bool) -> None:
     bottom, top = _leads(ax, x, low, high, 0.12)
-    tip, foot = (bottom, top) if downward else (top, bottom)
+    _arrow(ax, x, bottom, top)
+
+
+def one_way_up(ax: Any, x: float, low: float, high: float) -> None:
+    """Draw a one-way clutch whose lower body drives."""
+    bottom, top = _leads(ax, x, low, high, 0.12)
+    _arrow(ax, x, top, bottom)
+
+
+def _arrow(ax: Any, x: float, tip: float, foot: float) -> None:
     ax.add_patch(Polygon([(x, tip), (x - 0.13, foot), (x + 0.13, foot)], **_SHAPE | {"facecolor": "0.45"}))
     ax.plot([x - 0.15, x + 0.15], [tip, tip], **_THICK)
+
+
+def gap(ax: Any, x: float, low: float, high: float) -> None:
+    """Draw a gap: a fork around a pin, with a spring on either side."""
+    bottom, top = _leads(ax, x, low, high, 0.24)
+    for y, end in ((bottom, bottom + 0.16), (top, top - 0.16)):
+        _zigzag(ax, x, min(y, end), max(y, end), 5)
+        ax.plot([x - 0.1, x + 0.1], [end, end], **_LINE)
+
+
+def stop(ax: Any, x: float, low: float, high: float) -> None:
+    """Draw a rigid stop: two plates apart."""
+    bottom, top = _leads(ax, x, low, high, 0.1)
+    for y in (bottom, top):
+        ax.plot([x - 0.16, x + 0.16], [y, y], **_THICK)
 
 
 def link(ax: Any, x: float, low: float, high: float) -> None:

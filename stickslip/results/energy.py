@@ -10,7 +10,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.book import Book
 from stickslip.equations.system import System
 from stickslip.results.outcome import Outcome
 from stickslip.results.samples import Samples, integrated
@@ -159,10 +158,8 @@ class _Links:
     """Springs and dampers as arrays; `ends` are their coefficients on bodies and drives."""
 
     def __init__(self, system: System) -> None:
-        book = Book(system.scene)
         couplings = system.couplings
         self.labels = [link.label for link in couplings]
-        self.pushed = np.array([body for body, _ in book.forces], dtype=np.intp)
         self.rows = system.is_friction.nonzero()[0]
         self.stiffness = np.array([link.stiffness for link in couplings])
         self.damping = np.array([link.damping for link in couplings])
@@ -230,8 +227,8 @@ def _powers(at: Samples, links: _Links) -> Array:
     """Return the powers in W, a line each: of loads, of drives, heat of rows, heat of dampers."""
     system, velocities = at.system, at.velocities()
     forces = at.tables.forces
-    pushed = links.pushed
-    loads = (at.inputs[: pushed.size] * velocities[pushed]).sum(axis=0)
+    pushes = system.push_C @ at.y + system.push_Q @ at.inputs
+    loads = (pushes * velocities[: system.n]).sum(axis=0)
     rates = links.ends @ velocities
     pulls = links.stiffness[:, None] * links.stretch(at.y) + links.damping[:, None] * rates
     drives = np.zeros_like(loads)

@@ -16,6 +16,7 @@ from stickslip.model.elements import KINDS
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import Quantity, as_expression
 from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
@@ -61,8 +62,8 @@ def explain_result(result: Outcome) -> str:
 
 def span_of(scene: Scene) -> tuple[float, float]:
     """Return a time span in s from 0 to past the last break of a load."""
-    signals = [as_signal(c.normal, c.label) for c in scene.contacts]
-    signals += [as_signal(f.signal, f.label) for f in scene.forces]
+    signals = [as_expression(c.normal).signal for c in scene.contacts]
+    signals += [as_expression(f.signal).signal for f in scene.forces]
     signals += [as_signal(d.velocity, d.label) for d in scene.drives]
     last = max((t for s in signals for t in s.breaks(0.0, math.inf)), default=0.0)
     return 0.0, last * 1.01 if last > 0 else 1.0
@@ -197,7 +198,9 @@ def _guards(system: System, j: int) -> str:
 
 
 def _normal(contact: Contact) -> str:
-    signal = as_signal(contact.normal, contact.label)
+    if isinstance(contact.normal, Quantity):
+        return "normal force that depends on the state; a guard tells where it comes to 0"
+    signal = as_expression(contact.normal).signal
     if isinstance(signal, Constant):
         return f"normal force {signal.value:g} N"
     if signal.period is None:
@@ -304,11 +307,16 @@ def _event_sentences(result: Outcome) -> list[str]:
         return ["Events: none"]
     unit = units(samples.system.scene)
     lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
-    rows = [samples.row(event.contact) for event in events]
-    limits = _limits(samples, events, rows) if samples.trajectory.is_dense else [None] * len(events)
-    for event, j, around in zip(events, rows, limits, strict=True):
-        law = samples.system.rows[j].law
-        reason = event.cause if around is None else _reason(event, law, around)
+    names = {row.name: j for j, row in enumerate(samples.system.rows)}
+    of_rows = [event for event in events if event.contact in names]
+    rows = [names[event.contact] for event in of_rows]
+    dense = bool(of_rows) and samples.trajectory.is_dense
+    around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
+    for event in events:
+        at = around.get(id(event))
+        reason = (
+            event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
+        )
         change = f"{event.before.name} -> {event.after.name}"
         lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}")
     return lines

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
+from stickslip.model.quantities import Quantity, position
+from stickslip.model.quantities import output as output_of
 from stickslip.model.scene import Scene
 from stickslip.results.energy import energy
 from stickslip.results.outcome import Event, Outcome
@@ -25,7 +27,18 @@ from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
 from stickslip.results.units import units as units_of
 
-__all__ = ["Kept", "column_units", "columns", "read", "save", "summary", "to_csv", "to_frame", "to_json"]
+__all__ = [
+    "Kept",
+    "column_units",
+    "columns",
+    "output",
+    "read",
+    "save",
+    "summary",
+    "to_csv",
+    "to_frame",
+    "to_json",
+]
 
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
@@ -200,6 +213,73 @@ def to_frame(result: Outcome) -> Any:
     return frame
 
 
+# -- one name for two things --------------------------------------------------------------------------------
+
+
+class _Output:
+    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""
+
+    def __call__(self, block: str, index: int = 0) -> Quantity:
+        """Return an output of a block as a quantity.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+        index : int
+            Which output, from 0 on.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the name is no name, or the number no number from 0 on.
+        """
+        return output_of(block, index)
+
+    @property
+    def columns(self) -> Any:
+        """`stickslip.results.files.columns`."""
+        return columns
+
+    @property
+    def column_units(self) -> Any:
+        """`stickslip.results.files.column_units`."""
+        return column_units
+
+    @property
+    def summary(self) -> Any:
+        """`stickslip.results.files.summary`."""
+        return summary
+
+    @property
+    def to_csv(self) -> Any:
+        """`stickslip.results.files.to_csv`."""
+        return to_csv
+
+    @property
+    def to_json(self) -> Any:
+        """`stickslip.results.files.to_json`."""
+        return to_json
+
+    @property
+    def to_frame(self) -> Any:
+        """`stickslip.results.files.to_frame`."""
+        return to_frame
+
+    @property
+    def save(self) -> Any:
+        """`stickslip.results.files.save`."""
+        return save
+
+    @property
+    def read(self) -> Any:
+        """`stickslip.results.files.read`."""
+        return read
+
+
+output = _Output()
+
+
 # -- without loss -----------------------------------------------------------------------------------------
 
 
@@ -244,6 +324,8 @@ def save(result: Outcome, path: Target) -> None:
         "span": [start, stop],
         "stepped": stepped,
     }
+    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
+    about["positions"] = [moving[i] for i in system.placed] if system.watched else []
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
     with Path(path).open("wb") as file:
@@ -288,7 +370,9 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
     if known not in _READS:
         raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
     start, stop = about["span"]
-    system = System(_scene_of(about, scene, path))
+    simulated = _scene_of(about, scene, path)
+    known = {name for name in about.get("positions", ()) if name in System(simulated).index}
+    system = System(simulated, [position(name) for name in sorted(known)])
     if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))

@@ -109,6 +109,10 @@ class Drawable(Outcome, Protocol):
         """Return ``w`` of a row at the times `t`."""
         ...
 
+    def stretch(self, contact: str) -> Array:
+        """Return the stretch of a row at the times `t`."""
+        ...
+
     def force(self, contact: str) -> Array:
         """Return the force of a row at the times `t`."""
         ...

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.dependence import BlockPlace
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
-from stickslip.model.scene import GROUND, Body, Drive, Scene
+from stickslip.model.scene import GROUND, Body, Drive, Sampled, Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
 
@@ -50,8 +51,8 @@ class Tables:
     normals : array (m, k)
         In N.
     modes : array (m, k) of int8
-    inputs : array
-        Forces on the bodies, then velocities of the drives.
+    inputs : array (inputs, k)
+        All inputs of the system.
     """
 
     forces: Array
@@ -123,7 +124,7 @@ class Samples:
         """Return the number of a body, drive or the ground."""
         try:
             return self.system.index[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self.system.index)[:10]))
             raise ValueError(f"no body is called {name!r}; known are {known}") from None
 
@@ -131,7 +132,7 @@ class Samples:
         """Return the number of a contact or another row."""
         try:
             return self._row_of[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self._row_of)[:10]))
             raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}") from None
 
@@ -192,6 +193,35 @@ class Samples:
             found = found + c * self._velocity(i)
         return found
 
+    def block(self, name: str) -> BlockPlace:
+        """Return where a block stands."""
+        try:
+            return self.system.blocks[name]
+        except KeyError:
+            known = ", ".join(map(repr, list(self.system.blocks)[:10]))
+            raise ValueError(f"no block is called {name!r}; known are {known or 'none'}") from None
+
+    def states_of(self, block: str) -> Array:
+        """Return the states of a block, a line each."""
+        place = self.block(block)
+        states = slice(place.first, place.first_held)
+        return self._clocked(states) if isinstance(place.block, Sampled) else self.y[states]
+
+    def _clocked(self, states: slice) -> Array:
+        """Return states that change at samples only, as they are at the starts of pieces."""
+        pieces = self.trajectory.pieces
+        found = np.empty((states.stop - states.start, self.t.size))
+        for number, chosen in by_piece(self.piece_of):
+            found[:, chosen] = pieces[number].y[states, None]
+        return found
+
+    def outputs_of(self, block: str) -> Array:
+        """Return the outputs of a block, a line each."""
+        place = self.block(block)
+        if isinstance(place.block, Sampled):
+            return self._clocked(slice(place.first_held, place.end))
+        return self.system.outputs_of(place, self.t, self.y, self.inputs)
+
     def stretch(self, row: str) -> Array:
         """Return ``sum c_i x_i`` of a row, in m or rad: the integral of its relative velocity."""
         system = self.system
@@ -223,7 +253,7 @@ class Samples:
         """Evaluate all rows at all times; held forces once for each set of held rows."""
         trajectory, system = self.trajectory, self.system
         m = system.m
-        q = trajectory.inputs(self.piece_of, self.taus)
+        q = trajectory.inputs(self.piece_of, self.taus, self.y)
         normals = np.maximum(q[:m], 0.0)
         slow = (system.dwell > 0).nonzero()[0]
         inner, shown, since = trajectory.modes(self.piece_of, self.taus)
@@ -238,7 +268,7 @@ class Samples:
         self._hold(q, forces, pushed)
         shows = system.piecewise.is_force.nonzero()[0]
         forces[system.piecewise.row[shows]] = pushed[shows]
-        inputs = q[system.first_force : system.first_acceleration].copy()
+        inputs = q[: system.inputs].copy()
         return Tables(forces, upper, lower, normals, shown, inputs)
 
     def _moving(self, modes: Modes, normals: Array, upper: Array, lower: Array) -> Array:
@@ -328,16 +358,17 @@ class Samples:
 
     @cached_property
     def inputs(self) -> Array:
-        """Forces on the bodies in N or N m, then velocities of the drives in m/s or rad/s, a line each."""
+        """All inputs of the system, a line each."""
         if "tables" in self.__dict__:
             return self.tables.inputs
-        some = slice(self.system.first_force, self.system.first_acceleration)
-        return self.trajectory.inputs(self.piece_of, self.taus)[some].copy()
+        return self.trajectory.inputs(self.piece_of, self.taus, self.y)
 
     @property
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
-        return self.inputs[self.system.first_drive - self.system.first_force :]
+        if "inputs" in self.__dict__ or "tables" in self.__dict__:
+            return self.system.drive_velocities(self.inputs)
+        return self.system.drive_velocities(self.trajectory.loads_at(self.piece_of, self.taus))
 
     @property
     def relative_velocities(self) -> Array:

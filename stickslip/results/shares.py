@@ -11,6 +11,8 @@ from stickslip.results.samples import Samples
 
 __all__ = ["share"]
 
+_OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
+_OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
 _PARTS = 32
 """Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign."""
 
@@ -31,7 +33,8 @@ def share(result: Outcome, row: str) -> dict[Mode, float]:
     """
     samples = result.samples
     trajectory, j = samples.trajectory, samples.row(row)
-    times = dict.fromkeys(Mode, 0.0)
+    gaps = samples.system.rows[j].kind in ("gap", "stop")
+    times = dict.fromkeys(_OF_GAPS if gaps else _OF_CONTACTS, 0.0)
     if not trajectory.is_dense:
         raise ValueError(
             f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"
@@ -50,7 +53,7 @@ def share(result: Outcome, row: str) -> dict[Mode, float]:
         middles = 0.5 * (parts[:, 1:] + parts[:, :-1]).ravel()
         at = Samples.at_local(trajectory, np.full(middles.size, number, dtype=np.intp), middles)
         lengths = np.diff(parts, axis=1).ravel()
-        for mode in Mode:
+        for mode in times:
             times[mode] += float(lengths[at.mode(row) == mode].sum())
     total = sum(times.values())
     return {mode: time / total for mode, time in times.items()}

@@ -379,7 +379,7 @@ class Trajectory:
         system = self.system
         drives = None
         if system.drives:
-            drives = system.drive_velocities(self.inputs(piece_of, taus))
+            drives = system.drive_velocities(self.loads_at(piece_of, taus))
         self.write_led(held, y[: system.n], drives)
 
     def write_led(
@@ -429,8 +429,24 @@ class Trajectory:
             whole = places[0] if len(places) == 1 else np.concatenate([every[place] for place in places])
             yield held_rows, whole
 
-    def inputs(self, piece_of: Indices, taus: Array) -> Array:
-        """Return normal forces, forces on bodies, drive velocities and accelerations at local times, as columns."""
+    def inputs(self, piece_of: Indices, taus: Array, y: Array) -> Array:
+        """Return all inputs at local times and states there, as columns."""
+        found = self.loads_at(piece_of, taus)
+        dependence = self.system.dependence
+        if dependence is None:
+            return found
+        t = self.starts[piece_of] + taus
+        if dependence.is_linear:
+            dependence.fill(found, y, t, taus, None)
+            return found
+        for number, chosen in by_piece(piece_of):
+            part, motion = found[:, chosen], self.motion(number)
+            dependence.fill(part, y[:, chosen], t[chosen], taus[chosen], motion)
+            found[:, chosen] = part
+        return found
+
+    def loads_at(self, piece_of: Indices, taus: Array) -> Array:
+        """Return the inputs that loads are at local times, as columns: what depends on the state is left out."""
         number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
         found = np.empty((self.system.inputs, taus.size))
         for _, chosen in by_piece(number):

@@ -15,8 +15,11 @@ from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.checks import finite
 from stickslip.model.laws.base import Use
+from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import as_signal
+from stickslip.model.when import When
+from stickslip.simulation.tolerances import largest_value
 
 __all__ = [
     "Formulation",
@@ -25,10 +28,12 @@ __all__ = [
     "check_laws",
     "check_ties",
     "choice",
+    "longest_step",
     "margin",
     "outputs",
     "span",
     "step_length",
+    "user_events",
 ]
 
 Formulation = Literal["contact-force", "merged", "multiplier"]
@@ -38,21 +43,21 @@ _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
 
-def span(t_span: Times) -> tuple[float, float]:
+def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
         start, stop = t_span
     except (TypeError, ValueError):
-        raise ValueError(f"simulate: t_span must be two times (start, end), got {t_span!r}") from None
-    start, stop = finite(start, "simulate: t_span"), finite(stop, "simulate: t_span")
+        raise ValueError(f"{what}: t_span must be two times (start, end), got {t_span!r}") from None
+    start, stop = finite(start, f"{what}: t_span"), finite(stop, f"{what}: t_span")
     if not start < stop:
-        raise ValueError(f"simulate: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
+        raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
     return start, stop
 
 
 def choice(name: str, value: Any, known: Sequence[str]) -> None:
     """Refuse an option that is not among the known ones."""
-    if value not in known:
+    if not isinstance(value, str) or value not in known:
         raise ValueError(f"simulate: unknown {name} {value!r}; choose from {', '.join(map(repr, known))}")
 
 
@@ -62,6 +67,13 @@ def between(name: str, value: float, low: float, high: float) -> float:
     if not low < number < high:
         raise ValueError(f"simulate: {name} must lie between {low:g} and {high:g}, got {number:g}")
     return number
+
+
+def longest_step(max_step: float) -> float:
+    """Return the longest step, which may be infinite."""
+    if isinstance(max_step, float) and max_step == math.inf:
+        return math.inf
+    return between("max_step", max_step, 0.0, math.inf)
 
 
 def margin(velocity_margin: float | None) -> float | None:
@@ -89,11 +101,11 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
     """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        ends, normal = (contact.a, contact.b), as_signal(contact.normal, contact.label)
+        ends, normal = (contact.a, contact.b), as_expression(contact.normal).signal
         contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 
-def check_ties(system: System, loads: Loads, start: float) -> None:
+def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
     rigid = system.is_tie | system.is_one_way
     if not rigid.any():
@@ -103,7 +115,9 @@ def check_ties(system: System, loads: Loads, start: float) -> None:
     scene = system.scene
     v = np.array([body.velocity for body in scene.bodies])
     w = system.relative_velocity(v, q)
-    largest = max(float(np.abs(v).max()), float(np.abs(system.drive_velocities(q)).max(initial=0.0)))
+    # what a drive that starts from 0 has there may be roundoff of its later speeds
+    led = (largest_value(as_signal(d.velocity, d.label), start, stop) for d in scene.drives)
+    largest = max([*np.abs(v).tolist(), *led])
     for j, element in enumerate(scene.rows):
         if not rigid[j]:
             continue
@@ -165,6 +179,27 @@ def _check_drives(system: System) -> None:
             f"tie {tie!r}: ties alone join {', '.join(map(repr, names))} to each other or to the ground, "
             "but a drive has a velocity of its own; leave a tie out, or make the drive a Body"
         )
+
+
+def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
+    """Return the user's events, with names of their own and quantities that the scene knows."""
+    if isinstance(events, When):
+        events = [events]
+    try:
+        listed = list(events)
+    except TypeError:
+        raise TypeError(f"simulate: events must be a sequence of When(...), got {events!r}") from None
+    taken = {row.name for row in scene.rows}
+    for event in listed:
+        if not isinstance(event, When):
+            raise TypeError(f"simulate: events must be When(...), got {event!r}")
+        if event.name in taken:
+            raise ValueError(
+                f"simulate: {event.label} has the name of another event or of a contact; rename it"
+            )
+        taken.add(event.name)
+        scene.check_quantities(event.quantity, event.label)
+    return listed
 
 
 def outputs(

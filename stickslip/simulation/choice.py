@@ -64,7 +64,9 @@ def _why_stiff(system: System, duration: float) -> str | None:
         for i, state in system.position_state.items()
         if i < system.n and system.inertia[i] > 0
     ]
-    turn = max(stiffness, default=0.0) ** 0.5
+    turn = max([0.0, *stiffness]) ** 0.5
+    if system.size > system.first_block:
+        fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
     if fastest * duration > _LONG and fastest > _STIFF * turn:
         return f"dampers let velocities decay in {1 / fastest:.3g} s: the scene is stiff"
     return None

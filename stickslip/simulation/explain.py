@@ -5,7 +5,7 @@ from __future__ import annotations
 from stickslip.engines import METHODS
 from stickslip.model.scene import Scene
 from stickslip.results.explanations import explain_result, explain_scene, span_of
-from stickslip.simulation.arguments import Times
+from stickslip.simulation.arguments import Times, span
 from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
@@ -35,9 +35,7 @@ def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
         return explain_result(subject)
     if not isinstance(subject, Scene):
         raise TypeError(f"explain: expected a Scene or a Result, got {type(subject).__name__}")
-    start, stop = span_of(subject) if t_span is None else (float(t_span[0]), float(t_span[1]))
-    if not start < stop:
-        raise ValueError(f"explain: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
+    start, stop = span_of(subject) if t_span is None else span(t_span, "explain")
     system = compiled(subject)
     loads = system.loads(start, stop)
     name, reason = choose(system, loads, "contact-force", "auto", stop - start)

@@ -115,6 +115,11 @@ class Recorder:
         """Keep an event."""
         self.events.append(Event(t, self._system.rows[row].name, Mode(before), Mode(after), cause))
 
+    def note_user(self, t: float, name: str, sign: int) -> None:
+        """Keep an event of the user."""
+        cause = "rose through 0" if sign > 0 else "fell through 0"
+        self.events.append(Event(t, name, Mode(-sign), Mode(sign), cause))
+
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""
         trajectory = Trajectory(self._system, self._span, Pieces.of(self._pieces), self._balances)
@@ -124,7 +129,7 @@ class Recorder:
         if self._outputs is not None:
             times = self._outputs[: self._done]
             at = times if self.keeps_paths else self._kept(trajectory, times)
-        return Result(self._system.scene, events, status == 0, status, message, stats, trajectory, at)
+        return Result(self._system.scene, events, status >= 0, status, message, stats, trajectory, at)
 
     def _kept(self, trajectory: Trajectory, times: Array) -> Samples:
         states = np.concatenate([np.empty((self._system.size, 0)), *self._states], axis=1)

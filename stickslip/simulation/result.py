@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import energy, files, shares
+from stickslip.results.continuation import final_scene
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
@@ -192,7 +193,7 @@ class Result:
         """
         if direction is None:
             return self.samples.breakaway(contact)
-        if direction not in (1, -1):
+        if not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
             raise ValueError(
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"
@@ -262,6 +263,48 @@ class Result:
         """
         return shares.share(self, contact)
 
+    def state(self, block: str) -> Array:
+        """Return the states of a block at the times `t`.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+
+        Returns
+        -------
+        array (n,) or (states, n)
+            In one line where it has one state.
+
+        Raises
+        ------
+        ValueError
+            If there is no such block.
+        """
+        found = self.samples.states_of(block)
+        return found[0] if found.shape[0] == 1 else found
+
+    def output(self, block: str) -> Array:
+        """Return the outputs of a block at the times `t`.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block.
+
+        Returns
+        -------
+        array (n,) or (outputs, n)
+            In one line where it has one output.
+
+        Raises
+        ------
+        ValueError
+            If there is no such block.
+        """
+        found = self.samples.outputs_of(block)
+        return found[0] if found.shape[0] == 1 else found
+
     # -- between and beyond -------------------------------------------------------------------------------
 
     def __call__(self, t: float | Sequence[float] | Array) -> Array:
@@ -324,6 +367,19 @@ class Result:
             return self
         at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)
         return replace(self, _at=at)
+
+    def final_scene(self) -> Scene:
+        """Return the scene at the end of the motion, from which `simulate` goes on.
+
+        Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
+        end. Loads stay as they are: simulate over a time span that starts where this one ends.
+
+        Raises
+        ------
+        ValueError
+            If nothing was computed, or only the requested outputs were kept.
+        """
+        return final_scene(self.trajectory)
 
     def energy(self) -> energy.EnergyLedger:
         """Return where the energy went, and by how much the balance is off: a free check of accuracy.

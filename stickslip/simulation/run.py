@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from stickslip.engines.base import Engine
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
+from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import Jump, at_limit, at_stops, jumped, relaxed, shown_at_end
 from stickslip.events.impact import struck
-from stickslip.events.settle import Settled, Situation, settle
+from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.local import Local
+from stickslip.simulation.watching import Borders, Watch
 
 __all__ = ["Run"]
 
@@ -26,6 +28,9 @@ Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
 _IDLE_RESTARTS = 100
+_SAME_TIME = 1e-14
+"""Part of a time within which another one is the same: nothing can be told apart between them."""
+
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
@@ -38,6 +43,10 @@ class Keeper(Protocol):
 
     def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
         """Keep an event."""
+        ...
+
+    def note_user(self, t: float, name: str, sign: int) -> None:
+        """Keep an event of the user."""
         ...
 
 
@@ -59,9 +68,11 @@ class Run:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
         Part of the forces that is uncertain.
+    uncertain : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: 0 where the engine is exact.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  (what an engine leaves uncertain has five names)
         self,
         system: System,
         loads: Loads,
@@ -72,16 +83,22 @@ class Run:
         rebound: float,
         quiet: float,
         blur: float,
+        uncertain: float = 0.0,
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
         self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
+        self._uncertain = uncertain
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
+        self.watch_events: Watch | None = None
+        tables = system.dependence is not None and system.dependence.tables
+        self._borders = Borders(system, loads) if tables else None
+        self.stopped: str | None = None
         self.local: Local | None = None
         self._is_whole = False
 
@@ -89,11 +106,16 @@ class Run:
         """Settle the modes at the start."""
         system = self.system
         y = system.at_start()
+        if system.sampled:
+            q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
+            y = system.sample(self.t, self._start, q, y)
+        if self._borders is not None:
+            self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         for j in hit.nonzero()[0].tolist():
             self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -131,14 +153,36 @@ class Run:
             return
         self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
+        # to the bit, also where a solver has integrated a rate of 0
+        path.last[self.system.clocked] = motion.y[self.system.clocked]
+        if self._borders is not None:
+            path = self._borders.cut(motion, path)
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
-        if tau >= motion.horizon and not (path.hit or ones):
+        stop = motion.stretch.stop
+        if (tau >= motion.horizon and not (path.hit or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
-            t = motion.stretch.stop
+            t = stop
+        if self.watch_events is not None:
+            path, t = self._note_crossings(motion, path, t, self.watch_events)
         self.keeper.keep(now, path, t)
+        if self.stopped is not None:
+            self.t = t
+            return
         self._go_on(now, path, t, ones)
+
+    def _note_crossings(self, motion: Motion, path: Path, t: float, watch: Watch) -> tuple[Path, float]:
+        """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
+        for one in watch.crossings(motion, path):
+            at = t if one.tau >= path.taus[-1] else motion.t + one.tau
+            self.keeper.note_user(at, one.event.name, one.sign)
+            if one.event.stop:
+                self.stopped = one.event.name
+                if one.tau < path.taus[-1]:
+                    path = path.cut(one.tau) if one.tau > 0 else path.until(0)
+                return path, at
+        return path, t
 
     def _follow(self, now: Settled, local: Local) -> None:
         """Follow a motion and all events that can be settled where they are, up to one that cannot."""
@@ -171,15 +215,29 @@ class Run:
         if t >= self._stop:
             return
         self.restarts += 1
+        system, held = self.system, self._sampled(motion, path, t)
+        if not (path.hit or ones) and self.loads.goes_on(t):
+            y = np.concatenate([path.last[: system.first_block], held])
+            if self._borders is not None:
+                self._borders.place(y, t)
+            following = carried_on(now, self.loads.after(t), t, y)
+            if following is not None:
+                self.now = following
+                return
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound)
         touching = at.touching | (before == 0) & ~jump.parted
+        y = jump.y
+        if system.sampled:
+            y = np.concatenate([y[: system.first_block], held])
+        if self._borders is not None:
+            self._borders.place(y, t)
         since = np.where(before == 0, motion.since, t)
         situation = Situation(
             t,
-            jump.y,
+            y,
             before,
             since,
             touching,
@@ -195,10 +253,18 @@ class Run:
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur)
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, self._uncertain)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
+
+    def _sampled(self, motion: Motion, path: Path, t: float) -> Array:
+        """Return the states of blocks after the samples taken at the end of a path."""
+        system = self.system
+        if not system.sampled or t != motion.stretch.stop:
+            return path.last[system.first_block :]
+        q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
+        return system.sample(t, self._start, q, path.last)[system.first_block :]
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None

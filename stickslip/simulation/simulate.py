@@ -18,6 +18,7 @@ from stickslip.events.impact import Jammed
 from stickslip.events.settle import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
+from stickslip.model.when import When
 from stickslip.simulation import arguments
 from stickslip.simulation.arguments import Formulation, Times
 from stickslip.simulation.choice import choose
@@ -26,6 +27,7 @@ from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
 from stickslip.simulation.tolerances import tolerances
+from stickslip.simulation.watching import Watch
 
 __all__ = ["compiled", "simulate"]
 
@@ -49,6 +51,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     atol: float = 1e-10,
     t_eval: Iterable[float] | None = None,
     velocity_margin: float | None = None,
+    events: Iterable[When] = (),
     max_step: float = math.inf,
     dense_output: bool = True,
     progress: bool = False,
@@ -81,6 +84,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     velocity_margin : float, optional
         Relative velocity in m/s or rad/s below which a contact counts as stuck once its velocities are constant; 0
         switches the check off. By default a hundred times what the tolerances leave uncertain.
+    events : sequence of When, optional
+        Quantities whose crossings of 0 are noted among the events, or stop the simulation.
     max_step : float
         Longest step in s.
     dense_output : bool
@@ -108,19 +113,22 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.choice("method", method, _METHODS)
     rtol = arguments.between("rtol", rtol, 1e-14, 0.1)
     atol = arguments.between("atol", atol, 0.0, math.inf)
-    max_step = math.inf if max_step == math.inf else arguments.between("max_step", max_step, 0.0, math.inf)
+    max_step = arguments.longest_step(max_step)
     margin = arguments.margin(velocity_margin)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step)
     arguments.check_laws(scene, start, stop)
-    system = compiled(scene)
+    watched = arguments.user_events(scene, events)
+    system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)
-    arguments.check_ties(system, loads, start)
+    arguments.check_ties(system, loads, start, stop)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
     wanted = tolerances(system, start, stop, rtol, atol, margin, chosen.resolution)
+    if system.dependence is not None:
+        system.dependence.forget()
     task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
     blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
@@ -128,8 +136,12 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact = name == "series" and margin is None
     rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted.margin, rebound, wanted.quiet, blur)
-    if name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
+    uncertain = 0.0 if name == "series" or step is not None else wanted.passed
+    resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
+    run = Run(system, loads, engine, recorder, (start, stop), *resolved)
+    if watched:
+        run.watch_events = Watch(system, watched, loads.period)
+    elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(
             forest,
             engine.work,
@@ -181,6 +193,7 @@ class _Simulation:
     ) -> None:
         self._run, self._recorder, self._task, self._title = run, recorder, task, title
         self._start, self._stop = span
+        self._calls, self._samples = self._function_calls, run.system.samples
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -191,7 +204,7 @@ class _Simulation:
         try:
             with interruption:
                 run.begin()
-                while run.t < self._stop:
+                while run.t < self._stop and run.stopped is None:
                     run.advance()
                     if bar is not None:
                         _advance_bar(bar, run.t - self._start)
@@ -218,7 +231,14 @@ class _Simulation:
         finally:
             if bar is not None:
                 bar.close()
+        if run.stopped is not None:
+            return self._result(f"event {run.stopped!r} stopped the simulation at t = {run.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
+
+    @property
+    def _function_calls(self) -> int:
+        dependence = self._run.system.dependence
+        return 0 if dependence is None else dependence.calls
 
     def _keep(self, path: Path | None) -> float:
         """Keep the path of a motion that has come to no end; return the time of its last point."""
@@ -251,6 +271,8 @@ class _Simulation:
             "rate_calls": work.rate_calls,
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
+            "function_calls": self._function_calls - self._calls,
+            "samples": self._run.system.samples - self._samples,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,

@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from stickslip.equations.system import System
 from stickslip.model.signal_makers import Signal
 
-__all__ = ["Tolerances", "tolerances"]
+__all__ = ["Tolerances", "largest_value", "tolerances"]
 
 Array = NDArray[np.float64]
+
+_PASSED = 100.0
+"""How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
 
 _FINEST = 1e-13
 _BRISTLE = 1e-6
@@ -34,6 +37,8 @@ class Tolerances:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
+    passed : float
+        Velocity in m/s or rad/s by which a solver has to go beyond 0 before 0 is passed.
     """
 
     rtol: float
@@ -41,6 +46,7 @@ class Tolerances:
     margin: float
     quiet: float
     speed: float
+    passed: float
 
 
 def tolerances(
@@ -75,11 +81,13 @@ def tolerances(
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
     for j, state in system.bristle_state.items():
-        force = system.mu_s[:, j].max() * _largest(system.normals[j], start, stop)
+        if system.pressed[j]:
+            continue
+        force = system.mu_s[:, j].max() * largest_value(system.normals[j], start, stop)
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
-    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, _PASSED * quiet)
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:
@@ -120,20 +128,21 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
-    forces, drives = len(scene.forces), system.first_drive - system.first_force
-    speeds += [_largest(signal, start, stop) for signal in system.others[drives:]]
+    speeds += [
+        largest_value(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
+    ]
     speeds.append(frequency * stretched)
     speed = max(speeds)
     if speed == 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
-        for force, signal in zip(scene.forces, system.others[:forces], strict=True):
+        for force, signal in zip(scene.forces, system.others[: system.force_count], strict=True):
             inertia = system.inertia[system.index[force.body]]
             if inertia > 0:
-                speed = max(speed, _largest(signal, start, stop) * time / inertia)
+                speed = max(speed, largest_value(signal, start, stop) * time / inertia)
     return speed, frequency
 
 
-def _largest(signal: Signal, start: float, stop: float) -> float:
+def largest_value(signal: Signal, start: float, stop: float) -> float:
     """Return the largest absolute value at the breaks and at a few times between."""
     times = [*np.linspace(start, stop, 17).tolist(), *signal.breaks(start, stop)]
     return max(abs(signal(t)) for t in times)

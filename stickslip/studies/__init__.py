@@ -1,1 +1,1 @@
-"""Many runs: work and precision, sweeps, the trade between speed and accuracy."""
+"""Many runs and what follows from them: sweeps, trade-offs, derivatives, limit cycles, linear models, fits."""

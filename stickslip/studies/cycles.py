@@ -26,9 +26,9 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Body, Contact, Drive, Scene
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result, SimulationError
-from stickslip.simulation.simulate import compiled, simulate
+from stickslip.simulation.simulate import compiled
 from stickslip.studies.parameters import Parameter, named_parameters
-from stickslip.studies.variations import Direction, Variation, along_parameter, along_start
+from stickslip.studies.variations import Direction, Variation, along_parameter, along_start, simulated
 
 __all__ = ["Cycle", "CycleError", "limit_cycle"]
 
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-_MOST_STEPS, _MOST_HALVINGS = 25, 6
+_MOST_STEPS, _MOST_HALVINGS, _PATIENCE = 25, 6, 4
 _CLOSED = 1e-10
 """A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
 much."""
@@ -75,6 +75,8 @@ class Cycle:
         Whether the loads set the period.
     closes : float
         By what part of its size the motion misses its start after one period.
+    shot : _Shot
+        How it was computed: the map over one period and its derivatives.
     """
 
     period: float
@@ -84,7 +86,7 @@ class Cycle:
     sequence: tuple[str, ...]
     forced: bool
     closes: float
-    _shot: _Shot = field(repr=False, compare=False)
+    shot: _Shot = field(repr=False, compare=False)
 
     @property
     def stable(self) -> bool:
@@ -133,7 +135,13 @@ class Cycle:
             If the cycle is the edge of others (a multiplier is 1), or a derivative does not exist.
         """
         named = named_parameters(self.scene, parameters, "Cycle.sensitivities")
-        return np.array([self._shot.along(one)[1] for one in named])
+        return np.array([self.shot.along(one)[1] for one in named])
+
+    def _repr_html_(self) -> str:
+        """Return one period as a figure, and the multipliers, as notebooks show them."""
+        from stickslip.plots.notebook import cycle_html
+
+        return cycle_html(self)
 
     def __str__(self) -> str:
         """Return what there is to say of the cycle."""
@@ -341,7 +349,7 @@ class _Shot:
 
     def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
-        self.result = simulate(scene, (0.0, period), **options)
+        self.result = simulated(scene, (0.0, period), **options)
         trajectory = self.result.trajectory
         self.system: System = trajectory.system
         first = trajectory.pieces[0]
@@ -428,6 +436,8 @@ class _Shot:
 
     def moved(self, change: Array, longer: float, own: Scene | None = None, y: Array | None = None) -> _Shot:
         """Return the shot from another start, with another period."""
+        if abs(longer) > 0.6 * self.period:
+            raise CycleError("the period changes too much for one step")
         states = self.coordinates.to_states
         count = states.shape[1]
         y = (self.start if y is None else y) + states @ change[:count]
@@ -490,7 +500,7 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array) 
             changes["rested"] = rested.get(element.name, 0.0)
         one: Any = element
         elements.append(replace(one, **changes) if changes else one)
-    return Scene(*elements)
+    return Scene(*elements, motion=scene.motion)
 
 
 # -- the search --------------------------------------------------------------------------------------------------
@@ -506,11 +516,14 @@ def _closed(shot: _Shot) -> Cycle:
     exact = shot.result.stats["engine"] == "Taylor series"
     enough = _CLOSED if exact else 1e3 * _CLOSED
     best: _Shot | None = None
+    errors: list[float] = []
     for _ in range(_MOST_STEPS):
         if best is not None and not shot.error < best.error and best.error <= enough:
             break
         best = shot if best is None or shot.error < best.error else best
-        if shot.error <= 1e-15:
+        errors.append(best.error)
+        stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
+        if shot.error <= 1e-15 or stalls:
             break
         change, longer = shot.solve(-shot.missed)
         following = _nearer(shot, change, longer)
@@ -520,9 +533,8 @@ def _closed(shot: _Shot) -> Cycle:
     assert best is not None
     if best.error > enough:
         raise CycleError(
-            f"no cycle was found: after {_MOST_STEPS} steps of Newton's method at most, the motion over "
-            f"{best.period:.6g} s still misses its start by {best.error:.2g} of its size; begin nearer to the cycle "
-            "(transient=..., guess=...)"
+            f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "
+            f"misses its start by {best.error:.2g} of its size; begin nearer to the cycle (transient=..., guess=...)"
         )
     return _cycle(best)
 
@@ -563,6 +575,50 @@ def _cycle(shot: _Shot) -> Cycle:
     )
 
 
+def centred(cycle: Cycle) -> Cycle:
+    """Return a cycle of free period that starts in the middle of its longest motion; others as they are."""
+    if cycle.forced:
+        return cycle
+    shot = cycle.shot
+    return _cycle(_Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
+
+
+def closed_from(
+    cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None, far: float
+) -> Cycle:
+    """Return the cycle near another one whose parameter has changed.
+
+    Parameters
+    ----------
+    cycle : Cycle
+    parameter : Parameter
+        Has changed by `change` to `value`.
+    longer : float or None
+        By how much in s the given period of the loads has changed; None if it has not.
+    far : float
+        A cycle that differs from what was foretold by more than this part of its size is another one.
+
+    Raises
+    ------
+    CycleError
+    """
+    shot = cycle.shot
+    along, slower, begin = shot.along(parameter)
+    scene = parameter.set(shot.scene, value)
+    period = slower * change if longer is None else longer
+    if shot.forced:
+        _check_loads(compiled(scene), shot.period + period)
+    foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
+    found = _closed(foretold)
+    off = abs(found.period - foretold.period) / foretold.period
+    if foretold.coordinates.free.size == found.shot.coordinates.free.size:
+        start = foretold.coordinates.of(found.shot.start) - foretold.coordinates.of(foretold.start)
+        off = max(off, float(np.abs(start / foretold.sizes[: start.size]).max(initial=0.0)))
+    if off > far:
+        raise CycleError("the search leads to a cycle far from the one before")
+    return found
+
+
 def _check_moves(shot: _Shot) -> None:
     """Refuse a state of rest for a cycle."""
     if shot.forced:
@@ -590,7 +646,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     CycleError
         If the motion only comes back after several periods.
     """
-    result = simulate(scene, (0.0, periods * period), **options)
+    result = simulated(scene, (0.0, periods * period), **options)
     system: System = result.trajectory.system
     times = period * np.arange(periods + 1)
     states = result(np.minimum(times, result.trajectory.pieces[-1].stop))
@@ -625,7 +681,7 @@ def _returning(
     system = compiled(scene)
     span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
     for _ in range(_TRIES):
-        result = simulate(scene, (0.0, span), **options)
+        result = simulated(scene, (0.0, span), **options)
         found = _return_of(result, guess)
         if found is not None:
             return found

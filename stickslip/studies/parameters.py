@@ -58,9 +58,10 @@ class Parameter:
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
         return Scene(*elements, motion=scene.motion)
 
-    def get(self, scene: Scene) -> float:
-        """Return its value in a scene of the same elements."""
-        return _value(scene.elements[self.place], self.steps, self.name, "parameter")
+    def at(self, scene: Scene) -> Parameter:
+        """Return the parameter as it is in another scene of the same elements."""
+        value = _value(scene.elements[self.place], self.steps, self.name, "parameter")
+        return replace(self, value=value)
 
 
 def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Parameter]:

@@ -14,9 +14,8 @@ from stickslip.equations.motion import Motion
 from stickslip.model.scene import GROUND, Scene
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
-from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.variations import Variation, along_parameter
+from stickslip.studies.variations import Variation, along_parameter, simulated
 
 __all__ = ["Sensitivities", "sensitivities"]
 
@@ -189,7 +188,7 @@ def sensitivities(
     if not isinstance(scene, Scene):
         raise TypeError(f"sensitivities: scene must be a Scene, got {type(scene).__name__}")
     named = named_parameters(scene, parameters, "sensitivities")
-    result = simulate(scene, t_span, method=method, rtol=rtol, atol=atol)
+    result = simulated(scene, t_span, method=method, rtol=rtol, atol=atol)
     directions = [along_parameter(scene, one, result.trajectory, "sensitivities") for one in named]
     return from_variation(Variation(result, directions))
 
@@ -229,7 +228,7 @@ def _velocity_of(i: int) -> Callable[[Motion, Array, Array], Array]:
     def velocity(motion: Motion, taus: Array, y: Array) -> Array:
         system = motion.system
         return np.asarray(
-            y[[i]] if i < system.n else system.drive_velocities(motion.inputs(taus))[[i - system.n]]
+            y[[i]] if i < system.n else system.drive_velocities(motion.loads(taus))[[i - system.n]]
         )
 
     return velocity
@@ -243,5 +242,5 @@ def _force_of(row: int) -> Callable[[Motion, Array, Array], Array]:
 
 
 def _powers(motion: Motion, taus: Array, y: Array) -> Array:
-    w = motion.system.relative_velocity(y, motion.inputs(taus))
+    w = motion.system.relative_velocity(y, motion.loads(taus))
     return np.asarray(motion.row_forces(taus, y) * w)

@@ -69,6 +69,8 @@ class Tradeoff:
         The calls whose results were compared.
     skipped : tuple of Skipped
         Calls left out for the budget.
+    creeping : frozenset of str
+        Calls in which contacts creep where they should stick.
     """
 
     work: WorkPrecision
@@ -76,8 +78,11 @@ class Tradeoff:
     reference: str
     check: str
     skipped: tuple[Skipped, ...] = ()
+    creeping: frozenset[str] = frozenset()
 
-    def recommend(self, *, error: float | None = None, time: float | None = None) -> Advice:
+    def recommend(
+        self, *, error: float | None = None, time: float | None = None, may_creep: bool = True
+    ) -> Advice:
         """Return the cheapest call within an error, or the most accurate one within a time.
 
         Parameters
@@ -86,6 +91,8 @@ class Tradeoff:
             Largest error allowed. Give either this or `time`.
         time : float
             Largest median wall time allowed, in s.
+        may_creep : bool
+            Whether contacts may creep where they should stick, as in regularised scenes.
 
         Raises
         ------
@@ -101,7 +108,8 @@ class Tradeoff:
                 f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"
             )
         try:
-            row = self.work.best(error=error, time=time)
+            rows = tuple(row for row in self.work.rows if may_creep or row.name not in self.creeping)
+            row = WorkPrecision(rows, self.work.error_label).best(error=error, time=time)
         except ValueError as none:
             raise ValueError(str(none).replace("best:", "recommend:", 1).replace("setup", "call")) from None
         return Advice(row.call or row.name, row.error, row.median, row.error <= self.limit)
@@ -211,15 +219,17 @@ def tradeoff(
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
+    known = calls(scene, span, scale)
     setups = [
         Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
-        for call in calls(scene, span, scale)
+        for call in known
     ]
     chosen, skipped, once = _affordable(setups, budget, progress)
     if not chosen:
         raise ValueError(
             f"tradeoff: no call fits into a budget of {budget:g} s; {skipped[0].reason}; give more"
         )
+    creeping = frozenset(call.text(span) for call in known if call.creeps)
     left = deadline - clock.perf_counter()
     work = work_precision(
         chosen,
@@ -229,7 +239,7 @@ def tradeoff(
         progress=progress,
         error_label="velocity error / (m/s or rad/s)" if error == "velocity" else "error",
     )
-    return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped))
+    return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped), creeping)
 
 
 class _VelocityError:

@@ -14,11 +14,13 @@ from stickslip.simulation.simulate import compiled, simulate
 
 __all__ = ["Call", "calls", "reference_calls"]
 
-TOLERANCES = tuple(10.0**-k for k in range(4, 12))
-PRE_SLIP = tuple(10.0**-k for k in range(2, 7))
+TOLERANCES = (3e-2, *(10.0**-k for k in range(2, 12)))
+PRE_SLIP = tuple(10.0**-k for k in range(1, 7))
 """Pre-slip velocities as parts of the velocity scale."""
 SHAPES: tuple[Shape, ...] = ("linear", "tanh", "arctan")
-STEPS = (100, 1000, 10_000)
+STEPS = (30, 100, 300, 1000, 10_000)
+PRE_SLIP_STEPS = (300, 3000, 30_000)
+"""Numbers of fixed steps of regularised scenes, whose stiffness forbids fewer."""
 _ABSOLUTE = 0.01  # absolute tolerance, as a part of the relative one at the velocity scale
 
 
@@ -46,6 +48,11 @@ class Call:
             scene if self.pre_slip is None else scene.regularized(*self.pre_slip), span, **self.options
         )
 
+    @property
+    def creeps(self) -> bool:
+        """Whether contacts creep where they should stick."""
+        return self.pre_slip is not None
+
     def text(self, span: tuple[float, float]) -> str:
         """Return the line to paste."""
         scene = "scene"
@@ -71,7 +78,10 @@ def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     scale : float
         Size of the velocities in m/s or rad/s.
     """
-    return [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span), *_pre_slip(scene, scale)]
+    found = [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span)]
+    if scene.contacts and all(isinstance(contact.law, DryFriction) for contact in scene.contacts):
+        found += [*_pre_slip(scale), *_pre_slip_steps(span, scale)]
+    return found
 
 
 def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
@@ -113,15 +123,27 @@ def _fixed_steps(span: tuple[float, float]) -> Iterator[Call]:
             yield Call(f"contact-force, {method}", {"method": method, "step": step})
 
 
-def _pre_slip(scene: Scene, scale: float) -> Iterator[Call]:
+def _pre_slip(scale: float) -> Iterator[Call]:
     """Yield the regularised scenes; a tolerance looser than a tenth of the pre-slip velocity is not safe."""
-    if not scene.contacts or not all(isinstance(contact.law, DryFriction) for contact in scene.contacts):
-        return
     for shape in SHAPES:
         for method, finer in (("BDF", (0.1, 1e-3)), ("Adams", (0.1,))):
             for part in PRE_SLIP:
                 for fraction in finer:
                     options: dict[str, Any] = {"method": method}
                     options |= _tolerances(fraction * part, scale)
+                    velocity = float(f"{part * scale:.3g}")
+                    yield Call(f"pre-slip {shape}, {method}", options, (velocity, shape))
+
+
+def _pre_slip_steps(span: tuple[float, float], scale: float) -> Iterator[Call]:
+    """Yield regularised scenes at fixed steps, the cheap way of real-time programs."""
+    for shape in SHAPES:
+        for method in ("RK4", "Euler"):
+            for count in PRE_SLIP_STEPS:
+                for part in PRE_SLIP[:3]:
+                    options: dict[str, Any] = {
+                        "method": method,
+                        "step": float(f"{(span[1] - span[0]) / count:.6g}"),
+                    }
                     velocity = float(f"{part * scale:.3g}")
                     yield Call(f"pre-slip {shape}, {method}", options, (velocity, shape))

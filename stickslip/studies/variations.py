@@ -16,6 +16,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -28,10 +29,12 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import Parameter
 
-__all__ = ["Direction", "Variation", "along_parameter", "along_start"]
+__all__ = ["Direction", "Variation", "along_parameter", "along_start", "simulated"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -90,6 +93,20 @@ class Direction:
     size: float = 1.0
 
 
+def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
+    """Return a simulated motion whose pieces are those of the whole scene, from event to event.
+
+    A longest step, however long, keeps large scenes from being followed part by part.
+
+    Raises
+    ------
+    ValueError, TypeError, SimulationError
+        As `simulate` does.
+    """
+    span = arguments.span(t_span)
+    return simulate(scene, span, max_step=span[1] - span[0], **options)
+
+
 def start_of(system: System, t: float) -> tuple[Array, Array]:
     """Return the state that a scene starts from, before held velocities are made equal, and since when rows rest."""
     scene = system.scene
@@ -97,6 +114,10 @@ def start_of(system: System, t: float) -> tuple[Array, Array]:
     y[: system.n] = [body.velocity for body in scene.bodies]
     places = [*scene.bodies, *scene.drives]
     y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+    for j, state in system.bristle_state.items():
+        y[state] = system.rows[j].deflection
+    for place in system.blocks.values():
+        y[place.first : place.first_held] = place.block.states or ()
     return y, t - np.array([row.rested for row in system.rows])
 
 
@@ -222,6 +243,11 @@ class Variation:
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
         self.result, self.trajectory = result, result.trajectory
         self.system: System = self.trajectory.system
+        if self.system.dependence is not None or self.system.sampled:
+            raise ValueError(
+                "sensitivities: normal forces that depend on the state, feedback functions and sampled blocks have no "
+                "derivatives here; sums of quantities as forces and linear blocks have"
+            )
         self.directions = list(directions)
         breaks = len(self.trajectory.loads.breaks)
         self._near_ones = [
@@ -401,7 +427,7 @@ class Variation:
 
     def _at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
         system = self.system
-        w = system.relative_velocity(piece.y, motion.inputs(0.0))
+        w = system.relative_velocity(piece.y, motion.loads(0.0))
         return np.asarray(np.abs(w) <= np.maximum(_REST * self._size[0], system.laws.rests_below))
 
     def _speed_slopes(self, S: Array, rate: Array, times: Array) -> Array:
@@ -544,7 +570,7 @@ class Variation:
         path = piece.path
         assert path is not None
         y = path.last
-        values = guards.values(tau, motion.watched(tau, y))
+        values = guards.values(tau, y)
         size = np.maximum(guards.scale, guards.majorant[0])
         part = values / np.where(size > 0, size, 1.0)
         fired = (part <= max(0.0, float(part.min(initial=0.0))) + _TIE_OF_ENGINES).nonzero()[0]
@@ -581,7 +607,7 @@ class Variation:
         # along the tangent and its change: the parabola of the motion
         ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
         states = y[:, None] + 0.5 * offsets * (rate[:, None] + ahead)
-        values = guards.raw(motion.watched(tau + offsets, states), motion.inputs(tau + offsets))
+        values = guards.raw(motion.watched(tau + offsets, states), motion.inputs(tau + offsets, states))
         return np.asarray(values @ weights)
 
     def _check_guards_at_break(
@@ -594,7 +620,7 @@ class Variation:
         path = piece.path
         assert path is not None
         y = path.last
-        values = guards.values(tau, motion.watched(tau, y))
+        values = guards.values(tau, y)
         size = np.maximum(guards.scale, guards.majorant[0])
         at = ((values <= _TOUCH * size) & (guards.order != NEVER)).nonzero()[0]
         if not at.size:
@@ -648,7 +674,7 @@ class Variation:
         guards = self._guards(piece, motion)
         parts = np.linspace(0.0, 1.0, _LOOKS + 1)[:-1]
         taus = np.append((path.taus[:-1, None] + np.diff(path.taus)[:, None] * parts).ravel(), piece.end)
-        g = guards.values(taus, motion.watched(taus, motion.exact(taus, path.at(taus).T)))
+        g = guards.values(taus, motion.exact(taus, path.at(taus).T))
         size = np.maximum(guards.scale, guards.majorant[0])[:, None]
         inner = g[:, 1:-1]
         low = (inner <= g[:, :-2]) & (inner < g[:, 2:]) & (inner < _NEAR * size)
@@ -658,7 +684,7 @@ class Variation:
 
             def value(tau: float, i: int = int(i)) -> float:
                 y = motion.exact(tau, path.at(np.array([tau]))[0])
-                return float(guards.values(tau, motion.watched(tau, y))[i])
+                return float(guards.values(tau, y)[i])
 
             bounds = (taus[at], taus[at + 2])
             found = scipy.optimize.minimize_scalar(
@@ -690,7 +716,7 @@ class Variation:
             near = guards
             if own is not motion:
                 near = Guards(own, piece.labels, guards.at_rest, np.zeros(self.system.m, dtype=bool))
-            return near.raw(own.watched(taus, states), own.inputs(taus))
+            return near.raw(own.watched(taus, states), own.inputs(taus, states))
 
         return raw
 
@@ -740,7 +766,7 @@ class Variation:
         assert path is not None
         tau = float(path.taus[-1])
         before = (np.abs(piece.modes) == 1) & system.hard
-        w = system.relative_velocity(path.last, motion.inputs(tau))
+        w = system.relative_velocity(path.last, motion.loads(tau))
         rests = (following.modes == 0) | (following.modes == -piece.modes)
         rows = (before & rests & (np.abs(w) <= 1e-9 * self._size[0])).nonzero()[0]
         rows = rows[system.laws.rests_below[rows] == 0]
@@ -750,7 +776,7 @@ class Variation:
         slopes = self._slopes(
             _relative, piece, motion, still, np.array([tau]), path.last[:, None], moved[:, None, :]
         )[:, 0]
-        rates = system.drive_accelerations(motion.inputs(tau))
+        rates = system.drive_accelerations(motion.loads(tau))
         slopes = slopes + np.outer(system.D @ rates, times) if system.drives else slopes
         scale = self._speed_slopes(S, motion.rate(tau, path.last), times)
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
@@ -835,7 +861,7 @@ def _rate(motion: Motion, taus: Array, y: Array) -> Array:
 
 
 def _relative(motion: Motion, taus: Array, y: Array) -> Array:
-    return motion.system.relative_velocity(y, motion.inputs(taus))
+    return motion.system.relative_velocity(y, motion.loads(taus))
 
 
 def _dense(matrix: Array) -> Array:

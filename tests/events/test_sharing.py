@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog, lsq_linear
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear
 from stickslip.equations.guards import Guards
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
@@ -16,15 +18,18 @@ from stickslip.events.sharing import Share, share
 Ends = list[tuple[int, int]]
 
 
-def shared(ends: Ends, levels: np.ndarray, pushes: np.ndarray) -> Share | None:
+def shared(ends: Ends, levels: Any, pushes: np.ndarray, radii: Any = None) -> Share | None:
     """How contacts of `levels` share what `pushes` on bodies need, all of them stuck; -1 is the ground."""
+    radii = np.ones(len(ends)) if radii is None else radii
     law = DryFriction(1.0, 0.5)
     system = System(
         Scene(
             *(Body(f"b{i}", inertia=float(i + 1)) for i in range(pushes.size)),
             *(
-                Contact(f"c{j}", f"b{a}", GROUND if b < 0 else f"b{b}", law, normal=float(level))
-                for j, ((a, b), level) in enumerate(zip(ends, levels, strict=True))
+                Contact(
+                    f"c{j}", f"b{a}", GROUND if b < 0 else f"b{b}", law, normal=level, radius_a=float(radius)
+                )
+                for j, ((a, b), level, radius) in enumerate(zip(ends, levels, radii, strict=True))
             ),
             *(Force(f"b{i}", float(push)) for i, push in enumerate(pushes)),
         )
@@ -66,6 +71,24 @@ def test_one_body_on_two_contacts() -> None:
     found = shared([(0, -1), (0, -1)], np.array([10.0, 1.0]), np.array([-12.0]))
     assert found is not None and not found.holds
     assert (sorted(found.rows.tolist()), found.side.tolist()) == ([0, 1], [-1.0, -1.0])
+
+
+@pytest.mark.parametrize(("later", "limiting"), [(1.9, 2), (2.1, 1)])
+def test_what_is_at_two_limits_at_once_is_decided_by_their_rates(later: float, limiting: int) -> None:
+    # 8 N on a body; its neighbour takes 8/3 N of it, but the joint carries 2 N, as the neighbour's floor does now
+    floor = piecewise_linear([0.0, 1.0], [2.0, later])
+    found = shared([(0, -1), (0, 1), (1, -1)], [20.0, 2.0, floor], np.array([8.0, 0.0]))
+    assert found is not None and found.holds
+    assert (found.rows.tolist(), found.side.tolist()) == ([limiting], [1.0])
+
+
+def test_forces_of_unequal_radii_are_compared_at_the_body() -> None:
+    # 8 N m on radii 1, 1, 2 m: 8/3 N m each; the first takes 1 N m only, the others 3.5 N m: 3.5 N and 1.75 N
+    ends = [(0, -1)] * 3
+    found = shared(ends, [1.0, 100.0, 1.8], np.array([8.0]), radii=[1.0, 1.0, 2.0])
+    assert found is not None and found.rows.tolist() == [0]
+    found = shared(ends, [1.0, 3.4, 100.0], np.array([8.0]), radii=[1.0, 1.0, 2.0])
+    assert found is not None and found.rows.tolist() == [0, 1]
 
 
 def test_nothing_is_shared_in_a_tree() -> None:

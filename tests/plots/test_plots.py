@@ -50,11 +50,17 @@ def chain():
     return simulate(flywheel_chain(30), (0.0, 1.0))
 
 
+def open_figures():
+    """Return the numbers of the figures that pyplot holds: those of other tests, and none of ours."""
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    return pyplot.get_fignums() if pyplot is not None else []
+
+
 @pytest.fixture(autouse=True)
 def leaves_no_figure_behind():
+    before = open_figures()
     yield
-    pyplot = sys.modules.get("matplotlib.pyplot")
-    assert pyplot is None or not pyplot.get_fignums()
+    assert open_figures() == before
 
 
 def labels(ax):
@@ -334,6 +340,9 @@ def test_characteristic_lies_on_its_law(wheels):
     assert brake.get_ylabel() == "force / normal force [1 | m]"
     w, ratio = curve(brake, "trajectory").get_data()
     assert ratio[(w > 1e-9) & np.isfinite(ratio)] == pytest.approx(0.1)
+    # and its law per normal force: the kinetic coefficient on both sides, the static one at rest
+    law = [line for line in brake.get_lines() if line.get_color() == "0.65"]
+    assert [sorted(set(line.get_ydata())) for line in law] == [[-0.1], [0.1], [-0.2, 0.2], []]
     drawn(brake)
 
 
@@ -467,3 +476,25 @@ def test_a_few_extremes_do_not_stretch_the_colours_of_a_raster():
     low, high = axes[1].collections[0].get_clim()
     assert high == pytest.approx(1.0, abs=0.01) and low == pytest.approx(-1.0, abs=0.01)
     assert axes[1].collections[0].colorbar.extend == "both"
+
+
+def test_gaps_and_stops_show_their_stretch_between_limits() -> None:
+    from stickslip import GROUND, Body, Gap, Scene, Stop, simulate
+
+    scene = Scene(
+        Body("m", inertia=1, velocity=1.0),
+        Stop("wall", "m", GROUND, lower=-1, upper=1, restitution=0.5),
+        Gap("soft", "m", GROUND, lower=-0.5, stiffness=10.0),
+    )
+    result = simulate(scene, (0, 12))
+    ax = plots.stretch(result, "wall")
+    assert len(ax.patches) == 2
+    labels = [line.get_label() for line in ax.lines]
+    assert "impact" in labels
+    assert len(plots.stretch(result, "soft").patches) == 1
+    titles = [panel.get_legend().get_title().get_text() for panel in result.plot().axes if panel.get_legend()]
+    assert "stop wall" in titles
+    assert "gap soft" in titles
+    assert plots.schematic(scene)
+    with pytest.raises(ValueError, match="no gap or stop is called 'other'; known are 'soft', 'wall'"):
+        plots.stretch(result, "other")

@@ -8,21 +8,28 @@ from matplotlib.figure import Figure
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
     OneWay,
     Planetary,
     PreSlip,
     Scene,
     Spring,
+    StateSpace,
+    Stop,
     Tie,
+    output,
     plots,
+    power,
     sine,
+    velocity,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain, four_flywheels
 from stickslip.model.elements.base import Link, Named
@@ -48,6 +55,12 @@ MACHINE = Scene(
     Force("motor", sine(1.0, 1.0)),
     Force("motor", 2.0),
     Tie("lever", {"hub": 1.0, "motor": -2.0, "ring": 0.5}),
+    Gap("teeth", "sun", "carrier", lower=-0.01, upper=0.01, stiffness=1e4),
+    Stop("bumper", "car", GROUND, upper=3.0),
+    OneWay("sprag", "ground", "hub"),
+    StateSpace("pid", A=[[0.0]], B=[[1.0]], C=[[3.0]], inputs=[velocity("car")]),
+    Block("warm", inputs=[power("tyre")], states=[20.0], derivative=lambda t, x, u: u[0]),
+    Force("car", output("pid")),
 )
 STAR = Scene(
     Body("hub", inertia=1.0),
@@ -106,6 +119,10 @@ def test_names_and_values_stand_beside_what_they_belong_to():
         "band brake\nN(t)",
         "freewheel\ncarrier drives",
         "tyre\nN = 3000 N\nPreSlip",
+        "teeth\n-0.01 to 0.01",
+        "bumper\n-inf to 3",
+        "sprag\nground drives",
+        "F(t, state)",
         "r = 0.3",
         "k = 1e+04\nc = 3",
         "c = 10",
@@ -114,6 +131,11 @@ def test_names_and_values_stand_beside_what_they_belong_to():
         "carrier",
     ):
         assert text in found, text
+
+
+def test_blocks_stand_below():
+    found = texts(plots.schematic(MACHINE))
+    assert any(text.endswith(" pid") for text in found) and any(text.endswith(" warm") for text in found)
 
 
 def test_units_are_those_of_the_motion():

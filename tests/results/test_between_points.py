@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from pathlib import Path
 
 import numpy as np
@@ -252,10 +251,8 @@ def lifting_pad() -> tuple[Scene, float]:
 def test_multipliers_do_not_crawl_where_nothing_moves(case: object, rtol: float) -> None:
     """The events are those of the contact-force formulation, and take a few hundred steps, not 30 000."""
     scene, stop = case()  # type: ignore[operator]
-    start = time.process_time()
     found = simulate(scene, (0.0, stop), formulation="multiplier", rtol=rtol, atol=1e-2 * rtol)
-    assert time.process_time() - start < 10.0
-    assert found.stats["steps"] < 5000
+    assert found.stats["steps"] < 5000 and found.stats["rate_calls"] < 20_000
     other = simulate(scene, (0.0, stop), rtol=rtol, atol=1e-2 * rtol)
     names = [(e.contact, e.before, e.after) for e in other.events]
     assert [(e.contact, e.before, e.after) for e in found.events] == names

@@ -1,6 +1,7 @@
 """The energy ledger balances, and its parts are those of hand calculation."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -153,3 +154,24 @@ def test_the_account_prints():
 def test_a_still_scene_has_no_error():
     scene = Scene(Body("block", inertia=1.0), Contact("floor", "block", GROUND, DRY, normal=1.0))
     assert energy(simulate(scene, (0.0, 1.0))).relative_error == 0.0
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
+def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> None:
+    """No state moves for itself, so steps are long beside the period 0.2 s; x = 0.05/pi (1 - cos(10 pi t))."""
+    # the drive's acceleration, up to 15.7 m/s2, and the load need 34 N at most: less than the 60 N that hold it
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Drive("d", velocity=sine(0.5, 5.0)),
+        Contact("c", "b", "d", DryFriction(0.6, 0.5), normal=100.0),
+        Force("b", 3.0),
+    )
+    t = np.linspace(0.0, 1.7, 35)
+    result = simulate(scene, (0.0, 1.7), t_eval=t, **options)
+    assert result.events == []
+    ledger = result.energy()
+    way, speed = 0.05 / np.pi * (1 - np.cos(10 * np.pi * t)), 0.5 * np.sin(10 * np.pi * t)
+    np.testing.assert_allclose(ledger.loads, 3.0 * way, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ledger.drives, speed**2 - 3.0 * way, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ledger.kinetic, speed**2, rtol=0, atol=1e-12)
+    assert ledger.relative_error < 1e-12

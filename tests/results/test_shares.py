@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, LuGre, Mode, Scene, simulate, sine
+from stickslip import GROUND, Body, Contact, DryFriction, Force, LuGre, Mode, Scene, Stop, simulate, sine
 from stickslip.benchmark import EXACT_EVENTS, flywheel_benchmark
 
 DRY = DryFriction(0.2, 0.1)
@@ -41,6 +41,20 @@ def test_a_smooth_law_is_read_off_the_sign_of_its_velocity():
     forward = np.mean(result.sample(times).velocity("a") > 0)
     assert share[Mode.FORWARD] == pytest.approx(forward, abs=2e-3)
     assert sum(share.values()) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_bouncing_ball_is_open_but_at_rest_on_the_ground():
+    """Dropped from h without rebound it falls for sqrt(2 h / g), and rests from then on."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0),
+        Stop("floor", "ball", GROUND, lower=0.0),
+        Force("ball", -9.81),
+    )
+    share = simulate(scene, (0.0, 1.0)).share("floor")
+    falling = math.sqrt(2.0 / 9.81)
+    assert set(share) == {Mode.BACKWARD, Mode.OPEN, Mode.FORWARD}
+    assert share[Mode.OPEN] == pytest.approx(falling, abs=1e-12)
+    assert share[Mode.BACKWARD] == pytest.approx(1.0 - falling, abs=1e-12)
 
 
 def test_what_cannot_be_told_is_refused():

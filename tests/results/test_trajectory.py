@@ -300,7 +300,7 @@ def test_a_series_is_refused_where_there_is_none(extra: Any, words: str) -> None
 
 
 def test_a_series_does_not_solve_the_multiplier_formulation() -> None:
-    with pytest.raises(ValueError, match=r"IDA.*not 'series'"):
+    with pytest.raises(ValueError, match=r"'series' .* not 'multiplier', which is for IDA"):
         simulate(belt(), (0.0, 1.0), formulation="multiplier", method="series")
 
 

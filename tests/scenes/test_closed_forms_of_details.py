@@ -400,3 +400,36 @@ def test_an_open_contact_at_rest_goes_where_its_bodies_go(push: float) -> None:
     assert set(result.mode("pad").tolist()) == {int(np.sign(push))}
     assert result.force("pad") == pytest.approx(0.0, abs=0)
     assert result.velocity("block") == pytest.approx(push * result.t)
+
+
+@pytest.mark.parametrize("rest", [1e-9, 3e-13])
+@pytest.mark.parametrize("options", [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}])
+def test_a_motion_is_resolved_that_only_the_rest_length_of_a_spring_tells(
+    options: dict[str, Any], rest: float
+) -> None:
+    """x = rest (1 - cos t): the open contact turns at pi and 2 pi, however small the velocities are."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Spring("b", GROUND, stiffness=1.0, rest=rest),
+        Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
+    )
+    result = simulate(scene, (0.0, 5.0), **options)
+    (event,) = result.events
+    assert event.t == pytest.approx(math.pi, abs=1e-5)
+    late = result.sample([1.0, 4.0])
+    np.testing.assert_allclose(late.velocity("b"), rest * np.sin(late.t), rtol=0, atol=1e-6 * rest)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_breakaway_with_a_kinetic_curve_comes_when_the_load_meets_the_risen_level(
+    options: dict[str, Any],
+) -> None:
+    """From rest under 2 + 2 t: B = 5 - (5 - 3) exp(-2 t), not 5 - (5 - 1) exp(-2 t), which starts below the load."""
+    law = DryFriction(0.5, 0.1, dwell=0.5, kinetic=lambda speed: 0.3)
+    load = piecewise_linear([0.0, 4.0], [2.0, 10.0])
+    scene = Scene(
+        Body("block", inertia=1.0), Contact("pad", "block", GROUND, law, normal=10.0), Force("block", load)
+    )
+    (event,) = simulate(scene, (0.0, 2.0), **options).events
+    exact = brentq(lambda t: 5.0 - 2.0 * math.exp(-2.0 * t) - 2.0 - 2.0 * t, 0.5, 2.0)
+    assert event.t == pytest.approx(exact, abs=1e-7) and exact == pytest.approx(1.4443517, abs=1e-7)

@@ -67,7 +67,7 @@ def test_a_load_that_fails_half_way(
     force: Callable[[float], float], sentence: str, formulation: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the natural scales are read off the loads before anything runs: let them see the good part only
-    monkeypatch.setattr("stickslip.simulation.tolerances._largest", lambda *_: 1.0)
+    monkeypatch.setattr("stickslip.simulation.tolerances.largest_value", lambda *_: 1.0)
     with pytest.raises(SimulationError, match=sentence) as caught:
         simulate(oscillator(force), (0.0, 10.0), formulation=formulation)
     error = caught.value

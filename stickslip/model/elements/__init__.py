@@ -1,6 +1,7 @@
 """The elements of a scene, as frozen data, and the registry of their kinds: a file and a line here each."""
 
 from stickslip.model.elements.base import GROUND, Book, Element, Link, Named, Row
+from stickslip.model.elements.block import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.body import Body
 from stickslip.model.elements.contact import Contact
 from stickslip.model.elements.damper import Damper
@@ -17,6 +18,8 @@ from stickslip.model.elements.tie import Tie
 __all__ = [
     "GROUND",
     "KINDS",
+    "AnyBlock",
+    "Block",
     "Body",
     "Book",
     "Contact",
@@ -31,7 +34,9 @@ __all__ = [
     "OneWay",
     "Planetary",
     "Row",
+    "Sampled",
     "Spring",
+    "StateSpace",
     "Stop",
     "Tie",
 ]
@@ -48,6 +53,9 @@ KINDS: dict[str, type[Element]] = {
     "stops": Stop,
     "springs": Spring,
     "dampers": Damper,
+    "blocks": Block,
+    "state_spaces": StateSpace,
+    "sampled": Sampled,
     "forces": Force,
 }
 """Every kind of element by the name of its table in a scene, in the order in which elements are entered: bodies and

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Protocol
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import NamedArguments, finite
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Region
+from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signal_makers import as_signal
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Load
 
 __all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
 
@@ -20,7 +21,7 @@ GROUND = "ground"
 
 
 class Book(Protocol):
-    """Where elements enter what they are made of: bodies, drives, rows, couplings, forces."""
+    """Where elements enter what they are made of: bodies, drives, rows, couplings, blocks, forces."""
 
     def body(self, body: Any) -> None:
         """Enter a free body."""
@@ -37,8 +38,10 @@ class Book(Protocol):
         *,
         law: Law | None = None,
         kind: str = "friction",
-        normal: Signal | float = 0.0,
+        normal: Load | float = 0.0,
         rested: float = 0.0,
+        deflection: float = 0.0,
+        slipping: bool = False,
         restitution: float = 0.0,
     ) -> None:
         """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
@@ -50,7 +53,11 @@ class Book(Protocol):
         """Enter a spring and damper along ``stretch = sum c_i x_i``."""
         ...
 
-    def push(self, body: str, force: Signal | float) -> None:
+    def block(self, block: Any) -> None:
+        """Enter a block."""
+        ...
+
+    def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
         ...
 
@@ -89,7 +96,7 @@ class Book(Protocol):
         ...
 
 
-class Element:
+class Element(metaclass=NamedArguments):
     """A part of a scene."""
 
     @classmethod
@@ -108,12 +115,17 @@ class Element:
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if value != field.default:
-                data[field.name] = value.to_dict() if isinstance(value, (Signal, Law)) else value
+                data[field.name] = value.to_dict() if isinstance(value, (Load, Law)) else value
         return data
 
     def place(self, book: Book) -> None:
         """Enter the element in a book."""
         raise NotImplementedError
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Return the quantities of the motion that the element depends on."""
+        values = [getattr(self, field.name) for field in fields(self)]  # type: ignore[arg-type]
+        return tuple(value for value in values if isinstance(value, Quantity))
 
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
         """Refuse names of bodies that the scene does not know, and what nothing can move.
@@ -140,6 +152,9 @@ class Element:
 
     def _signal(self, name: str) -> None:
         object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
+
+    def _load(self, name: str) -> None:
+        object.__setattr__(self, name, as_load(getattr(self, name), f"{self.label}: {name}"))
 
     def _identifier(self, name: str) -> None:
         value = getattr(self, name)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
+import numpy as np
+
 from stickslip.model.elements.base import Book, Radii, Row
 from stickslip.model.laws.dry_friction import DryFriction, Law
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Load
 
 __all__ = ["Contact"]
 
@@ -26,10 +28,15 @@ class Contact(Row, Radii):
         Names of bodies or drives, or GROUND.
     law : Law
         The friction law.
-    normal : float or Signal
+    normal : float, Signal or Quantity
         Normal force in N; where it is negative the contact is open and the force is 0.
     rested : float
         How long in s a contact that is stuck at the start has been stuck already.
+    deflection : float
+        Of the bristles at the start, in m or rad; laws without bristles have none.
+    slipping : bool
+        Whether a contact with a pre-slip velocity has slipped already: above a tenth of that velocity it then starts on
+        its kinetic level (frictional memory).
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
         force in N into a torque in N m.
@@ -45,8 +52,10 @@ class Contact(Row, Radii):
     b: str
     law: Law
     _: KW_ONLY
-    normal: Signal | float
+    normal: Load | float
     rested: float = 0.0
+    deflection: float = 0.0
+    slipping: bool = False
     radius_a: float = 1.0
     radius_b: float = 1.0
 
@@ -58,10 +67,22 @@ class Contact(Row, Radii):
             raise TypeError(
                 f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
             )
-        self._signal("normal")
+        self._load("normal")
         self._not_negative("rested")
+        self._number("deflection")
+        if not isinstance(self.slipping, (bool, np.bool_)):
+            raise TypeError(f"{self.label}: slipping must be True or False, got {self.slipping!r}")
+        object.__setattr__(self, "slipping", bool(self.slipping))
         self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row of dry friction."""
-        book.row(self.name, self.coefficients, law=self.law, normal=self.normal, rested=self.rested)
+        book.row(
+            self.name,
+            self.coefficients,
+            law=self.law,
+            normal=self.normal,
+            rested=self.rested,
+            deflection=self.deflection,
+            slipping=self.slipping,
+        )

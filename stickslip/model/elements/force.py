@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stickslip.model.elements.base import Book, Element, listed
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Load
 
 __all__ = ["Force"]
 
@@ -18,22 +18,22 @@ class Force(Element):
     ----------
     body : str
         Name of a free body.
-    signal : float or Signal
+    signal : float, Signal or Quantity
         In N or N m.
 
     Raises
     ------
     TypeError
-        If the force is not a signal.
+        If the force is neither a signal nor a quantity.
     """
 
     body: str
-    signal: Signal | float
+    signal: Load | float
 
     def __post_init__(self) -> None:
         """Check the fields."""
         self._identifier("body")
-        self._signal("signal")
+        self._load("signal")
 
     @property
     def label(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.model.checks import check_entries, finite
+from stickslip.model.checks import NamedArguments, check_entries, finite
 from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.kinetic import Kinetic
 
@@ -18,7 +18,7 @@ __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 _MAKERS: dict[str, type[Law]] = {}
 
 
-class Law:
+class Law(metaclass=NamedArguments):
     """A friction law of a contact: held within an interval, or moving with a force.
 
     While it slips in a known direction its force is ``sign(w) mu_k(|w|) N``, while it is held it lies within
@@ -232,6 +232,43 @@ class DryFriction(Law):
         if not 0 <= mu < math.inf:
             raise ValueError(f"DryFriction: kinetic({speed:g}) = {mu:g}; return a finite number, at least 0")
         return mu
+
+    def self_energised(self, gain: float) -> DryFriction:
+        """Return the law of a contact that friction presses on or off: ``N = N0 + gain r``.
+
+        Slipping with ``r = s mu N`` it has ``r = s mu N0 / (1 - s mu gain)``: forward and backward coefficients differ,
+        and N0 is the normal force to give. The leading shoe of a drum brake has a positive gain.
+
+        Parameters
+        ----------
+        gain : float
+            Normal force per friction force in forward slip, N/N. Of a shoe with lever arms b of its normal force and c
+            of its friction force it is c / b.
+
+        Raises
+        ------
+        ValueError
+            If ``mu gain >= 1`` on a side: the contact locks, whatever the load. Or if a coefficient depends on speed
+            or a dwell time is given: then the levels are not proportional to N0 alone.
+        """
+        number = finite(gain, "self_energised: gain")
+        if self.curved or self.dwell:
+            raise ValueError(
+                "self_energised: coefficients must be constant, without kinetic curve and dwell; "
+                "give static and Coulomb coefficients only"
+            )
+        found = []
+        for side in (1, -1):
+            for mu in (self.mu_s(side), self.mu_c(side)):
+                share = side * mu * number
+                if share >= 1:
+                    way = "forward" if side > 0 else "backward"
+                    raise ValueError(
+                        f"self_energised: with mu = {mu:g} {way} and gain {number:g} the contact locks, because "
+                        f"mu gain = {share:g} is not below 1: no force turns it {way}; use OneWay for what locks"
+                    )
+                found.append(mu / (1 - share))
+        return DryFriction(found[0], found[1], mu_static_backward=found[2], mu_coulomb_backward=found[3])
 
 
 def law_from_dict(data: Any, what: str) -> Law:

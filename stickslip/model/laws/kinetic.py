@@ -88,10 +88,15 @@ class Kinetic:
             ratio = np.minimum(np.abs(w), gone) / velocity
             mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio**exponent))
         if self._functions:
-            mu = np.array(np.broadcast_to(mu, w.shape))
-        for row, curve in self._functions:
-            values = [curve.kinetic_at(v) for v in np.ravel(np.abs(w[row])).tolist()]
-            mu[row] = np.reshape(values, w[row].shape)
+            mu = mu + np.zeros(w.shape)
+            speeds = np.abs(w)
+            for row, curve in self._functions:
+                found = speeds[row]
+                mu[row] = (
+                    [curve.kinetic_at(v) for v in found.tolist()]
+                    if w.ndim == 2
+                    else curve.kinetic_at(float(found))
+                )
         return mu
 
     def slope(self, w: Array) -> Array:
@@ -147,9 +152,9 @@ class Slipping(Kernel):
         many = w.ndim == 2
         sign, turned = (self._sign[:, None], self._turned[:, None]) if many else (self._sign, self._turned)
         speed = sign * w
+        if not np.count_nonzero(speed < 0):
+            return sign * self._mu(speed) * normal
         beyond = (speed < 0) & turned
-        if not np.count_nonzero(beyond):
-            return sign * self._mu(np.maximum(speed, 0.0)) * normal
         mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))
         return sign * np.where(beyond, 2 * self._mu(np.zeros_like(w)) - mu, mu) * normal
 

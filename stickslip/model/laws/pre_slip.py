@@ -118,7 +118,7 @@ class PreSlip(Law):
         """Check the parameters."""
         self._check_law()
         self._check_number("velocity", positive=True)
-        if self.shape not in _SHAPES:
+        if not isinstance(self.shape, str) or self.shape not in _SHAPES:
             raise ValueError(
                 f"PreSlip: unknown shape {self.shape!r}; choose from {', '.join(map(repr, _SHAPES))}"
             )

@@ -1,0 +1,98 @@
+"""What one call of a right-hand side, of the guards and of a Jacobian costs, beside floats written by hand.
+
+    python -m benchmarks.callbacks
+
+CPU time per call in microseconds, the fastest of several rounds.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.scaling import blocks
+from benchmarks.tradeoff import leines_belt
+from stickslip import DryFriction, Scene
+from stickslip.benchmark import flywheel_benchmark
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.events.settle import Situation, settle
+
+ROUNDS, CALLS = 7, 300
+
+
+def cost(call: Callable[[], Any]) -> float:
+    """Return the CPU time of a call in microseconds."""
+    best = np.inf
+    for _ in range(ROUNDS):
+        start = clock.process_time()
+        for _ in range(CALLS):
+            call()
+        best = min(best, clock.process_time() - start)
+    return 1e6 * best / CALLS
+
+
+def stribeck_blocks() -> Scene:
+    """Return 50 blocks on a belt whose friction falls along a Stribeck curve."""
+    scene, law = blocks(50), DryFriction(0.35, 0.2, stribeck_velocity=0.3)
+    return scene.with_laws(lambda _: replace(law))
+
+
+def by_hand() -> tuple[float, float]:
+    """Return the costs of rates and guard of Leine's belt in plain floats."""
+    out, y = np.empty(2), np.array([0.3, 0.4])
+
+    def rate() -> None:
+        x, v = y.tolist()
+        out[0], out[1] = v, -x - 1.0 / (1.0 + 3.0 * abs(v - 0.2))
+
+    def guard() -> None:
+        out[0] = float(y[1]) - 0.2
+
+    return cost(rate), cost(guard)
+
+
+def costs(motion: Motion, guards: Guards, y: np.ndarray) -> list[float]:
+    """Return the costs of rates, of the smallest guard, and of the Jacobian."""
+    return [
+        cost(lambda: motion.rate(1e-2, y)),
+        cost(lambda: guards.smallest(1e-2, y)),
+        cost(lambda: motion.jacobian(1e-2, y)),
+    ]
+
+
+def main() -> None:
+    """Print the table."""
+    print("| scene | states | rates / us | guards / us | Jacobian / us |\n|---|---|---|---|---|")
+    scenes = {
+        "flywheel benchmark": flywheel_benchmark(),
+        "Leine's belt": leines_belt(),
+        "50 Stribeck blocks": stribeck_blocks(),
+    }
+    for title, scene in scenes.items():
+        system = System(scene)
+        y = np.zeros(system.size)
+        y[: system.n] = [body.velocity + 1e-3 * k for k, body in enumerate(scene.bodies)]
+        none = np.zeros(system.m, dtype=bool)
+        now = settle(
+            system,
+            system.loads(0.0, 4.0),
+            Situation(0.0, y, None, np.zeros(system.m), none, none),
+            0.0,
+            1e-12,
+        )
+        motion, guards = now.motion, now.guards
+        guards.smallest(1e-2, y)
+        found = costs(motion, guards, y)
+        print(f"| {title} | {system.size} | " + " | ".join(f"{c:.1f}" for c in found) + " |")
+    rate, guard = by_hand()
+    print(f"| Leine's belt, by hand | 2 | {rate:.1f} | {guard:.1f} | |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""The polynomials of CVODE's steps, read by letting it take the same steps once more.
+
+CVODE carries one polynomial through each step. Asking for its values while stepping costs a call for each value. So it
+first runs alone to the end, and what it asks for, the rates, is kept. Then a second solver, which is told the
+same in the same order, takes the same steps to the last bit, and hands over all values in one call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.steps import DEGREE, Taken
+from stickslip.equations.path import chebyshev_nodes, from_nodes
+
+__all__ = ["Replay"]
+
+Array = NDArray[np.float64]
+
+_LOW = 6
+"""Degree that is tried first: high ones are rare where steps are short for the sake of stability."""
+
+_NEGLIGIBLE = 1e-3
+"""Part of the tolerances that the last coefficients of a polynomial may be."""
+
+_FIRST = 1e-3
+"""Longest first step as a part of the time ahead."""
+
+
+class Replay:
+    """Rates of one run of CVODE, in the order in which it asked for them.
+
+    Parameters
+    ----------
+    rate : callable
+        ``rate(tau, y, out)``.
+    jacobian : callable
+        ``jacobian(tau, y, rate, out)``.
+    """
+
+    def __init__(self, rate: Callable[..., None], jacobian: Callable[..., None]) -> None:
+        self._rate, self._jacobian = rate, jacobian
+        self._rates: list[Array] = []
+        self._next = 0
+
+    # -- what the first solver calls, and the second ---------------------------------------------------------
+
+    def rate(self, tau: float, y: Array, out: Array) -> None:
+        """Compute a rate and keep it."""
+        self._rate(tau, y, out)
+        self._rates.append(out.copy())
+
+    def known_rate(self, tau: float, y: Array, out: Array) -> None:
+        """Return the next rate; beyond the last step of the first run no value is wanted any more."""
+        known = self._rates
+        out[:] = known[min(self._next, len(known) - 1)]
+        self._next += 1
+
+    def known_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
+        """Compute a Jacobian again."""
+        if self._next <= len(self._rates):
+            self._jacobian(tau, y, rate, out)
+        else:
+            out[:] = 0.0
+
+    # -- the two runs ----------------------------------------------------------------------------------------
+
+    def take(
+        self, solver: Any, second: Any, tau: float, start: Array, method: str, tolerance: tuple[float, Any]
+    ) -> Taken:
+        """Let a solver go on to local time `tau` or to a root, and return its steps and their polynomials.
+
+        Parameters
+        ----------
+        solver, second : CVODE
+            With the same options, among them the length of the first step; the first one with a guard.
+        tau : float
+        start : array
+            Its unknowns at the start.
+        method : str
+            "BDF" or "Adams".
+        tolerance : (float, float or array)
+            Relative and absolute.
+        """
+        self._rates.clear()
+        found = solver.solve(np.array([0.0, tau]), start)
+        taus, points = found.t, found.y
+        if found.status < 0 and taus.size > 1:
+            # the last point has been returned twice
+            taus, points = taus[:-1], points[:-1]
+        degree = DEGREE[method]
+        if taus.size < 2:
+            return Taken(taus, np.empty((0, degree + 1, start.size)), start, found)
+        low = min(degree, _LOW)
+        coefficients = self._read(second, taus, points, np.arange(taus.size - 1), low, tau)
+        if degree > low:
+            allowed = _NEGLIGIBLE * (tolerance[0] * np.abs(points[1:]) + tolerance[1])
+            high = (np.abs(coefficients[:, -2:]) > allowed[:, None]).any(axis=(1, 2)).nonzero()[0]
+            if high.size:
+                more = np.zeros((degree - low, *points[1:].shape)).swapaxes(0, 1)
+                coefficients = np.concatenate([coefficients, more], axis=1)
+                coefficients[high] = self._read(second, taus, points, high, degree, tau)
+        return Taken(taus, coefficients, points[-1].copy(), found)
+
+    def _read(
+        self, second: Any, taus: Array, points: Array, steps: NDArray[np.intp], degree: int, tau: float
+    ) -> Array:
+        """Return the Chebyshev coefficients of some steps."""
+        inner = chebyshev_nodes(degree)[1:-1]
+        before, after = taus[steps], taus[steps + 1]
+        times = (before[:, None] + (after - before)[:, None] * inner).ravel()
+        # times so close that rounding makes them one are asked for once
+        asked, place = np.unique(np.append(times, tau), return_inverse=True)
+        self._next = 0
+        told = second.solve(np.concatenate([[0.0], asked]), points[0]).y[1:]
+        if told.shape[0] < asked.size - 1:
+            raise ArithmeticError("the solver did not take the same steps once more")
+        values = np.empty((steps.size, degree + 1, points.shape[1]))
+        values[:, 0], values[:, -1] = points[steps], points[steps + 1]
+        values[:, 1:-1] = told[place[:-1]].reshape(steps.size, inner.size, -1)
+        return np.asarray(from_nodes(degree) @ values)
+
+
+def first_step(second_derivative: Array, y: Array, tolerance: tuple[float, Any], longest: float) -> float:
+    """Return a length in s for the first step: over it, the solution bends by a small part of its tolerance."""
+    with np.errstate(all="ignore"):
+        bend = np.abs(second_derivative) / (tolerance[0] * np.abs(y) + tolerance[1])
+    worst = min(float(bend.max(initial=0.0)), 1e300)
+    return min(_FIRST * longest, 0.1 / worst**0.5) if worst > 0 else _FIRST * longest

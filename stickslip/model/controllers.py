@@ -1,0 +1,131 @@
+"""Ready-made controllers, built from blocks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.checks import finite
+from stickslip.model.elements.block import Sampled, StateSpace
+from stickslip.model.quantities import as_expression, output
+from stickslip.model.signals import Load
+
+__all__ = ["pid"]
+
+Array = NDArray[np.float64]
+
+
+def pid(
+    name: str,
+    error: Load | float,
+    *,
+    kp: float,
+    ki: float = 0.0,
+    kd: float = 0.0,
+    rate: Load | float | None = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    period: float | None = None,
+) -> StateSpace | Sampled:
+    """Return a PID controller as a block: ``output(name) = kp e + ki integral of e dt + kd e'``.
+
+    Without `period` it is continuous, linear between its limits and exact in the series engine. With `period` it is
+    sampled and holds its output between samples. Between limits it does not wind up: the continuous one leads what is
+    cut off back to its integral (``integral' = e + cut / kp``), the sampled one stops integrating while its output is
+    beyond a limit and the error would drive it further.
+
+    Parameters
+    ----------
+    name : str
+        Of the block.
+    error : Quantity, Signal or float
+        e, such as ``target - position("m")``.
+    kp, ki, kd : float
+        Gains.
+    rate : Quantity, optional
+        e', such as ``-1 * velocity("m")``; a continuous controller with `kd` needs it, a sampled one takes differences
+        of its samples without it.
+    low, high : float
+        Limits of the output. A continuous controller with limits has a second output: what it would give without.
+    period : float, optional
+        Of the samples, in s.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is no number or quantity, or the rate or a gain is missing that is needed.
+    """
+    label = f"pid {name!r}"
+    gains = [finite(value, f"{label}: {what}") for what, value in (("kp", kp), ("ki", ki), ("kd", kd))]
+    limits = [value if math.isinf(value) else finite(value, f"{label}: limits") for value in (low, high)]
+    if not limits[0] < limits[1]:
+        raise ValueError(f"{label}: low must be below high, got {low:g} and {high:g}; exchange them")
+    e = as_expression(error, f"{label}: error")
+    if period is not None:
+        inputs = [e] if rate is None else [e, as_expression(rate, f"{label}: rate")]
+        law = _Law(
+            gains[0],
+            gains[1],
+            gains[2],
+            limits[0],
+            limits[1],
+            finite(period, f"{label}: period"),
+            rate is None,
+        )
+        # integral, error of the last sample, and whether there was one
+        return Sampled(
+            name,
+            period=period,
+            inputs=tuple(inputs),
+            states=(0.0, 0.0, 0.0),
+            update=law.update,
+            output=law.output,
+            outputs=1,
+        )
+    if kd and rate is None:
+        raise ValueError(
+            f"{label}: kd needs rate=, the derivative of the error as a quantity, such as -1 * velocity('m'); "
+            "only a sampled controller (period=...) takes differences"
+        )
+    de = as_expression(0.0 if rate is None else rate, f"{label}: rate")
+    if math.isinf(low) and math.isinf(high):
+        return StateSpace(name, 0.0, [[1.0, 0.0]], gains[1], [[gains[0], gains[2]]], inputs=(e, de))
+    if ki and not kp:
+        raise ValueError(f"{label}: limits with ki need kp, by which what is cut off is led back")
+    back = 1.0 / gains[0] if gains[0] else 0.0
+    cut = output(name, 0) - output(name, 1)
+    rows = [[gains[0], gains[2], 0.0]] * 2
+    both = ((limits[0], limits[1]), (-math.inf, math.inf))
+    return StateSpace(name, 0.0, [[1.0, 0.0, back]], [[gains[1]]] * 2, rows, inputs=(e, de, cut), limits=both)
+
+
+@dataclass(frozen=True)
+class _Law:
+    """The functions of a sampled controller."""
+
+    kp: float
+    ki: float
+    kd: float
+    low: float
+    high: float
+    period: float
+    differences: bool
+
+    def _raw(self, x: Array, u: Array) -> float:
+        rate = x[2] * (u[0] - x[1]) / self.period if self.differences else u[1]
+        return float(self.kp * u[0] + self.ki * x[0] + self.kd * rate)
+
+    def output(self, t: float, x: Array, u: Array) -> float:
+        """Return the limited output."""
+        return min(max(self._raw(x, u), self.low), self.high)
+
+    def update(self, t: float, x: Array, u: Array) -> list[float]:
+        """Return the integral, unless the output is beyond a limit and goes further, and the error."""
+        raw, push = self._raw(x, u), self.ki * u[0]
+        beyond = (raw > self.high and push > 0) or (raw < self.low and push < 0)
+        integral: Any = x[0] + (0.0 if beyond else self.period * u[0])
+        return [float(integral), float(u[0]), 1.0]

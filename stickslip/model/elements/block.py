@@ -1,0 +1,400 @@
+"""Blocks: parts of a scene with states of their own, such as controllers, actuators and temperatures."""
+
+from __future__ import annotations
+
+import dis
+import inspect
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.checks import finite, sequence
+from stickslip.model.elements.base import Book, Named
+from stickslip.model.quantities import Expression, Quantity, as_expression
+from stickslip.model.signals import Load
+
+__all__ = ["AnyBlock", "Block", "Sampled", "StateSpace"]
+
+Array = NDArray[np.float64]
+Function = Callable[[float, Array, Array], Any]
+Numbers = tuple[float, ...]
+
+_VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
+
+
+class AnyBlock(Named):
+    """What all blocks have: a name, inputs, and states at the start."""
+
+    inputs: tuple[Expression, ...]
+    states: Numbers | None
+
+    @property
+    def label(self) -> str:
+        """How messages name the block."""
+        return f"block {self.name!r}"
+
+    def place(self, book: Book) -> None:
+        """Enter a block."""
+        book.block(self)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Return the inputs."""
+        return self.inputs
+
+    @property
+    def output_count(self) -> int | None:
+        """How many outputs it has; None where only its function tells."""
+        return None
+
+    def _check_inputs(self) -> None:
+        given: Any = self.inputs
+        try:
+            loads: list[Any] = [given] if isinstance(given, (Load, int, float)) else list(given)
+        except TypeError:
+            raise TypeError(
+                f"{self.label}: inputs must be a sequence of quantities such as [velocity('a')], got {given!r}"
+            ) from None
+        inputs = tuple(as_expression(load, f"{self.label}: input {k}") for k, load in enumerate(loads))
+        object.__setattr__(self, "inputs", inputs)
+
+    def _numbers(self, name: str) -> Numbers:
+        given = getattr(self, name)
+        listed = [given] if isinstance(given, (int, float)) else given
+        numbers = sequence(listed, f"{self.label}: {name}")
+        object.__setattr__(self, name, numbers)
+        return numbers
+
+    def _code(self, name: str, needed: bool) -> None:
+        given = getattr(self, name)
+        if given is None and not needed:
+            return
+        if not callable(given):
+            raise TypeError(f"{self.label}: {name} must be a function of t, x and u, got {given!r}")
+
+    def _count(self) -> None:
+        given: Any = self.outputs  # type: ignore[attr-defined]
+        if given is None:
+            return
+        if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or given < 1:
+            raise ValueError(f"{self.label}: outputs must be how many there are, at least 1, got {given!r}")
+        object.__setattr__(self, "outputs", int(given))
+
+    def call(self, name: str, t: float, x: Array, u: Array, count: int, exactly: bool) -> Array:
+        """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
+        try:
+            found = np.array(getattr(self, name)(t, x.copy(), u.copy()), dtype=float)
+        except Exception as error:
+            raise ValueError(f"{name} raised {error!r}") from error
+        numbers = found.ravel() if found.ndim < 2 else found
+        enough = numbers.ndim == 1 and (numbers.size == count if exactly else numbers.size >= count)
+        if not enough:
+            raise ValueError(
+                f"{name} returned {found!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
+            )
+        if not np.isfinite(numbers).all():
+            raise ValueError(f"{name} returned {found!r}")
+        return numbers[:count]
+
+
+@dataclass(frozen=True)
+class Block(AnyBlock):
+    """A block of any smooth functions: ``x' = derivative(t, x, u)``, ``y = output(t, x, u)``.
+
+    Parameters
+    ----------
+    name : str
+        Unique among blocks.
+    inputs : sequence of Quantity, Signal or float
+        u, in order.
+    states : sequence of float
+        x at the start.
+    derivative : callable, optional
+        ``derivative(t, x, u)`` returns as many numbers as there are states.
+    output : callable, optional
+        ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
+    outputs : int, optional
+        How many outputs there are; by default as many as quantities read, at least one.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an input is no quantity, a state no number, or a function no function.
+    """
+
+    name: str
+    _: KW_ONLY
+    inputs: tuple[Expression, ...] = ()
+    states: Numbers = ()
+    derivative: Function | None = None
+    output: Function | None = None
+    outputs: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        self._check_inputs()
+        states = self._numbers("states")
+        self._code("derivative", bool(states))
+        self._code("output", not states)
+        if self.derivative is not None and not states:
+            raise ValueError(f"{self.label}: derivative is given without states; give states at the start")
+        self._count()
+
+    @property
+    def output_count(self) -> int | None:
+        """How many outputs it has; None where only its function tells."""
+        return len(self.states) if self.output is None else self.outputs
+
+    @property
+    def feeds_through(self) -> bool:
+        """Whether the outputs may depend on the inputs at the same instant; a function that never reads u does not."""
+        return self.output is not None and _reads_inputs(self.output)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: code is not data."""
+        raise ValueError("a Block is code, not data; write a StateSpace for a file")
+
+
+@dataclass(frozen=True)
+class StateSpace(AnyBlock):
+    """A linear block: ``x' = A x + B u``, ``y = C x + D u``; it is exact in the series engine.
+
+    Parameters
+    ----------
+    name : str
+        Unique among blocks.
+    A, B, C, D : array
+        ``A`` may also be a system of python-control or scipy.signal that has all four; without `D` it is 0.
+    inputs : sequence of Quantity, Signal or float
+        u, in order.
+    states : sequence of float, optional
+        x at the start, by default 0.
+    limits : sequence of (float, float), optional
+        For each output the limits beyond which it is cut off; the corners are located like events.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
+    """
+
+    name: str
+    A: Any
+    B: Any = None
+    C: Any = None
+    D: Any = None
+    _: KW_ONLY
+    inputs: tuple[Expression, ...] = ()
+    states: Numbers | None = None
+    limits: tuple[tuple[float, float], ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        self._check_inputs()
+        if hasattr(self.A, "A") and self.B is None and self.C is None:
+            self._take(self.A)
+        n = self._matrix("A", None, None).shape[0]
+        if self._matrix("A", None, None).shape[1] != n:
+            raise ValueError(f"{self.label}: A must be square, got {np.shape(self.A)}")
+        m = len(self.inputs)
+        self._matrix("B", n, m)
+        p = self._matrix("C", None, n).shape[0]
+        if p == 0:
+            raise ValueError(f"{self.label}: C has no row; give at least one output")
+        if self.D is None:
+            object.__setattr__(self, "D", np.zeros((p, m)))
+        self._matrix("D", p, m)
+        for name in "ABCD":
+            rows = tuple(tuple(row) for row in np.asarray(getattr(self, name), dtype=float).tolist())
+            object.__setattr__(self, name, rows)
+        if self.states is None:
+            object.__setattr__(self, "states", (0.0,) * n)
+        if len(self._numbers("states")) != n:
+            raise ValueError(f"{self.label}: {len(self.states or ())} states, but A has {n} rows")
+        if self.limits is not None:
+            self._check_limits(p)
+
+    def _take(self, system: Any) -> None:
+        if (dt := getattr(system, "dt", None)) not in (None, 0):
+            raise ValueError(
+                f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time"
+            )
+        for name in "ABCD":
+            object.__setattr__(self, name, np.asarray(getattr(system, name), dtype=float))
+
+    def _matrix(self, name: str, rows: int | None, columns: int | None) -> Array:
+        try:
+            found = np.array(getattr(self, name), dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise TypeError(f"{self.label}: {name} must be a matrix, got {getattr(self, name)!r}") from None
+        if found.ndim == 0 or (found.ndim == 1 and found.size and name == "B" and rows == found.size):
+            found = found.reshape(-1, 1)
+        if found.ndim == 1:
+            found = found.reshape(1, -1) if found.size else np.zeros((rows or 0, columns or 0))
+        if found.size == 0:
+            found = np.zeros(
+                (found.shape[0] if rows is None else rows, found.shape[-1] if columns is None else columns)
+            )
+        expected = (found.shape[0] if rows is None else rows, found.shape[1] if columns is None else columns)
+        if found.ndim != 2 or found.shape != expected:
+            raise ValueError(
+                f"{self.label}: {name} has the shape {found.shape}, but {expected} fits to the other "
+                f"matrices and the {len(self.inputs)} inputs"
+            )
+        if not np.isfinite(found).all():
+            raise ValueError(f"{self.label}: {name} must be finite, got {found.tolist()}")
+        object.__setattr__(self, name, found)
+        return found
+
+    def _check_limits(self, count: int) -> None:
+        pairs: list[tuple[float, float]] = []
+        for pair in self.limits or ():
+            low, high = pair
+            pairs.append(
+                (
+                    -math.inf if low == -math.inf else finite(low, f"{self.label}: low limit"),
+                    math.inf if high == math.inf else finite(high, f"{self.label}: high limit"),
+                )
+            )
+            if not pairs[-1][0] < pairs[-1][1]:
+                raise ValueError(f"{self.label}: the low limit {low:g} must be below the high one {high:g}")
+        if len(pairs) != count:
+            raise ValueError(f"{self.label}: {len(pairs)} pairs of limits for {count} outputs")
+        object.__setattr__(self, "limits", tuple(pairs))
+
+    @property
+    def output_count(self) -> int:
+        """How many outputs it has."""
+        return len(self.C)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the block as plain data."""
+        data: dict[str, Any] = {"name": self.name}
+        data |= {name: [list(row) for row in getattr(self, name)] for name in "ABCD"}
+        data["inputs"] = [one.to_dict() for one in self.inputs]
+        if any(self.states or ()):
+            data["states"] = list(self.states or ())
+        if self.limits is not None:
+            data["limits"] = [[_plain(x) for x in pair] for pair in self.limits]
+        return data
+
+
+@dataclass(frozen=True)
+class Sampled(AnyBlock):
+    """A block of discrete time, such as a digital controller.
+
+    At each ``t_k = first + k period`` it reads its inputs (left limits) and holds ``y_k = output(t_k, x_k, u_k)`` until
+    the next sample; then ``x_{k+1} = update(t_k, x_k, u_k)``. Both are called once for each sample.
+
+    Parameters
+    ----------
+    name : str
+        Unique among blocks.
+    period : float
+        In s, positive.
+    inputs : sequence of Quantity, Signal or float
+        u, in order.
+    states : sequence of float
+        x at the start.
+    update : callable, optional
+        ``update(t, x, u)`` returns the next states.
+    output : callable
+        ``output(t, x, u)`` returns a number or a sequence of them.
+    outputs : int, optional
+        How many outputs there are; by default as many as quantities read, at least one.
+    first : float, optional
+        Time in s of the first sample, or of one before the start; by default the start of the simulation.
+    held : sequence of float
+        What the outputs are until the first sample, by default 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an input is no quantity, a number not finite, the period not positive, or a function no function.
+    """
+
+    name: str
+    _: KW_ONLY
+    period: float
+    inputs: tuple[Expression, ...] = ()
+    states: Numbers = ()
+    update: Function | None = None
+    output: Function
+    outputs: int | None = None
+    first: float | None = None
+    held: Numbers = ()
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        self._identifier("name")
+        if self._number("period") <= 0:
+            raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")
+        self._check_inputs()
+        states = self._numbers("states")
+        self._code("update", bool(states))
+        self._code("output", True)
+        if self.update is not None and not states:
+            raise ValueError(f"{self.label}: update is given without states; give states at the start")
+        if self.first is not None:
+            self._number("first")
+        self._numbers("held")
+        self._count()
+        if self.outputs is None and self.held:
+            object.__setattr__(self, "outputs", len(self.held))
+        if self.held and len(self.held) != self.outputs:
+            raise ValueError(f"{self.label}: {len(self.held)} held outputs, but outputs = {self.outputs}")
+
+    @property
+    def output_count(self) -> int | None:
+        """How many outputs it has; None where only its function tells."""
+        return self.outputs
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: code is not data."""
+        raise ValueError("a Sampled block is code, not data; no file can hold it")
+
+    def instants(self, start: float, stop: float) -> list[float]:
+        """Return the sample times from `start` on and before `stop`."""
+        first = start if self.first is None else self.first
+        k = max(0, math.floor((start - first) / self.period) - 1)
+        found = []
+        while (t := first + k * self.period) < stop:
+            if t >= start:
+                found.append(t)
+            k += 1
+        return found
+
+    def is_due(self, t: float, start: float) -> bool:
+        """Tell whether a sample is taken at `t` in a simulation that began at `start`."""
+        first = start if self.first is None else self.first
+        k = round((t - first) / self.period)
+        return k >= 0 and first + k * self.period == t
+
+
+def _reads_inputs(function: Any) -> bool:
+    """Tell whether a function of t, x and u reads u; one whose code cannot be looked at is taken to."""
+    bound = int(inspect.ismethod(function))
+    code = getattr(function, "__code__", None)
+    if code is None or code.co_argcount < 3 + bound or code.co_flags & (_VARARGS | _KEYWORDS):
+        return True
+    name = code.co_varnames[2 + bound]
+    for instruction in dis.get_instructions(code):
+        if instruction.opname.startswith(("LOAD", "STORE_FAST_LOAD", "DELETE")):
+            read = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
+            if name in read:
+                return True
+    return name in code.co_cellvars
+
+
+def _plain(limit: float) -> float | str:
+    return limit if math.isfinite(limit) else str(limit)
+
+
+def as_limits(given: Iterable[Sequence[Any]]) -> tuple[tuple[float, float], ...]:
+    """Return the limits that `StateSpace.to_dict` wrote."""
+    return tuple((float(low), float(high)) for low, high in given)

@@ -1,0 +1,666 @@
+"""Quantities of the motion, on which forces, normal forces and the inputs of blocks may depend.
+
+Sums and multiples of quantities and signals are linear: they enter the matrices of the equations. `feedback` is any
+smooth function of them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model.checks import finite, sequence
+from stickslip.model.signal_makers import signal_from_dict
+from stickslip.model.signals import Constant, Line, Load, Signal, as_signal
+
+__all__ = [
+    "TIME",
+    "Expression",
+    "Feedback",
+    "Normal",
+    "Output",
+    "Position",
+    "Power",
+    "Quantity",
+    "RelativeVelocity",
+    "Stretch",
+    "Table",
+    "Velocity",
+    "as_expression",
+    "as_load",
+    "feedback",
+    "load_from_dict",
+    "normal",
+    "output",
+    "position",
+    "power",
+    "relative_velocity",
+    "saturate",
+    "stretch",
+    "table",
+    "velocity",
+]
+
+Array = NDArray[np.float64]
+
+_STEP, _SMALL = 1e-7, 1e-3
+"""Differences are this part of an argument, or of a small number."""
+
+
+_NOTHING = Constant(0.0)
+
+
+class Quantity(Load):
+    """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
+
+    def __add__(self, other: Load | float) -> Expression:
+        """Return the sum with a quantity, a signal or a number."""
+        return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Expression:
+        """Return the quantity with its sign changed."""
+        return self * -1.0
+
+    def __sub__(self, other: Load | float) -> Expression:
+        """Return the difference from a quantity, a signal or a number."""
+        return self + -as_expression(other, "a quantity's subtrahend")
+
+    def __rsub__(self, other: Load | float) -> Expression:
+        """Return a signal or a number minus the quantity."""
+        return -self + other
+
+    def __mul__(self, factor: float) -> Expression:
+        """Return the quantity times a number."""
+        if isinstance(factor, Load):
+            raise TypeError(
+                "quantities are scaled by numbers; use feedback(lambda a, b: a * b, first, second) for a product"
+            )
+        number, own = finite(factor, "a quantity's factor"), as_expression(self)
+        return _sum(Expression(tuple((atom, number * c) for atom, c in own.terms), own.signal * number))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Expression:
+        """Return the quantity divided by a number."""
+        number = finite(divisor, "a quantity's divisor")
+        if number == 0:
+            raise ValueError("a quantity's divisor must not be 0")
+        return self * (1.0 / number)
+
+    def inner(self) -> tuple[Quantity, ...]:
+        """Return the quantities that this one is made of."""
+        return ()
+
+    def walk(self) -> Iterator[Quantity]:
+        """Yield the quantity and all that it is made of."""
+        yield self
+        for part in self.inner():
+            yield from part.walk()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the quantity as plain data."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Expression(Quantity):
+    """``sum factor quantity + signal``."""
+
+    terms: tuple[tuple[Quantity, float], ...]
+    signal: Signal = _NOTHING
+
+    def inner(self) -> tuple[Quantity, ...]:
+        """Return the terms."""
+        return tuple(atom for atom, _ in self.terms)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return terms and signal."""
+        terms = [{"factor": factor, "quantity": atom.to_dict()} for atom, factor in self.terms]
+        data: dict[str, Any] = {"type": "expression", "terms": terms}
+        return data if self.signal == Constant(0.0) else data | {"signal": self.signal.to_dict()}
+
+
+@dataclass(frozen=True)
+class Position(Quantity):
+    """Position of a body or drive in m or rad."""
+
+    body: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the name."""
+        return {"type": "position", "body": self.body}
+
+
+@dataclass(frozen=True)
+class Velocity(Quantity):
+    """Velocity of a body or drive in m/s or rad/s."""
+
+    body: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the name."""
+        return {"type": "velocity", "body": self.body}
+
+
+@dataclass(frozen=True)
+class OfRow(Quantity):
+    """A quantity of a contact or another row."""
+
+    row: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the name."""
+        return {"type": _KIND_OF[type(self)], "row": self.row}
+
+
+@dataclass(frozen=True)
+class RelativeVelocity(OfRow):
+    """``w`` of a row in m/s or rad/s."""
+
+
+@dataclass(frozen=True)
+class Stretch(OfRow):
+    """``radius_a x_a - radius_b x_b`` of a row in m or rad."""
+
+
+@dataclass(frozen=True)
+class Normal(OfRow):
+    """Normal force of a contact in N, 0 where it is open."""
+
+
+@dataclass(frozen=True)
+class Power(OfRow):
+    """Power ``r w`` that a row turns into heat, in W."""
+
+
+@dataclass(frozen=True)
+class Output(Quantity):
+    """An output of a block."""
+
+    block: str
+    index: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return name and number."""
+        return {"type": "output", "block": self.block, "index": self.index}
+
+
+@dataclass(frozen=True)
+class Feedback(Quantity):
+    """A smooth function of quantities."""
+
+    function: Callable[..., float]
+    arguments: tuple[Expression, ...]
+    derivatives: Callable[..., Any] | tuple[Callable[..., float], ...] | None = None
+
+    @property
+    def label(self) -> str:
+        """How messages name the function."""
+        return f"feedback function {getattr(self.function, '__qualname__', repr(self.function))}"
+
+    def inner(self) -> tuple[Quantity, ...]:
+        """Return the arguments."""
+        return self.arguments
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: code is not data."""
+        raise ValueError(
+            f"{self.label} is code, not data; write a table(quantity, xs, ys) or a sum of quantities for a file"
+        )
+
+    def value(self, arguments: Sequence[float]) -> float:
+        """Return the function's value; a ValueError says where it is not a finite number."""
+        try:
+            found = self.function(*arguments)
+        except Exception as error:
+            raise ValueError(f"raised {error!r}") from error
+        return _number(found, "returned")
+
+    def slopes(self, arguments: Sequence[float]) -> Array:
+        """Return the derivatives with respect to the arguments, as they are given."""
+        given = self.derivatives
+        assert given is not None
+        try:
+            if callable(given):
+                found = np.atleast_1d(np.asarray(given(*arguments), dtype=float))
+            else:
+                found = np.array([float(one(*arguments)) for one in given])
+        except Exception as error:
+            raise ValueError(f"its derivatives raised {error!r}") from error
+        if found.shape != (len(arguments),) or not np.isfinite(found).all():
+            raise ValueError(f"its derivatives returned {found!r}; return {len(arguments)} finite numbers")
+        return found
+
+
+@dataclass(frozen=True)
+class Table(Quantity):
+    """Straight lines through points over a quantity, with given slopes before the first and after the last."""
+
+    quantity: Expression
+    xs: tuple[float, ...]
+    ys: tuple[float, ...]
+    before: float = 0.0
+    after: float = 0.0
+
+    def inner(self) -> tuple[Quantity, ...]:
+        """Return the quantity that is looked up."""
+        return (self.quantity,)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the points and the quantity."""
+        data: dict[str, Any] = {"type": "table", "quantity": self.quantity.to_dict()}
+        data |= {"xs": list(self.xs), "ys": list(self.ys)}
+        if self.before or self.after:
+            data |= {"before": self.before, "after": self.after}
+        return data
+
+    @property
+    def lines(self) -> list[tuple[float, float]]:
+        """Value at 0 and slope of each line, the ones before the first and after the last point among them."""
+        slopes = [self.before, *((y1 - y0) / (x1 - x0) for x0, y0, x1, y1 in self._pairs()), self.after]
+        points = [0, *range(len(self.xs))]
+        return [(self.ys[k] - slope * self.xs[k], slope) for k, slope in zip(points, slopes, strict=True)]
+
+    def _pairs(self) -> Iterator[tuple[float, float, float, float]]:
+        for (x0, y0), (x1, y1) in pairwise(zip(self.xs, self.ys, strict=True)):
+            yield x0, y0, x1, y1
+
+
+def position(body: str) -> Quantity:
+    """Return the position of a body or drive, in m or rad, as a quantity.
+
+    Parameters
+    ----------
+    body : str
+        Name of a body or drive, or GROUND.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return Position(_name(body, "position: body"))
+
+
+def velocity(body: str) -> Quantity:
+    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity.
+
+    Parameters
+    ----------
+    body : str
+        Name of a body or drive, or GROUND.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return Velocity(_name(body, "velocity: body"))
+
+
+def relative_velocity(row: str) -> Quantity:
+    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another row, in m/s or rad/s, as a quantity.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact, tie or clutch.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return RelativeVelocity(_name(row, "relative_velocity: row"))
+
+
+def stretch(row: str) -> Quantity:
+    """Return ``radius_a x_a - radius_b x_b`` of a contact or another row, in m or rad, as a quantity.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact, tie or clutch.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return Stretch(_name(row, "stretch: row"))
+
+
+def normal(contact: str) -> Quantity:
+    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
+
+    Parameters
+    ----------
+    contact : str
+        Name of a contact.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return Normal(_name(contact, "normal: contact"))
+
+
+def power(row: str) -> Quantity:
+    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
+    return Power(_name(row, "power: row"))
+
+
+def output(block: str, index: int = 0) -> Quantity:
+    """Return an output of a block as a quantity.
+
+    Parameters
+    ----------
+    block : str
+        Name of a block.
+    index : int
+        Which output, from 0 on.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the name is no name, or the number no number from 0 on.
+    """
+    if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
+        raise TypeError(f"output: index must be a whole number, got {index!r}")
+    if index < 0:
+        raise ValueError(f"output: index must not be negative, got {index}")
+    return Output(_name(block, "output: block"), int(index))
+
+
+TIME = Expression((), Line(1.0))
+"""The time t in s, as a quantity."""
+
+
+def feedback(
+    function: Callable[..., float],
+    *quantities: Load | float,
+    derivatives: Callable[..., Any] | Sequence[Callable[..., float]] | None = None,
+) -> Quantity:
+    """Return a smooth function of quantities as a quantity: ``function(*values)``.
+
+    Parameters
+    ----------
+    function : callable
+        Called with one number per quantity; returns a finite number. It should be smooth: where it bends, use
+        `saturate` or `table`.
+    *quantities : Quantity, Signal or float
+        Its arguments.
+    derivatives : callable or sequence of callable, optional
+        A function of the same arguments that returns all derivatives, or one function for each. They help the solver;
+        without them differences are taken.
+
+    Raises
+    ------
+    TypeError
+        If `function` cannot be called with so many arguments, or an argument is no quantity.
+    """
+    if not callable(function) or isinstance(function, Load):
+        raise TypeError(f"feedback: function must be callable, got {function!r}")
+    if not quantities:
+        raise TypeError("feedback: give at least one quantity, such as feedback(math.sin, position('bob'))")
+    arguments = tuple(as_expression(q, f"feedback: argument {k + 1}") for k, q in enumerate(quantities))
+    _check_takes(function, len(arguments), "feedback: function")
+    if derivatives is not None and not callable(derivatives):
+        given = tuple(derivatives)
+        if len(given) != len(arguments) or not all(callable(one) for one in given):
+            raise TypeError(
+                f"feedback: derivatives must be a function, or one function for each of the {len(arguments)} "
+                f"quantities, got {derivatives!r}"
+            )
+        return Feedback(function, arguments, given)
+    return Feedback(function, arguments, derivatives)
+
+
+def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
+    """Return a quantity cut off below `low` and above `high`; its corners are located like events.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    low, high : float
+        The limits, in the unit of the quantity; -inf and inf for none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no quantity, or the limits are not in order.
+    """
+    own = as_expression(quantity, "saturate: quantity")
+    lowest = low if isinstance(low, float) and low == -math.inf else finite(low, "saturate: low")
+    highest = high if isinstance(high, float) and high == math.inf else finite(high, "saturate: high")
+    if not lowest < highest:
+        raise ValueError(f"saturate: low must be below high, got {lowest:g} and {highest:g}; exchange them")
+    limits = tuple(x for x in (lowest, highest) if math.isfinite(x))
+    if not limits:
+        return own
+    return Table(own, limits, limits, float(lowest == -math.inf), float(highest == math.inf))
+
+
+def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> Quantity:
+    """Return straight lines through points ``(xs[i], ys[i])`` over a quantity; the end values are held.
+
+    Its corners are located like events, and it is exact in the series engine.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    xs : sequence of float
+        Values of the quantity, increasing.
+    ys : sequence of float
+        What is returned there, equally many.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no quantity, or the points are not in order or not equally many.
+    """
+    own = as_expression(quantity, "table: quantity")
+    places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")
+    if len(places) != len(values) or len(places) < 2:
+        raise ValueError(f"table: {len(places)} xs and {len(values)} ys; give equally many, at least two")
+    for (x0, y0), (x1, y1) in pairwise(zip(places, values, strict=True)):
+        if not x0 < x1:
+            raise ValueError(f"table: xs must increase, got {x1:g} after {x0:g}; sort the points")
+        if not math.isfinite((y1 - y0) / (x1 - x0)):
+            raise ValueError(f"table: the line from {x0:g} to {x1:g} is too steep for a number")
+    return Table(own, places, values)
+
+
+def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
+    """Return a quantity, a signal or a number as an expression.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none of these; `what` begins the message.
+    """
+    if isinstance(value, Expression):
+        return value
+    if isinstance(value, Quantity):
+        return Expression(((value, 1.0),))
+    if not isinstance(value, Signal) and callable(value):
+        raise TypeError(
+            f"{what} must be a quantity, a signal or a number, got {value!r}; "
+            "wrap a function of the state in feedback(function, ...), one of time in signal(function)"
+        )
+    try:
+        return Expression((), as_signal(cast(Any, value), what))
+    except TypeError:
+        raise TypeError(f"{what} must be a quantity, a signal or a number, got {value!r}") from None
+
+
+def as_load(value: Load | float, what: str) -> Signal | Expression:
+    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is none of these; `what` begins the message.
+    """
+    if not isinstance(value, Quantity):
+        return as_signal(cast(Any, value), what)
+    own = as_expression(value)
+    return own if own.terms else own.signal
+
+
+def load_from_dict(data: Any, what: str) -> Load:
+    """Return the signal or quantity that `to_dict` wrote.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the data do not describe one; `what` begins the message.
+    """
+    kind = data.get("type") if isinstance(data, Mapping) else None
+    if not isinstance(kind, str) or kind not in _READERS:
+        return signal_from_dict(data, what)
+    fields = {name: value for name, value in data.items() if name != "type"}
+    known, required = _FIELDS[kind]
+    for name in fields:
+        if name not in known:
+            raise ValueError(f"{what}: unknown field {name!r}; a {kind} has {', '.join(known)}")
+    for name in known[:required]:
+        if name not in fields:
+            raise ValueError(f"{what}: field {name!r} is missing; a {kind} needs it")
+    try:
+        return _READERS[kind](fields, what)
+    except (TypeError, ValueError) as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(what) else f"{what}: {text}") from None
+
+
+def _read_expression(fields: Mapping[str, Any], what: str) -> Load:
+    terms = fields["terms"]
+    if not isinstance(terms, (list, tuple)):
+        raise TypeError(f"{what}: terms must be a list of tables, got {terms!r}")
+    total = as_expression(load_from_dict(fields.get("signal", 0.0), f"{what}.signal"))
+    for number, term in enumerate(terms):
+        place = f"{what}.terms[{number}]"
+        if not isinstance(term, Mapping) or set(term) != {"factor", "quantity"}:
+            raise ValueError(f"{place}: expected a table with 'factor' and 'quantity', got {term!r}")
+        total = total + as_expression(load_from_dict(term["quantity"], f"{place}.quantity")) * term["factor"]
+    return total
+
+
+def _read_table(fields: Mapping[str, Any], what: str) -> Load:
+    own = as_expression(load_from_dict(fields["quantity"], f"{what}.quantity"))
+    ends = [finite(fields.get(name, 0.0), f"{what}.{name}") for name in ("before", "after")]
+    if len(sequence(fields["xs"], f"{what}.xs")) > 1:
+        found = table(own, fields["xs"], fields["ys"])
+        assert isinstance(found, Table)
+        return Table(own, found.xs, found.ys, *ends)
+    return Table(own, sequence(fields["xs"], f"{what}.xs"), sequence(fields["ys"], f"{what}.ys"), *ends)
+
+
+_KIND_OF: dict[type[OfRow], str] = {
+    RelativeVelocity: "relative_velocity",
+    Stretch: "stretch",
+    Normal: "normal",
+    Power: "power",
+}
+_FIELDS: dict[str, tuple[tuple[str, ...], int]] = {
+    "position": (("body",), 1),
+    "velocity": (("body",), 1),
+    "relative_velocity": (("row",), 1),
+    "stretch": (("row",), 1),
+    "normal": (("row",), 1),
+    "power": (("row",), 1),
+    "output": (("block", "index"), 1),
+    "table": (("quantity", "xs", "ys", "before", "after"), 3),
+    "expression": (("terms", "signal"), 1),
+}
+"""Of each kind of quantity in files the names of its fields, and how many of them must be given."""
+
+_READERS: dict[str, Callable[[Mapping[str, Any], str], Load]] = {
+    "position": lambda f, what: position(f["body"]),
+    "velocity": lambda f, what: velocity(f["body"]),
+    "relative_velocity": lambda f, what: relative_velocity(f["row"]),
+    "stretch": lambda f, what: stretch(f["row"]),
+    "normal": lambda f, what: normal(f["row"]),
+    "power": lambda f, what: power(f["row"]),
+    "output": lambda f, what: output(f["block"], f.get("index", 0)),
+    "table": _read_table,
+    "expression": _read_expression,
+}
+
+
+def differences(
+    function: Callable[[Array], Array], arguments: Sequence[float] | Array, value: Array
+) -> Array:
+    """Return the derivatives of a function by forward differences, a line per value."""
+    x = np.array(arguments, dtype=float)
+    found = np.empty((value.size, x.size))
+    for k in range(x.size):
+        moved = x.copy()
+        moved[k] += _STEP * max(abs(float(x[k])), _SMALL)
+        found[:, k] = (function(moved) - value) / (moved[k] - x[k])
+    return found
+
+
+def _sum(*parts: Expression) -> Expression:
+    """Return the sum with each quantity once."""
+    factors: dict[Quantity, float] = {}
+    total: Signal = Constant(0.0)
+    for part in parts:
+        for atom, factor in part.terms:
+            factors[atom] = factors.get(atom, 0.0) + factor
+        total = total + part.signal
+    return Expression(tuple((atom, factor) for atom, factor in factors.items() if factor), total)
+
+
+def _name(value: str, what: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise TypeError(f"{what} must be a name (a string that is not empty), got {value!r}")
+    return value
+
+
+def _number(value: Any, what: str) -> float:
+    if not isinstance(value, str) and np.size(value) == 1:
+        try:
+            number = float(np.reshape(value, ()))
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
+        if math.isfinite(number):
+            return number
+    raise ValueError(f"{what} {value!r}")
+
+
+def _check_takes(function: Callable[..., Any], count: int, what: str) -> None:
+    """Refuse a function that cannot be called with so many arguments; one that does not tell is taken as it is."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(*[0.0] * count)
+    except TypeError:
+        raise TypeError(
+            f"{what} must take {count} argument{'s' * (count > 1)}, one for each quantity, "
+            f"but it is declared as {signature}: {function!r}"
+        ) from None

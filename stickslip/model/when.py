@@ -1,0 +1,61 @@
+"""Events of the user: a quantity of the motion comes to 0."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+
+from stickslip.model.checks import NamedArguments
+from stickslip.model.quantities import Expression, as_expression
+from stickslip.model.signals import Load
+
+__all__ = ["When"]
+
+
+@dataclass(frozen=True)
+class When(metaclass=NamedArguments):
+    """An event of the user: a quantity crosses 0.
+
+    It changes nothing in the motion; it is located as exactly as a change of mode, noted among the events, and may stop
+    the simulation.
+
+    Parameters
+    ----------
+    name : str
+        What the event is called: `Event.contact` holds it.
+    quantity : Quantity, Signal or float
+        What crosses 0, such as ``position("m") - 0.5`` or ``feedback(function, ...)``.
+    direction : int
+        +1 for crossings upward only, -1 for those downward, 0 for both.
+    stop : bool
+        Whether the simulation ends there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the name is no name, the quantity no quantity, or the direction none of these.
+    """
+
+    name: str
+    quantity: Expression
+    _: KW_ONLY
+    direction: int = 0
+    stop: bool = False
+
+    def __init__(self, name: str, quantity: Load | float, *, direction: int = 0, stop: bool = False) -> None:
+        """Check the fields."""
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"When: name must be a name (a string that is not empty), got {name!r}")
+        number = isinstance(direction, (int, float)) and not isinstance(direction, bool)
+        if not number or direction not in (-1, 0, 1):
+            raise ValueError(f"event {name!r}: direction must be -1, 0 or +1, got {direction!r}")
+        if not isinstance(stop, bool):
+            raise TypeError(f"event {name!r}: stop must be True or False, got {stop!r}")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "quantity", as_expression(quantity, f"event {name!r}: quantity"))
+        object.__setattr__(self, "direction", int(direction))
+        object.__setattr__(self, "stop", stop)
+
+    @property
+    def label(self) -> str:
+        """How messages name the event."""
+        return f"event {self.name!r}"

@@ -1,0 +1,70 @@
+"""Going on where a run has ended: its last state as a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.model.scene import Block, Body, Contact, Drive, Element, Sampled, Scene, StateSpace
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
+
+__all__ = ["final_scene"]
+
+
+def final_scene(trajectory: Trajectory) -> Scene:
+    """Return the scene at the end of a motion: simulated from that time on, it goes on as the motion would have.
+
+    Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
+    end. Loads stay as they are: they are functions of the same time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+
+    Raises
+    ------
+    ValueError
+        If nothing was computed, or only the requested outputs were kept.
+    """
+    if not trajectory.pieces:
+        raise ValueError("final_scene: nothing was computed, so there is no end to go on from")
+    if not trajectory.is_dense:
+        raise ValueError(
+            "final_scene: the points between the outputs were not kept; simulate with dense_output=True"
+        )
+    system, number = trajectory.system, np.array([trajectory.starts.size - 1])
+    end, stop = trajectory.ends[-1:], float(trajectory.stops[-1])
+    at = Samples.at_local(trajectory, number, end)
+    inner, shown, since = (table[:, 0] for table in trajectory.modes(number, end))
+    elements: list[Element] = []
+    for element in system.scene.elements:
+        match element:
+            case Body(name=name):
+                velocity, position = float(at.velocity(name)[0]), float(at.position(name)[0])
+                elements.append(replace(element, velocity=velocity, position=position))
+            case Drive(name=name):
+                elements.append(replace(element, position=float(at.position(name)[0])))
+            case Contact(name=name):
+                j = at.row(name)
+                elements.append(
+                    replace(
+                        element,
+                        rested=stop - float(since[j]) if shown[j] == 0 else 0.0,
+                        deflection=float(at.y[system.bristle_state[j], 0])
+                        if j in system.bristle_state
+                        else 0.0,
+                        slipping=bool(abs(inner[j]) == 1 and not system.hard[j]),
+                    )
+                )
+            case Block(name=name) | StateSpace(name=name):
+                elements.append(replace(element, states=at.states_of(name)[:, 0].tolist()))
+            case Sampled(name=name):
+                held = at.outputs_of(name)[:, 0].tolist()
+                states = at.states_of(name)[:, 0].tolist()
+                first = trajectory.span[0] if element.first is None else element.first
+                elements.append(replace(element, states=states, held=held, outputs=len(held), first=first))
+            case _:
+                elements.append(element)
+    return Scene(*elements, motion=system.scene.motion)

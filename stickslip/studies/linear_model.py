@@ -1,0 +1,272 @@
+"""Linear models of a scene in its current modes: ``x' = A x + B u``, ``y = C x + D u`` for small deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.model.modes import Mode
+from stickslip.model.scene import Force, Scene
+from stickslip.simulation.arguments import between
+from stickslip.simulation.simulate import simulate
+
+__all__ = ["LinearModel", "linearize"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_AHEAD = 1e-6
+_PART = 1e-4
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """``x' = A x + B u``, ``y = C x + D u`` for small deviations from a motion in fixed modes.
+
+    Attributes
+    ----------
+    A, B, C, D : array
+        Of shapes (states, states), (states, inputs), (outputs, states), (outputs, inputs).
+    states : tuple of str
+        ``"velocity(body)"`` of bodies whose velocity does not follow from others, ``"position(body)"`` of those whose
+        position a force reads, ``"deflection(contact)"`` of bristles.
+    inputs : tuple of str
+        ``"force(body)"``, ``"normal(contact)"`` of contacts whose normal force is a load, ``"velocity(drive)"`` and
+        ``"acceleration(drive)"``.
+    outputs : tuple of str
+        ``"velocity(body)"``, ``"position(body)"``, ``"relative_velocity(row)"`` and ``"force(row)"``.
+    modes : dict of str to Mode
+        The modes in which it holds. Stuck contacts are constraints.
+    t : float
+        Time in s at which it holds, where loads change.
+    """
+
+    A: Array = field(repr=False)
+    B: Array = field(repr=False)
+    C: Array = field(repr=False)
+    D: Array = field(repr=False)
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    modes: dict[str, Mode]
+    t: float
+
+    @property
+    def eigenvalues(self) -> Complex:
+        """Eigenvalues of A in 1/s, the least stable first."""
+        found = np.linalg.eigvals(self.A).astype(complex) if self.A.size else np.zeros(0, dtype=complex)
+        return np.asarray(found[np.lexsort((found.imag, -found.real))])
+
+    @property
+    def frequencies(self) -> Array:
+        """Angular frequencies in rad/s of the oscillating eigenvalues, each once, in the order of these."""
+        found = self.eigenvalues.imag
+        return np.asarray(found[found > 1e-9 * max(float(np.abs(found).max(initial=0.0)), 1e-300)])
+
+    @property
+    def stable(self) -> bool:
+        """Whether no deviation grows: no eigenvalue has a positive real part beyond roundoff of a double one."""
+        found = self.eigenvalues
+        size = float(np.abs(found).max(initial=0.0))
+        return bool(np.all(found.real <= 1e-7 * size))
+
+    def select(
+        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+    ) -> LinearModel:
+        """Return the model with some of its inputs and outputs only, in the order given.
+
+        Raises
+        ------
+        ValueError
+            If there is no such input or output.
+        """
+        columns = _places(self.inputs, inputs, "input")
+        rows = _places(self.outputs, outputs, "output")
+        return replace(
+            self,
+            B=self.B[:, columns],
+            C=self.C[rows],
+            D=self.D[np.ix_(rows, columns)],
+            inputs=tuple(self.inputs[k] for k in columns),
+            outputs=tuple(self.outputs[k] for k in rows),
+        )
+
+    def to_scipy(self) -> Any:
+        """Return it as a `scipy.signal.StateSpace`."""
+        from scipy.signal import StateSpace
+
+        return StateSpace(self.A, self.B, self.C, self.D)
+
+    def to_control(self) -> Any:
+        """Return it as a `control.StateSpace` of python-control, with names.
+
+        Raises
+        ------
+        ImportError
+            If python-control is not installed.
+        """
+        try:
+            import control
+        except ImportError as missing:
+            raise ImportError("to_control needs python-control: pip install control") from missing
+        names = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        return control.ss(self.A, self.B, self.C, self.D, **names)
+
+    def __str__(self) -> str:
+        """Return modes and eigenvalues."""
+        shown = ", ".join(f"{name} {mode.name}" for name, mode in self.modes.items())
+        lines = [f"linear model at t = {self.t:g} s, modes: {shown or 'none'}"]
+        lines.append(f"states: {', '.join(self.states)}")
+        for one in self.eigenvalues:
+            lines.append(f"eigenvalue {one.real:.9g} {one.imag:+.9g}i 1/s")
+        return "\n".join(lines)
+
+
+def _places(known: tuple[str, ...], wanted: Sequence[str] | None, what: str) -> list[int]:
+    if wanted is None:
+        return list(range(len(known)))
+    for name in wanted:
+        if name not in known:
+            raise ValueError(
+                f"LinearModel.select: no {what} is called {name!r}; known are {', '.join(known)}"
+            )
+    return [known.index(name) for name in wanted]
+
+
+def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
+    """Return the linear model of a scene at its start, in the modes in which it starts.
+
+    Stuck contacts, ties and locked clutches are constraints: bodies whose velocities follow from others are no states.
+    Forces of slipping contacts depend on velocities through the slope of their kinetic curve, and on the state
+    wherever a normal force does: squeal by mode coupling is an eigenvalue with a positive real part.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its velocities and positions at the start are those about which it is linearized; the scene of a steady state
+        for a model that is more than momentary.
+    t : float
+        Time in s at which loads are read.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not usable.
+    SimulationError
+        If the scene has no consistent modes.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"linearize: scene must be a Scene, got {type(scene).__name__}")
+    t = between("t", t, -np.inf, np.inf) if t else 0.0
+    probes = [Force(body.name, 0.0) for body in scene.bodies]
+    probed = Scene(*scene.elements, *probes, motion=scene.motion)
+    result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)
+    trajectory = result.trajectory
+    motion, system = trajectory.motion(0), trajectory.system
+    labels = trajectory.pieces[0].labels.tolist()
+    modes = {row.name: Mode(k) for row, k in zip(system.rows, labels, strict=True) if row.kind != "tie"}
+    names, to_states, chosen = _states(system, motion)
+    y = motion.y
+    whole = motion.jacobian(0.0, y)
+    whole = whole.toarray() if hasattr(whole, "toarray") else np.asarray(whole)
+    A = whole[chosen] @ to_states
+    inputs, columns = _inputs(scene, system)
+    unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
+    unit[columns, np.arange(len(columns))] = 1.0
+    answer = motion.equations.respond(unit)
+    acting = _acting_slopes(motion, unit, answer[system.size : system.size + system.m])
+    if motion.has_law:
+        answer = answer + motion.equations.push(acting)
+    B = answer[: system.size][chosen]
+    outputs, C, D = _outputs(motion, to_states, unit, answer, acting)
+    return LinearModel(A, B, C, D, names, inputs, outputs, modes, t)
+
+
+def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, NDArray[np.intp]]:
+    """Return names of the states, how all states follow from them, and their places among these."""
+    n, size = system.n, system.size
+    free = np.ones(n, dtype=bool)
+    free[motion.equations.dependent] = False
+    chosen = np.concatenate([free.nonzero()[0], np.arange(n, size)])
+    to_states = np.zeros((size, chosen.size))
+    to_states[chosen, np.arange(chosen.size)] = 1.0
+    to_states = motion.equations.consistent(to_states, np.zeros((system.drives, chosen.size)))
+    bodies = [*system.scene.bodies, *system.scene.drives]
+    names = [f"velocity({bodies[i].name})" for i in free.nonzero()[0]]
+    names += [f"position({bodies[i].name})" for i in system.placed]
+    by_state = {state: row for row, state in system.bristle_state.items()}
+    names += [f"deflection({system.rows[by_state[k]].name})" for k in range(system.first_bristle, size)]
+    return tuple(names), to_states, chosen
+
+
+def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:
+    """Return names and places of the inputs."""
+    names, places = [], []
+    first = system.first_force + len(scene.forces)
+    for k, body in enumerate(scene.bodies):
+        names.append(f"force({body.name})")
+        places.append(first + k)
+    pressed = getattr(system, "pressed", np.zeros(system.m, dtype=bool))
+    for j in (system.is_friction & ~pressed).nonzero()[0].tolist():
+        names.append(f"normal({system.rows[j].name})")
+        places.append(j)
+    for what, first in (("velocity", system.first_drive), ("acceleration", system.first_acceleration)):
+        for k, drive in enumerate(scene.drives):
+            names.append(f"{what}({drive.name})")
+            places.append(first + k)
+    return tuple(names), places
+
+
+def _acting_slopes(motion: Motion, unit: Array, relative: Array) -> Array:
+    """Return how forces that depend on velocity follow from the inputs: as multiples of normal forces they grow so."""
+    rows = motion.equations.acting
+    if not rows.size:
+        return np.zeros((0, unit.shape[1]))
+    y = motion.y
+    normal, e = np.maximum(motion.inputs(0.0, y)[rows], 0.0), motion.acting_forces(0.0, y)
+    part = np.divide(e, normal, out=np.zeros_like(e), where=normal > 0)
+    return np.asarray(part[:, None] * unit[rows] + motion.law_slopes(0.0, y)[:, None] * relative[rows])
+
+
+def _outputs(
+    motion: Motion, to_states: Array, unit: Array, answer: Array, acting: Array
+) -> tuple[tuple[str, ...], Array, Array]:
+    """Return names of the outputs, and how they follow from states and inputs."""
+    system, equations = motion.system, motion.equations
+    n, m, size = system.n, system.m, system.size
+    names = [f"velocity({body.name})" for body in system.scene.bodies]
+    u = system.drive_velocities(unit)
+    led = equations.consistent(np.zeros((size, unit.shape[1])), u)[:n]
+    places = [i for i in system.placed if i < n]
+    names += [f"position({system.scene.bodies[i].name})" for i in places]
+    names += [f"relative_velocity({row.name})" for row in system.rows]
+    names += [f"force({row.name})" for row in system.rows]
+    positions = [system.position_state[int(i)] for i in places]
+    relative = system.relative_velocity
+    none = np.zeros((unit.shape[0], to_states.shape[1]))
+    by_states = [to_states[:n], to_states[positions], relative(to_states, none)]
+    by_inputs = [led, np.zeros((len(places), unit.shape[1])), answer[size : size + m]]
+    by_states.append(_force_slopes(motion, to_states))
+    forces = np.asarray(equations.friction @ unit)
+    forces[equations.held] = answer[size + m : size + m + equations.held.size]
+    forces[equations.acting] = acting
+    return tuple(names), np.concatenate(by_states), np.concatenate([*by_inputs, forces])
+
+
+def _force_slopes(motion: Motion, to_states: Array) -> Array:
+    """Return the derivatives of the forces of all rows by the states: differences of fourth order."""
+    y = motion.y
+    size = np.maximum(np.abs(y).max(initial=0.0), 1.0) * _PART
+    columns = []
+    for column in to_states.T:
+        found = np.zeros(motion.system.m)
+        for offset, weight in ((-1, -8 / 12), (1, 8 / 12), (-2, 1 / 12), (2, -1 / 12)):
+            found = found + weight / size * motion.row_forces(0.0, y + offset * size * column)
+        columns.append(found)
+    return np.array(columns).T.reshape(motion.system.m, to_states.shape[1])

@@ -1,0 +1,139 @@
+"""A run that is cut and goes on from `final_scene` is the run that was not cut."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    LuGre,
+    PreSlip,
+    Result,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+    triangle,
+)
+
+LAW = DryFriction(0.4, 0.25, dwell=0.3)
+
+
+def belt() -> Scene:
+    """Three blocks on a belt that swings, bound by springs, one pressed by a triangle."""
+    return Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0, velocity=0.3),
+        Body("c", inertia=0.5),
+        Drive("belt", velocity=0.5 * sine(1.0, 0.4) + 0.1),
+        Spring("a", "b", stiffness=30.0, damping=0.2),
+        Spring("b", GROUND, stiffness=10.0, rest=0.1),
+        Contact("ca", "a", "belt", LAW, normal=5.0, rested=0.1),
+        Contact("cb", "b", "belt", DryFriction(0.3, 0.2, mu_static_backward=0.5), normal=8.0),
+        Contact("cc", "c", "belt", LAW, normal=triangle(0.5, 1.0, 1.5, slope=20.0) + 3.0),
+        Force("c", piecewise_linear([0.0, 2.0, 4.0], [0.0, 3.0, -2.0])),
+    )
+
+
+def regularized(law: Any) -> Scene:
+    """A block on a belt, held by a spring, with a smooth law or a pre-slip velocity."""
+    return Scene(
+        Body("a", inertia=1.0, position=0.2),
+        Drive("belt", velocity=0.2),
+        Spring("a", GROUND, stiffness=20.0),
+        Contact("rub", "a", "belt", law, normal=5.0),
+    )
+
+
+def same_events(one: Result, parts: list[Result], tolerance: float) -> None:
+    events = [event for part in parts for event in part.events]
+    assert [(e.contact, e.before, e.after) for e in events] == [
+        (e.contact, e.before, e.after) for e in one.events
+    ]
+    np.testing.assert_allclose([e.t for e in events], [e.t for e in one.events], rtol=0, atol=tolerance)
+
+
+def cut(scene: Scene, times: list[float], **options: Any) -> list[Result]:
+    """Simulate from each time to the next, each from where the one before has ended."""
+    parts = []
+    for start, stop in itertools.pairwise(times):
+        parts.append(simulate(scene, (start, stop), **options))
+        scene = parts[-1].final_scene()
+    return parts
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_a_cut_run_has_the_same_events(number: int) -> None:
+    whole = simulate(belt(), (0.0, 6.0))
+    assert len(whole.events) > 10
+    times = [0.0, *np.sort(np.random.default_rng(number).uniform(0.0, 6.0, 4)).tolist(), 6.0]
+    parts = cut(belt(), times)
+    same_events(whole, parts, 1e-11)
+    for body in "abc":
+        assert abs(parts[-1].velocity(body)[-1] - whole.velocity(body)[-1]) < 1e-10
+        assert abs(parts[-1].position(body)[-1] - whole.position(body)[-1]) < 1e-10
+
+
+@pytest.mark.parametrize(
+    "law", [LuGre(LAW, stiffness=1e4, damping=50.0), PreSlip(DryFriction(0.4, 0.25), 1e-3)]
+)
+def test_bristles_and_slip_states_go_on(law: Any) -> None:
+    whole = simulate(regularized(law), (0.0, 3.0), rtol=1e-9)
+    parts = cut(regularized(law), [0.0, 0.4, 0.9, 1.7, 3.0], rtol=1e-9)
+    same_events(whole, parts, 1e-5)
+    assert abs(parts[-1].velocity("a")[-1] - whole.velocity("a")[-1]) < 1e-5
+
+
+def test_a_slipping_contact_within_its_pre_slip_velocity_keeps_its_memory() -> None:
+    """From 1 m/s friction 2.5 N slows a block; at 0.0005 m/s, within the band, it is still on the kinetic level."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact("rub", "a", GROUND, PreSlip(DryFriction(0.4, 0.25), 1e-3), normal=10.0),
+    )
+    first = simulate(scene, (0.0, (1.0 - 5e-4) / 2.5))
+    then = first.final_scene()
+    assert then.contacts[0].slipping
+    assert abs(simulate(then, (0.3998, 0.39981)).force("rub")[0] - 2.5) < 1e-9
+    assert abs(simulate(then.replace("rub", slipping=False), (0.3998, 0.39981)).force("rub")[0]) < 2.1
+
+
+def test_a_final_scene_is_data_like_any_other() -> None:
+    scene = simulate(belt(), (0.0, 1.234)).final_scene()
+    assert Scene.from_dict(scene.to_dict()) == scene
+
+
+def test_what_was_not_kept_cannot_go_on() -> None:
+    result = simulate(belt(), (0.0, 1.0), t_eval=[0.5], dense_output=False)
+    with pytest.raises(ValueError, match="dense_output=True"):
+        result.final_scene()
+
+
+def test_deflection_and_slip_state_are_checked() -> None:
+    with pytest.raises(TypeError, match="slipping must be True or False"):
+        Contact("rub", "a", GROUND, LAW, normal=1.0, slipping="yes")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="deflection must be finite"):
+        Contact("rub", "a", GROUND, LAW, normal=1.0, deflection=float("inf"))
+
+
+def test_a_scene_that_is_followed_part_by_part_goes_on() -> None:
+    law = DryFriction(0.5, 0.3, dwell=0.1)
+    scene = Scene(
+        *(Body(f"b{k}", inertia=1.0, position=0.01 * k * k) for k in range(20)),
+        *(Spring(f"b{k}", f"b{k + 1}", stiffness=5.0) for k in range(19)),
+        Drive("belt", velocity=0.1),
+        *(Contact(f"c{k}", f"b{k}", "belt", law, normal=1.0) for k in range(20)),
+        Spring("b0", GROUND, stiffness=2.0),
+    )
+    whole = simulate(scene, (0.0, 6.0))
+    assert len(whole.events) > 20
+    same_events(whole, cut(scene, [0.0, 1.3, 2.7, 6.0]), 1e-10)

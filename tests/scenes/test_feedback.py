@@ -1,0 +1,255 @@
+"""Forces that depend on the state, against closed forms and against springs and dampers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    TIME,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Gear,
+    LuGre,
+    Scene,
+    SimulationError,
+    Spring,
+    explain,
+    feedback,
+    position,
+    power,
+    relative_velocity,
+    simulate,
+    sine,
+    stretch,
+    triangle,
+    velocity,
+)
+
+WAYS: list[dict[str, Any]] = [
+    {},
+    {"method": "BDF"},
+    {"method": "Adams"},
+    {"formulation": "merged"},
+    {"formulation": "multiplier"},
+]
+
+
+def pendulum(**options: Any) -> Scene:
+    """A pendulum with a dry pivot: m = l = 1, g = 9.81, Coulomb torque 0.5, from rest at 2 rad."""
+    weight = feedback(lambda angle: -9.81 * math.sin(angle), position("bob"), **options)
+    pivot = Contact("pivot", "bob", GROUND, DryFriction(0.5, 0.5), normal=1.0)
+    return Scene(Body("bob", inertia=1.0, position=2.0), pivot, Force("bob", weight))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_pendulum_with_a_dry_pivot(way: dict[str, Any]) -> None:
+    """Turning points and heat by quadrature of the energy lost, in 30 digits."""
+    result = simulate(pendulum(), (0.0, 20.0), rtol=1e-8, atol=1e-10, **way)
+    times = [event.t for event in result.events]
+    assert len(times) == 16
+    exact = [1.295738883638699, 2.522815323600271, 3.701095558678024]
+    np.testing.assert_allclose(times[:3], exact, rtol=0, atol=1e-7)
+    assert abs(times[15] - 17.30593209725678) < 1e-6
+    turns = result.sample(times[:3]).position("bob")
+    np.testing.assert_allclose(turns, [-1.795381834762817, 1.619468389438565, -1.46216951947381], atol=1e-7)
+    assert result.mode("pivot")[-1] == 0
+    assert abs(result.position("bob")[-1] + 0.02645336099859559) < 1e-7
+    energy = result.energy()
+    assert abs(energy.contacts["pivot"][-1] - 13.88896824427326) < 2e-6
+    assert energy.relative_error < 1e-6
+    assert abs(energy.loads[-1] - 13.88896824427326) < 2e-6
+
+
+@pytest.mark.parametrize(
+    "derivatives", [lambda angle: -9.81 * math.cos(angle), [lambda angle: -9.81 * math.cos(angle)]]
+)
+def test_given_derivatives_save_calls(derivatives: Any) -> None:
+    plain, helped = (simulate(scene, (0.0, 5.0)) for scene in (pendulum(), pendulum(derivatives=derivatives)))
+    assert helped.stats["function_calls"] < plain.stats["function_calls"] <= 2 * plain.stats["rate_calls"]
+    assert abs(helped.events[-1].t - plain.events[-1].t) < 1e-6
+
+
+def test_an_untouched_pendulum_in_fixed_steps() -> None:
+    result = simulate(pendulum(), (0.0, 1.0), method="RK4", step=1e-3)
+    exact = simulate(pendulum(), (0.0, 1.0), rtol=1e-10)
+    assert abs(result.position("bob")[-1] - exact.position("bob")[-1]) < 1e-9
+
+
+def random_scene(number: int, form: str) -> Scene:
+    """Two blocks on a drive with dry friction; springs and dampers as elements, as sums of quantities, or as code."""
+    rng = np.random.default_rng(number)
+    k1, k2, c1, c2, inertia1, inertia2 = rng.uniform(0.5, 4.0, 6).tolist()
+    radius = float(rng.uniform(0.5, 2.0))
+    law = DryFriction(0.5, 0.3, dwell=float(rng.choice([0.0, 0.2])))
+    base: list[Any] = [
+        Body("a", inertia=inertia1, position=float(rng.uniform(-2, 2))),
+        Body("b", inertia=inertia2, velocity=float(rng.uniform(-1, 1))),
+        Drive("belt", velocity=0.3 + sine(0.2, 0.31)),
+        Contact("ca", "a", "belt", law, normal=float(rng.uniform(0.5, 3.0))),
+        Contact("cb", "b", "a", law, normal=float(rng.uniform(0.5, 2.0)), radius_b=radius),
+    ]
+    load = triangle(1.0, 2.0, 4.0, slope=1.5)
+    if form == "elements":
+        return Scene(
+            *base,
+            Spring("a", GROUND, stiffness=k1),
+            Damper("a", GROUND, damping=0.1 * c1),
+            Spring("b", "a", stiffness=k2, damping=0.1 * c2, radius_b=radius),
+            Force("b", load),
+        )
+    if form == "sums":
+        pull = k2 * stretch("cb") + 0.1 * c2 * relative_velocity("cb")
+        return Scene(
+            *base,
+            Force("a", -k1 * position("a") - 0.1 * c1 * velocity("a") + radius * pull),
+            Force("b", load - pull),
+        )
+    link = feedback(lambda s, w: k2 * s + 0.1 * c2 * w, stretch("cb"), relative_velocity("cb"))
+    return Scene(
+        *base,
+        Force(
+            "a", feedback(lambda x, v: -k1 * x - 0.1 * c1 * v, position("a"), velocity("a")) + radius * link
+        ),
+        Force("b", load - link),
+    )
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_sums_of_quantities_are_springs_and_dampers(number: int) -> None:
+    one, two = (simulate(random_scene(number, form), (0.0, 8.0)) for form in ("elements", "sums"))
+    assert two.stats["engine"] == "Taylor series"
+    assert [str(e.after) + e.contact for e in one.events] == [str(e.after) + e.contact for e in two.events]
+    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-10)
+    for body in "ab":
+        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-10
+    # the belt gives what one link takes from it, be it an element or a force
+    assert two.energy().relative_error < 1e-12
+
+
+@pytest.mark.parametrize(
+    "number", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 40))]
+)
+def test_code_and_sums_agree(number: int) -> None:
+    one = simulate(random_scene(number, "sums"), (0.0, 8.0))
+    two = simulate(random_scene(number, "code"), (0.0, 8.0), rtol=1e-9, atol=1e-11)
+    assert two.stats["engine"] == "CVODE BDF"
+    assert [str(e.after) + e.contact for e in one.events] == [str(e.after) + e.contact for e in two.events]
+    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-5)
+    for body in "ab":
+        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-6
+    assert two.energy().relative_error < 1e-6
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_force_beyond_its_level_by_way_of_the_state_breaks_a_contact_loose(way: dict[str, Any]) -> None:
+    """A belt drags a block against ``-k x``: it lets go at x = B / k, exactly B / (k v) after the start."""
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
+        Force("block", -2.0 * position("block")),
+    )
+    result = simulate(scene, (0.0, 9.0), **way)
+    assert abs(result.events[0].t - 7.5) < 1e-8
+    held = result.sample([3.0])
+    assert abs(held.force("rub")[0] + 0.6) < 1e-9
+    assert held.velocity("block")[0] == 0.1
+
+
+def test_a_load_driven_by_time_and_by_power() -> None:
+    """Heat ``r w = 2 v`` of one contact drives another body: v_b' = 0.1 * 2 v, with v = 4 - 2 t up to 2 s."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=4.0),
+        Body("b", inertia=1.0),
+        Contact("rub", "a", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+        Force("b", 0.1 * power("rub") + 0.5 * TIME),
+    )
+    result = simulate(scene, (0.0, 3.0), rtol=1e-9)
+    assert "power" in explain(scene)
+    assert abs(result.velocity("b")[-1] - (0.8 + 2.25)) < 1e-8
+
+
+def test_power_of_a_contact_with_bristles() -> None:
+    law = LuGre(DryFriction(0.3, 0.2), stiffness=1e3, damping=10.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0),
+        Contact("rub", "a", GROUND, law, normal=5.0),
+        Force("b", power("rub")),
+    )
+    result = simulate(scene, (0.0, 0.5), rtol=1e-9)
+    assert abs(result.velocity("b")[-1] - result.energy().contacts["rub"][-1]) < 1e-7
+
+
+def test_quantities_of_held_bodies_are_those_of_what_holds_them() -> None:
+    """A gear of 1 : 2 with a damper written as a force on the fast shaft: J' = 1 * 4 + 1, damping 4 c."""
+    scene = Scene(
+        Body("fast", inertia=1.0, velocity=2.0),
+        Body("slow", inertia=1.0, velocity=1.0),
+        Gear("gear", "fast", "slow", ratio=2.0),
+        Force("fast", feedback(lambda v: -0.5 * v, velocity("fast"))),
+    )
+    for way in WAYS:
+        result = simulate(scene, (0.0, 3.0), **way)
+        assert abs(result.velocity("slow")[-1] - math.exp(-3.0 * 2.0 / 5.0)) < 1e-7
+        np.testing.assert_array_equal(result.velocity("fast"), 2 * result.velocity("slow"))
+
+
+def test_many_bodies_with_functions_between_them() -> None:
+    """A chain so long that its matrices are sparse, whose springs are functions, is one of springs."""
+    count = 170
+    bodies = [Body(f"b{k}", inertia=1.0, velocity=0.1 * math.sin(k)) for k in range(count)]
+    rubs = [Contact(f"c{k}", f"b{k}", GROUND, DryFriction(0.02, 0.01), normal=1.0) for k in range(count)]
+    links: list[Any] = []
+    for k in range(count - 1):
+        pull = feedback(lambda x, y: 3.0 * (y - x), position(f"b{k}"), position(f"b{k + 1}"))
+        links += [Force(f"b{k}", pull), Force(f"b{k + 1}", -pull)]
+    springs = [Spring(f"b{k}", f"b{k + 1}", stiffness=3.0) for k in range(count - 1)]
+    one = simulate(Scene(*bodies, *rubs, *springs), (0.0, 0.4))
+    two = simulate(Scene(*bodies, *rubs, *links), (0.0, 0.4))
+    assert [e.contact for e in one.events] == [e.contact for e in two.events]
+    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-7)
+
+
+def test_what_is_no_number_is_an_error_that_names_element_time_and_arguments() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Force("a", feedback(lambda x: 1.0 if x < 0.5 else math.nan, position("a"))),
+    )
+    with pytest.raises(
+        SimulationError, match=r"force on 'a': feedback function .*returned nan at t = 0\.\d+ s"
+    ) as caught:
+        simulate(scene, (0.0, 2.0))
+    assert "with the arguments (0." in str(caught.value)
+    assert 0.05 < caught.value.result.t[-1] < 0.5
+
+
+def test_what_raises_is_named_too() -> None:
+    scene = Scene(Body("a", inertia=1.0, position=-1.0), Force("a", feedback(math.sqrt, position("a"))))
+    with pytest.raises(SimulationError, match="force on 'a': feedback function sqrt raised ValueError"):
+        simulate(scene, (0.0, 2.0))
+
+
+def test_a_series_is_refused_where_a_function_acts() -> None:
+    with pytest.raises(ValueError, match="'series' does not apply: force on 'bob': feedback function"):
+        simulate(pendulum(), (0.0, 1.0), method="series")
+
+
+def test_a_changed_closure_is_called_again() -> None:
+    gain = [1.0]
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0), Force("a", feedback(lambda v: -gain[0] * v, velocity("a")))
+    )
+    first = simulate(scene, (0.0, 1.0)).velocity("a")[-1]
+    gain[0] = 2.0
+    assert abs(first - math.exp(-1.0)) < 1e-6
+    assert abs(simulate(scene, (0.0, 1.0)).velocity("a")[-1] - math.exp(-2.0)) < 1e-6

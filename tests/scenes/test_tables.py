@@ -1,0 +1,200 @@
+"""Saturations and tables: lines of the state whose corners are located; exact in the series engine."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Sampled,
+    Scene,
+    Spring,
+    StateSpace,
+    explain,
+    feedback,
+    normal,
+    output,
+    position,
+    relative_velocity,
+    saturate,
+    simulate,
+    sine,
+    table,
+    velocity,
+)
+
+WAYS: list[dict[str, Any]] = [{}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"}]
+
+
+def exact(result: Any, loose: float = 1e-7) -> float:
+    return 1e-12 if result.stats["engine"] == "Taylor series" else loose
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_saturated_spring(way: dict[str, Any]) -> None:
+    """F = -clip(4 x, -1, 1) from x = 1: a parabola up to sqrt(3/2) s, a sine of 2 rad/s between, four times."""
+    scene = Scene(Body("m", inertia=1.0, position=1.0), Force("m", -saturate(4 * position("m"), -1.0, 1.0)))
+    result = simulate(scene, (0.0, 10.0), rtol=1e-9, **way)
+    first = math.sqrt(1.5)
+    period = 4 * (first + math.atan2(0.5, first) / 2)
+    at = result.sample([first, period / 2, period])
+    np.testing.assert_allclose(at.position("m"), [0.25, -1.0, 1.0], rtol=0, atol=10 * exact(result))
+    corners = [piece.stop for piece in result.trajectory.pieces]
+    assert abs(corners[0] - first) < exact(result)
+    assert abs(corners[1] - (period / 2 - first)) < exact(result)
+    assert result.energy().relative_error < 1e-7
+    if not way:
+        assert result.stats["engine"] == "Taylor series"
+        assert "Taylor series" in explain(scene)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_torque_map(way: dict[str, Any]) -> None:
+    """v' = 1 + v up to 1, then 3 - v: v = e^t - 1 up to ln 2, then 3 - 2 e^(ln 2 - t)."""
+    scene = Scene(Body("m", inertia=1.0), Force("m", table(velocity("m"), [0.0, 1.0, 3.0], [1.0, 2.0, 0.0])))
+    result = simulate(scene, (0.0, 3.0), rtol=1e-9, **way)
+    assert abs(result.sample([math.log(2)]).velocity("m")[0] - 1.0) < exact(result)
+    assert abs(result.velocity("m")[-1] - (3.0 - 2 * math.exp(math.log(2) - 3.0))) < exact(result)
+
+
+def random_scene(number: int, form: str) -> Scene:
+    rng = np.random.default_rng(number)
+    xs = np.sort(rng.uniform(-1.0, 1.0, 4)).tolist()
+    ys = rng.uniform(-2.0, 2.0, 4).tolist()
+    limit = float(rng.uniform(0.2, 1.0))
+    x, w = position("a") - 0.3 * position("b"), relative_velocity("rub")
+    if form == "tables":
+        one, two = table(x, xs, ys), saturate(2 * w, -limit, limit)
+    else:
+        one = feedback(lambda s: float(np.interp(s, xs, ys)), x)
+        two = feedback(lambda s: min(max(2 * s, -limit), limit), w)
+    return Scene(
+        Body("a", inertia=1.0, position=float(rng.uniform(-1, 1)), velocity=0.5),
+        Body("b", inertia=2.0, velocity=-0.5),
+        Drive("belt", velocity=sine(0.4, 0.3)),
+        Contact("rub", "a", "belt", DryFriction(0.5, 0.3, dwell=0.2), normal=1.0),
+        Spring("a", "b", stiffness=3.0),
+        Spring("b", GROUND, stiffness=1.0),
+        Force("a", one),
+        Force("b", two + 0.3 * one),
+    )
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_tables_are_the_functions_that_they_are(number: int) -> None:
+    """Against functions with kinks, which the solver steps over, within what that costs."""
+    one = simulate(random_scene(number, "tables"), (0.0, 8.0))
+    two = simulate(random_scene(number, "code"), (0.0, 8.0), rtol=1e-10, atol=1e-12, max_step=0.01)
+    assert (one.stats["engine"], two.stats["engine"]) == ("Taylor series", "CVODE BDF")
+    assert [(e.contact, e.after) for e in one.events] == [(e.contact, e.after) for e in two.events]
+    np.testing.assert_allclose([e.t for e in one.events], [e.t for e in two.events], rtol=0, atol=1e-5)
+    for body in "ab":
+        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-6
+    assert one.energy().relative_error < 1e-11
+
+
+def test_a_cut_run_with_tables_goes_on() -> None:
+    whole = simulate(random_scene(3, "tables"), (0.0, 8.0))
+    first = simulate(random_scene(3, "tables"), (0.0, 2.345))
+    rest = simulate(first.final_scene(), (2.345, 8.0))
+    events = [*first.events, *rest.events]
+    np.testing.assert_allclose([e.t for e in events], [e.t for e in whole.events], rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_limits_of_a_block_and_jumps_over_corners(way: dict[str, Any]) -> None:
+    """A gain of 10 limited to 2 drives a lag; a sampled output jumps over both corners of a saturation."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        StateSpace("gain", -1.0, 0.0, 0.0, 10.0, inputs=[1.0 - velocity("m")], limits=[(-2.0, 2.0)]),
+        Body("n", inertia=1.0),
+        Sampled("swing", period=1.0, states=5.0, update=lambda t, x, u: -x, output=lambda t, x, u: x),
+        Force("m", output("gain")),
+        Force("n", saturate(output("swing"), -1.0, 1.0)),
+    )
+    result = simulate(scene, (0.0, 2.5), rtol=1e-9, **way)
+    # v = 2 t up to 0.8, then 1 - 0.2 e^(-10 (t - 0.4))
+    assert abs(result.velocity("m")[-1] - (1 - 0.2 * math.exp(-21.0))) < exact(result)
+    assert abs(result.sample([0.4]).velocity("m")[0] - 0.8) < exact(result)
+    assert abs(result.velocity("n")[-1] - 0.5) < exact(result)
+    np.testing.assert_allclose(result.sample([0.1, 0.4]).output("gain"), [2.0, 2.0], atol=exact(result))
+
+
+# Normal forces that depend on the state
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-4}])
+@pytest.mark.parametrize("form", ["sum", "code"])
+def test_normal_force_from_a_spring(way: dict[str, Any], form: str) -> None:
+    """Mass 1, mu 0.3, N = 2 + 5 x, from 3 m/s."""
+    load: Any = 2 + 5 * position("m") if form == "sum" else feedback(lambda x: 2 + 5 * x, position("m"))
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=3.0), Contact("rub", "m", GROUND, DryFriction(0.3, 0.3), normal=load)
+    )
+    result = simulate(scene, (0.0, 2.0), rtol=1e-9, **way)
+    tolerance = 5e-5 if "step" in way else exact(result)
+    assert abs(result.events[0].t - 1.150383072918354) < tolerance
+    assert abs(result.position("m")[-1] - 2.081934729198171) < tolerance
+    assert abs(result.normal("rub")[-1] - 12.40967364599086) < 5 * tolerance
+    assert result.energy().relative_error < 1e-7
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_contact_opens_and_closes_where_its_normal_force_comes_to_0(way: dict[str, Any]) -> None:
+    """x'' = -10 x - 0.8 sign(v) x while x > 0: half periods pi / sqrt(10 -+ 0.8) / 2 each, and free ones."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=1.0),
+        Spring("m", GROUND, stiffness=10.0),
+        Contact("rub", "m", GROUND, DryFriction(0.3, 0.2), normal=4 * position("m")),
+        Force("m", 2.0 * normal("rub")),
+    )
+    # 2 N = 8 x pushes outward while pressed: x'' = -(2 -+ 0.8) x
+    result = simulate(scene, (0.0, 4.0), rtol=1e-9, **way)
+    slow, free = math.pi / 2 / math.sqrt(1.2), math.pi / math.sqrt(10.0)
+    at = result.sample([slow, slow + free])
+    np.testing.assert_allclose(at.position("m"), [0.0, 0.0], atol=10 * exact(result))
+    np.testing.assert_allclose(at.velocity("m"), [-math.sqrt(1.2), math.sqrt(1.2)], atol=10 * exact(result))
+    top = slow + free + math.pi / 2 / math.sqrt(2.8)
+    assert abs(result.sample([top]).position("m")[0] - math.sqrt(1.2 / 2.8)) < 10 * exact(result)
+    assert (result.sample([slow + 0.1]).normal("rub") == 0).all()
+    assert result.energy().relative_error < 1e-7
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_unloading_by_the_state_breaks_a_contact_loose(way: dict[str, Any]) -> None:
+    """A block under 3 N is pressed with 10 N less 2 N per m that another body travels: loose at N = 6, x = 2."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Body("lifter", inertia=1.0, velocity=1.0),
+        Contact("rub", "m", GROUND, DryFriction(0.5, 0.5), normal=10 - 2 * position("lifter")),
+        Force("m", 3.0),
+    )
+    result = simulate(scene, (0.0, 7.0), rtol=1e-9, **way)
+    assert abs(result.events[0].t - 2.0) < exact(result)
+    # a = 3 - 0.5 (10 - 2 t) = t - 2 up to t = 5, then 3
+    assert abs(result.velocity("m")[-1] - (4.5 + 6.0)) < 10 * exact(result)
+
+
+def test_leading_shoe_of_a_drum_brake() -> None:
+    """N = F a / (b - mu c): F 100, a .3, b .15, c .1, mu .4; drum of radius .2, J 2, from 50 rad/s."""
+    shoe = DryFriction(0.4, 0.4).self_energised(0.1 / 0.15)
+    scene = Scene(
+        Body("drum", inertia=2.0, velocity=50.0),
+        Contact("shoe", "drum", GROUND, shoe, normal=100 * 0.3 / 0.15, radius_a=0.2),
+    )
+    result = simulate(scene, (0.0, 6.0))
+    assert abs(result.events[0].t - 4.58333333333333) < 1e-11
+    assert abs(result.sample([1.0]).force("shoe")[0] / 0.4 - 272.72727272727) < 1e-9
+    with pytest.raises(ValueError, match=r"with mu = 1.5 forward and gain 0.666667 the contact locks"):
+        DryFriction(1.5, 1.5).self_energised(0.1 / 0.15)
+    with pytest.raises(ValueError, match="coefficients must be constant"):
+        DryFriction(0.5, 0.4, dwell=0.1).self_energised(0.1)

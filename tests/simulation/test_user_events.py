@@ -1,0 +1,190 @@
+"""Events of the user: located exactly, noted or stopping, without changing the motion."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    TIME,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Mode,
+    Sampled,
+    Scene,
+    Spring,
+    When,
+    explain,
+    feedback,
+    load,
+    normal,
+    output,
+    position,
+    power,
+    relative_velocity,
+    simulate,
+    sine,
+    velocity,
+)
+
+WAYS: list[dict[str, Any]] = [{}, {"method": "BDF"}, {"formulation": "merged"}, {"formulation": "multiplier"}]
+
+
+def thrown() -> Scene:
+    """A body thrown up at 10 m/s from -1 m: x = -1 + 10 t - 5 t^2, beside a block that friction stops at 2 s."""
+    return Scene(
+        Body("ball", inertia=1.0, velocity=10.0, position=-1.0),
+        Body("block", inertia=1.0, velocity=2.0),
+        Force("ball", -10.0),
+        Contact("rub", "block", GROUND, DryFriction(0.1, 0.1), normal=10.0),
+    )
+
+
+FIRST, SECOND = 1 - math.sqrt(0.8), 1 + math.sqrt(0.8)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_crossings_are_located_and_noted(way: dict[str, Any]) -> None:
+    events = [
+        When("level", position("ball")),
+        When("up", position("ball"), direction=1),
+        When("down", position("ball"), direction=-1),
+        When("top", velocity("ball") * 2.0),
+        When("late", TIME - 2.5),
+        When("code", feedback(lambda v: v * v - 1.0, velocity("block"))),
+    ]
+    plain = simulate(thrown(), (0.0, 3.0), rtol=1e-10, **way)
+    result = simulate(thrown(), (0.0, 3.0), rtol=1e-10, events=events, **way)
+    assert result.stats["engine"] == plain.stats["engine"]
+    found = [(event.contact, event.t, int(event.after)) for event in result.events]
+    exact = [
+        ("level", FIRST, 1),
+        ("up", FIRST, 1),
+        ("code", 1.0, -1),
+        ("top", 1.0, -1),
+        ("level", SECOND, -1),
+        ("down", SECOND, -1),
+        ("rub", 2.0, 0),
+        ("late", 2.5, 1),
+    ]
+    assert sorted((name, sign) for name, _, sign in found) == sorted((name, sign) for name, _, sign in exact)
+    tolerance = 1e-13 if result.stats["engine"] == "Taylor series" else 1e-8
+    np.testing.assert_allclose(
+        sorted(t for _, t, _ in found), sorted(t for _, t, _ in exact), rtol=0, atol=tolerance
+    )
+    assert result.events[0].cause == "rose through 0"
+    assert (result.events[0].before, result.events[0].after) == (Mode.BACKWARD, Mode.FORWARD)
+    assert abs(result.velocity("ball")[-1] - plain.velocity("ball")[-1]) < 1e-12
+    assert "level" in str(result) and "level" in result.explain()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_an_event_may_stop_the_run(way: dict[str, Any], tmp_path: Path) -> None:
+    events = [When("down", position("ball"), direction=-1, stop=True), When("late", TIME - 1.95)]
+    result = simulate(thrown(), (0.0, 3.0), rtol=1e-10, events=events, **way)
+    assert (result.success, result.status) == (True, 1)
+    assert result.message.startswith("event 'down' stopped the simulation at t = 1.8944")
+    assert [event.contact for event in result.events] == ["down"]
+    assert abs(result.t[-1] - SECOND) < 1e-8
+    assert abs(result.position("ball")[-1]) < 1e-7
+    # it goes on, and does not stop at once
+    scene = result.final_scene()
+    rest = simulate(scene, (float(result.t[-1]), 3.0), rtol=1e-10, events=events, **way)
+    assert (rest.status, [event.contact for event in rest.events]) == (0, ["late", "rub"])
+    assert abs(rest.position("ball")[-1] + 16.0) < 1e-7
+    result.save(tmp_path / "run.npz")
+    again = load(tmp_path / "run.npz")
+    np.testing.assert_array_equal(again.position("ball"), result.position("ball"))
+
+
+def test_many_crossings_of_a_sine_within_one_step() -> None:
+    """Nothing moves, so that the series takes one step; the load alone oscillates 40 times."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("rub", "m", GROUND, DryFriction(1.0, 1.0), normal=10.0),
+        Force("m", sine(1.0, 4.0)),
+    )
+    result = simulate(scene, (0.0, 10.0), events=[When("zero", feedback(lambda s: s + 0.5, sine(1.0, 4.0)))])
+    # sin = -1/2 at 7/12 and 11/12 of each period
+    exact = sorted([(k + part) / 4 for k in range(40) for part in (7 / 12, 11 / 12)])
+    np.testing.assert_allclose([event.t for event in result.events], exact, rtol=0, atol=1e-12)
+
+
+def test_two_crossings_close_to_each_other_and_one_that_only_touches() -> None:
+    scene = Scene(Body("m", inertia=1.0, velocity=-1.0, position=0.5), Force("m", 1.0))
+    # x = (t - 1)^2 / 2
+    events = [When("touch", position("m")), When("near", position("m") - 5e-13)]
+    result = simulate(scene, (0.0, 2.0), events=events)
+    assert [event.contact for event in result.events] == ["near", "near"]
+    np.testing.assert_allclose([event.t for event in result.events], [1 - 1e-6, 1 + 1e-6], rtol=0, atol=1e-9)
+
+
+def test_quantities_that_jump_cross_by_jumping() -> None:
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("rub", "m", GROUND, DryFriction(0.5, 0.5), normal=1.0),
+        Sampled("count", period=0.25, states=0.0, update=lambda t, x, u: x + 1, output=lambda t, x, u: x),
+    )
+    events = [
+        When("third", output("count") - 2.5),
+        When("hot", power("rub") - 0.25),
+        When("normal", normal("rub") - 2),
+    ]
+    result = simulate(scene, (0.0, 3.0), events=events)
+    assert [(event.contact, event.after) for event in result.events] == [
+        ("third", 1),
+        ("hot", -1),
+        ("rub", 0),
+    ]
+    np.testing.assert_allclose([event.t for event in result.events], [0.75, 1.0, 2.0], rtol=0, atol=1e-12)
+
+
+def test_watched_positions_change_no_result() -> None:
+    """A scene in which no position is a state gets one for the event only."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.5),
+        Drive("belt", velocity=sine(1.0, 1.0)),
+        Contact("rub", "m", "belt", DryFriction(0.5, 0.3), normal=3.0),
+        Spring("m", GROUND, stiffness=1.0),
+    )
+    plain = simulate(scene, (0.0, 5.0))
+    event = When("lap", position("belt") - 0.1)
+    watched = simulate(scene, (0.0, 5.0), events=[event, When("slip", relative_velocity("rub"), direction=1)])
+    own = [e for e in watched.events if e.contact == "rub"]
+    np.testing.assert_allclose([e.t for e in own], [e.t for e in plain.events], rtol=0, atol=1e-12)
+    # the belt's position is (1 - cos(2 pi t)) / (2 pi)
+    first = math.acos(1 - 0.2 * math.pi) / (2 * math.pi)
+    assert abs(next(e.t for e in watched.events if e.contact == "lap") - first) < 1e-12
+    assert "Events" in explain(watched)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: When("", TIME), "When: name must be a name"),
+        (lambda: When("a", math.sin), "event 'a': quantity must be a quantity, a signal or a number"),  # type: ignore[arg-type]
+        (lambda: When("a", TIME, direction=2), "event 'a': direction must be -1, 0 or"),
+        (lambda: When("a", TIME, stop=1), "event 'a': stop must be True or False"),  # type: ignore[arg-type]
+        (
+            lambda: simulate(thrown(), (0, 1), events=[When("a", position("x"))]),
+            "event 'a': no body is called 'x'",
+        ),
+        (
+            lambda: simulate(thrown(), (0, 1), events=[When("rub", TIME)]),
+            "event 'rub' has the name of another",
+        ),
+        (lambda: simulate(thrown(), (0, 1), events=[TIME]), "events must be When"),  # type: ignore[list-item]
+        (lambda: simulate(thrown(), (0, 1), events=3), "events must be a sequence of When"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_refused(make: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        make()

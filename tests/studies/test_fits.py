@@ -1,0 +1,172 @@
+"""Fits: what was put into synthetic data comes out, with errors as large as they are said to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Fit,
+    Scene,
+    Spring,
+    fit,
+    simulate,
+)
+
+TIMES = np.linspace(0.05, 20.0, 400)
+NOISE = 0.01
+
+
+def pulled(static: float = 1.5, coulomb: float = 1.0, dwell: float = 1.0, stiffness: float = 2.0) -> Scene:
+    """A block pulled along by a spring sticks for about as long as its dwell time."""
+    return Scene(
+        Body("m", inertia=1.0),
+        Drive("hand", velocity=0.3),
+        Spring("m", "hand", stiffness=stiffness),
+        Contact("c", "m", GROUND, DryFriction(static, coulomb, dwell=dwell), normal=1.0),
+    )
+
+
+def measured(scene: Scene, seed: int, name: str = "m.velocity", noise: float = NOISE) -> dict[str, Any]:
+    of, _, quantity = name.partition(".")
+    values = getattr(simulate(scene, (0.0, TIMES[-1]), t_eval=TIMES), quantity)(of)
+    return {name: (TIMES, values + noise * np.random.default_rng(seed).normal(size=TIMES.size), noise)}
+
+
+TRUE = np.array([1.5, 1.0, 1.0])
+NAMES = ("c.law.mu_static", "c.law.mu_coulomb", "c.law.dwell")
+
+
+def normalized(found: Fit, true: np.ndarray = TRUE) -> np.ndarray:
+    return (found.values - true) / found.standard_errors
+
+
+def test_friction_and_dwell_are_recovered_from_velocities() -> None:
+    found = fit(pulled(1.6, 0.9, 0.8), NAMES, measured(pulled(), 1))
+    assert np.abs(normalized(found)).max() < 3 and all(found.determined.values())
+    # chi square of 400 values
+    assert 2 * found.cost == pytest.approx(400, abs=90)
+    assert found.standard_errors.max() < 0.05 and found.units == ("", "", "s")
+    left = found.residuals()["m.velocity"]
+    assert left.std() == pytest.approx(NOISE, rel=0.15)
+    assert found.scene.contacts[0].law.dwell == found.values[2]
+    assert "+-" in str(found) and "c.law.dwell" in str(found)
+
+
+def test_exact_data_give_exact_values() -> None:
+    found = fit(
+        pulled(1.6, 0.9, 0.8),
+        NAMES,
+        {"m.position": measured(pulled(), 1, "m.position", 0.0)["m.position"][:2]},
+    )
+    assert np.allclose(found.values, TRUE, atol=1e-9)
+
+
+def test_forces_are_data_too() -> None:
+    data = measured(pulled(), 3, "c.force")
+    found = fit(pulled(stiffness=2.2), ["springs[0].stiffness", "c.normal"], data)
+    assert np.abs(normalized(found, np.array([2.0, 1.0]))).max() < 3.5
+
+
+@pytest.mark.slow
+def test_a_wrong_first_guess() -> None:
+    bounds = {"c.law.mu_static": (0.5, 3.0), "c.law.mu_coulomb": (0.2, 2.0), "c.law.dwell": (0.1, 4.0)}
+    found = fit(pulled(0.7, 0.3, 3.0), bounds, measured(pulled(), 2), starts=8)
+    assert np.abs(normalized(found)).max() < 3
+    assert found.starts[0][1] < 250
+
+
+@pytest.mark.slow
+def test_the_errors_are_as_large_as_they_are_said_to_be() -> None:
+    """Of 60 normalized errors about two thirds are below 1, and next to none beyond 3."""
+    off = np.array([normalized(fit(pulled(), NAMES, measured(pulled(), seed))) for seed in range(20)])
+    assert (np.abs(off) > 3).sum() <= 1
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_the_data_do_not_show_is_said() -> None:
+    """A block that only slips says nothing of its static friction."""
+    contact = Contact("c", "m", GROUND, DryFriction(0.3, 0.2), normal=1.0)
+    scene = Scene(Body("m", inertia=1.0, velocity=9.0), contact, motion="rotation")
+    t = np.linspace(0.0, 2.0, 50)
+    data = {"m.velocity": (t, 9.0 - 0.25 * t)}
+    found = fit(scene, ["c.law.mu_coulomb", "c.law.mu_static"], data)
+    assert found.values[0] == pytest.approx(0.25, abs=1e-9)
+    assert found.determined == {"c.law.mu_coulomb": True, "c.law.mu_static": False}
+    assert found.scene.motion == "rotation"
+    assert np.isinf(found.standard_errors[1]) and "not determined" in str(found)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A Stribeck curve below the static coefficient."""
+
+    coulomb: float
+    rest: float
+    velocity: float
+
+    def __call__(self, speed: float) -> float:
+        return self.coulomb + (self.rest - self.coulomb) * float(np.exp(-((speed / self.velocity) ** 2)))
+
+
+def test_fields_of_a_kinetic_curve_are_parameters() -> None:
+    def sliding(coulomb: float, velocity: float) -> Scene:
+        law = DryFriction(0.6, 0.6, kinetic=Curve(coulomb, 0.5, velocity))
+        contact = Contact("c", "m", GROUND, law, normal=1.0)
+        return Scene(Body("m", inertia=1.0, velocity=1.0), contact, Damper("m", GROUND, damping=0.1))
+
+    t = np.linspace(0.0, 1.5, 40)
+    values = simulate(sliding(0.3, 0.4), (0.0, 1.5), t_eval=t, rtol=1e-11).velocity("m")
+    names = ["c.law.kinetic.coulomb", "c.law.kinetic.velocity"]
+    found = fit(sliding(0.25, 0.5), names, {"m.velocity": (t, values)})
+    assert np.allclose(found.values, [0.3, 0.4], atol=1e-7)
+
+
+def test_the_residual_plot() -> None:
+    found = fit(pulled(1.52), ["c.law.mu_static"], measured(pulled(), 1))
+    figure = found.plot()
+    top, below = figure.axes
+    assert np.allclose(below.lines[0].get_ydata(), found.residuals()["m.velocity"])
+    assert top.get_ylabel() == "m.velocity" and below.get_xlabel() == "time [s]"
+    plt.close("all")
+
+
+def test_bad_arguments_are_refused() -> None:
+    scene, t = pulled(), np.array([0.0, 1.0, 2.0])
+    good = {"m.velocity": (t, t)}
+
+    def refused(kind: type[Exception], word: str, parameters: Any, data: Any, **options: Any) -> None:
+        with pytest.raises(kind, match=word):
+            fit(scene, parameters, data, **options)
+
+    names = ["c.law.mu_static"]
+    refused(ValueError, "write 'BODY.velocity'", names, {"m.speed": (t, t)})
+    refused(ValueError, "write 'BODY.velocity'", names, {"x.velocity": (t, t)})
+    refused(ValueError, "equally many", names, {"m.velocity": (t, t[:2])})
+    refused(ValueError, "must rise", names, {"m.velocity": (t[::-1], t)})
+    refused(ValueError, "finite", names, {"m.velocity": (t, t * np.nan)})
+    refused(ValueError, "sigma must be positive", names, {"m.velocity": (t, t, 0.0)})
+    refused(ValueError, "for all data or for none", names, good | {"m.position": (t, t, 1.0)})
+    refused(TypeError, "must be .times, values", names, {"m.velocity": t})
+    refused(TypeError, "must map names", names, [])
+    refused(ValueError, "must rise", {"c.law.mu_static": (2.0, 1.0)}, good)
+    refused(TypeError, "must be .low, high", {"c.law.mu_static": 2.0}, good)
+    refused(ValueError, "starts must be", names, good, starts=0)
+    refused(
+        ValueError,
+        "cannot determine",
+        ["c.law.mu_static", "c.law.mu_coulomb"],
+        {"m.velocity": (t[1:2], t[1:2])},
+    )
+    with pytest.raises(TypeError, match="must be a Scene"):
+        fit(1, names, good)  # type: ignore[arg-type]

@@ -1,0 +1,149 @@
+"""Linear models: closed forms, and small motions of the scene itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Gear,
+    Mode,
+    Scene,
+    Spring,
+    linearize,
+    simulate,
+    sine,
+)
+
+
+def test_a_mass_on_a_spring() -> None:
+    scene = Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0, damping=0.4))
+    model = linearize(scene)
+    assert model.states == ("velocity(m)", "position(m)") and model.inputs == ("force(m)",)
+    assert np.allclose(model.A, [[-0.2, -4.0], [1.0, 0.0]]) and np.allclose(model.B, [[0.5], [0.0]])
+    assert model.outputs == ("velocity(m)", "position(m)")
+    assert np.allclose(model.C, np.eye(2)) and not model.D.any()
+    assert model.eigenvalues == pytest.approx([-0.1 - 1j * math.sqrt(3.99), -0.1 + 1j * math.sqrt(3.99)])
+    assert model.frequencies == pytest.approx([math.sqrt(3.99)]) and model.stable
+    assert "eigenvalue -0.1" in str(model)
+
+
+def pair(law: DryFriction, **velocity: float) -> Scene:
+    return Scene(
+        Body("a", inertia=1.0, velocity=velocity.get("a", 0.0)),
+        Body("b", inertia=3.0, velocity=velocity.get("b", 0.0)),
+        Contact("c", "a", "b", law, normal=10.0),
+        Spring("a", GROUND, stiffness=16.0),
+    )
+
+
+def test_stuck_contacts_are_constraints() -> None:
+    """Stuck, both swing with sqrt(16 / 4); slipping, the first alone with sqrt(16 / 1)."""
+    law = DryFriction(0.5, 0.5)
+    stuck, slipping = linearize(pair(law)), linearize(pair(law, a=1.0))
+    assert stuck.modes == {"c": Mode.STUCK} and slipping.modes == {"c": Mode.FORWARD}
+    assert stuck.frequencies == pytest.approx([2.0]) and slipping.frequencies == pytest.approx([4.0])
+    assert len(stuck.states) == 2 and len(slipping.states) == 3
+    # b = 3 is carried by the contact: the force on it is 3/4 of what pulls at a
+    force = stuck.select(["force(a)", "force(b)"], ["force(c)", "velocity(b)"])
+    assert np.allclose(force.D, [[0.75, -0.25], [0.0, 0.0]])
+    assert np.allclose(force.C @ _position(stuck, "a"), [-12.0, 0.0])
+    assert np.allclose(slipping.select(["normal(c)"], ["force(c)"]).D, [[0.5]])
+
+
+def _position(model: object, body: str) -> np.ndarray:
+    states = model.states  # type: ignore[attr-defined]
+    return np.array([float(name == f"position({body})") for name in states])
+
+
+def test_a_kinetic_curve_is_a_negative_damper() -> None:
+    """Sliding on a belt: x'' - s x' + x = 0 with the slope s of the curve at the speed of the belt."""
+    law = DryFriction(1.0, 1.0, kinetic=lambda v: 1.0 / (1.0 + 3.0 * abs(v)))
+    scene = Scene(
+        Body("m", inertia=1.0, position=1 / 1.6),
+        Drive("belt", velocity=0.2),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", "belt", law, normal=1.0),
+    )
+    slope = 3.0 / 1.6**2
+    model = linearize(scene)
+    found = np.roots([1.0, -slope, 1.0])
+    assert np.allclose(
+        sorted(model.eigenvalues, key=lambda z: z.imag), sorted(found, key=lambda z: z.imag), atol=1e-8
+    )
+    assert not model.stable
+    # the belt pulls by the slope of the curve, too
+    assert model.select(["velocity(belt)"]).B[0, 0] == pytest.approx(-slope, abs=1e-7)
+
+
+def test_small_motions_of_the_scene_follow_the_model() -> None:
+    """A drive line with a gear and a stuck clutch, under a small torque."""
+    law = DryFriction(0.5, 0.5)
+    elements = (
+        Body("motor", inertia=0.2),
+        Body("wheel", inertia=1.0),
+        Body("load", inertia=2.0),
+        Gear("gear", "motor", "wheel", ratio=3.0),
+        Contact("clutch", "wheel", "load", law, normal=100.0),
+        Spring("load", GROUND, stiffness=20.0, damping=0.3),
+        Damper("motor", GROUND, damping=0.05),
+    )
+    torque = sine(0.1, 0.4)
+    model = linearize(Scene(*elements)).select(["force(motor)"])
+    t = np.linspace(0.0, 6.0, 3001)
+    _, y, _ = lsim(model.to_scipy(), [torque(x) for x in t], t)
+    result = simulate(Scene(*elements, Force("motor", torque)), (0.0, 6.0), t_eval=t)
+    for name, read in (
+        ("velocity(load)", result.velocity("load")),
+        ("velocity(motor)", result.velocity("motor")),
+        ("force(clutch)", result.force("clutch")),
+        ("force(gear)", result.force("gear")),
+        ("position(load)", result.position("load")),
+    ):
+        assert np.allclose(y[:, model.outputs.index(name)], read, atol=2e-6 * np.ptp(read)), name
+
+
+def test_loads_are_read_at_a_time() -> None:
+    """The contact is pressed from 1 s on: it holds the body then."""
+    from stickslip import step
+
+    contact = Contact("c", "m", GROUND, DryFriction(0.5, 0.5), normal=step(1.0))
+    scene = Scene(Body("m", inertia=1.0), contact, Spring("m", GROUND, stiffness=1.0))
+    assert linearize(scene).frequencies == pytest.approx([1.0])
+    assert linearize(scene, t=2.0).frequencies.size == 0
+
+
+def test_bad_arguments_are_refused() -> None:
+    with pytest.raises(TypeError, match="must be a Scene"):
+        linearize(1)  # type: ignore[arg-type]
+    model = linearize(Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0)))
+    with pytest.raises(ValueError, match="no input is called"):
+        model.select(["torque(m)"])
+    with pytest.raises(ValueError, match="no output is called"):
+        model.select(outputs=["speed(m)"])
+
+
+def test_python_control() -> None:
+    control = pytest.importorskip("control")
+    model = linearize(Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0)))
+    other = model.to_control()
+    assert isinstance(other, control.StateSpace) and list(other.state_labels) == list(model.states)
+
+
+def test_without_python_control_it_is_said() -> None:
+    try:
+        import control  # noqa: F401
+    except ImportError:
+        model = linearize(Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0)))
+        with pytest.raises(ImportError, match="pip install control"):
+            model.to_control()
