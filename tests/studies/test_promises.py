@@ -51,8 +51,9 @@ def scene_of(seed: int) -> Scene:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_recommended_call_is_as_exact_as_promised(seed: int) -> None:
+    # any seed will do: each scene takes half a minute
     scene = scene_of(seed)
     study = tradeoff(scene, SPAN, budget=25.0)
     exact = simulate(scene, SPAN, rtol=1e-13, atol=1e-15)
