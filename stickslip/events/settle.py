@@ -226,7 +226,8 @@ def _settled(
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     regions = functions.at(y, q, now.regions)
     search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
-    motion, guards = search.run(_foreseen(system, trial, now))
+    # at a break the loads go on otherwise than they came
+    motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
     shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
