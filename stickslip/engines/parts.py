@@ -34,7 +34,6 @@ _MANY = 120
 
 _DWELL_OVER = 40.0
 _WORTH = 0.3
-_AT_REST = 1e-12
 _TINY = np.finfo(float).tiny
 
 

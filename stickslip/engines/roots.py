@@ -74,12 +74,16 @@ def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
 
 def _back(coefficients: Array, root: float, touch: float) -> float | None:
     """Return where a polynomial that has a root is positive again, None where it goes below `touch` or stays."""
-    whole = np.polynomial.Polynomial(coefficients)
-    slope, bend = float(whole.deriv()(root)), float(whole.deriv(2)(root))
+    value = slope = half = 0.0
+    for a in coefficients[::-1].tolist():
+        half = half * root + slope
+        slope = slope * root + value
+        value = value * root + a
+    bend = 2 * half
     if not (slope < 0 < bend and slope * slope <= 2 * bend * touch):
         return None
     back = root - 3 * slope / bend
-    return back if back < 1 and whole(back) > 0 else None
+    return back if back < 1 and np.polynomial.polynomial.polyval(back, coefficients) > 0 else None
 
 
 def _from(coefficients: Array, first: float) -> Array:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Path", "chebyshev_nodes", "from_nodes"]
+__all__ = ["Path", "chebyshev_nodes", "from_nodes", "gauss_nodes"]
 
 Array = NDArray[np.float64]
 
@@ -125,3 +125,10 @@ def from_nodes(order: int) -> Array:
     """Return the matrix from values at the Chebyshev points to Chebyshev coefficients."""
     places = 2 * chebyshev_nodes(order) - 1
     return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(places, order)))
+
+
+@lru_cache(maxsize=64)
+def gauss_nodes(count: int) -> tuple[Array, Array]:
+    """Return nodes from -1 to 1 and weights of the Gauss-Legendre rule, exact for polynomials of order 2 count - 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return nodes, weights

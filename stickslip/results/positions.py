@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, gauss_nodes
 from stickslip.results.trajectory import Trajectory
 
 __all__ = ["of_bodies", "of_drives"]
@@ -107,7 +105,7 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
         marks.append(np.linspace(start, stop, int(np.ceil(_PER_PERIOD * (stop - start) / loads.period)) + 1))
     edges = np.unique(np.concatenate(marks))
     edges = edges[(edges >= start) & (edges <= stop)]
-    x, weights = _gauss()
+    x, weights = gauss_nodes(_NODES)
     half = 0.5 * np.diff(edges)
     nodes = ((0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * x).ravel()
     piece_of = np.searchsorted(trajectory.starts, nodes, side="right") - 1
@@ -116,9 +114,3 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     sums = np.zeros((u.shape[0], edges.size))
     np.cumsum((u.reshape(u.shape[0], half.size, _NODES) @ weights) * half, axis=1, out=sums[:, 1:])
     return np.asarray(sums[:, np.searchsorted(edges, times)])
-
-
-@cache
-def _gauss() -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    return nodes, weights

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, fields
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.dependence import BlockPlace
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
+from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
@@ -447,7 +448,7 @@ def _over(
 ) -> list[Array]:
     """Return the integrals between the edges, for each piece of a block."""
     order = max(trajectory.order(number) for number in block)
-    nodes, weights = _gauss(min(order + 1, _MOST_NODES))
+    nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
     middle = np.concatenate([0.5 * (edge[1:] + edge[:-1]) for edge in edges])
     half = np.concatenate([0.5 * (edge[1:] - edge[:-1]) for edge in edges])
     sizes = np.array([edge.size - 1 for edge in edges])
@@ -456,12 +457,6 @@ def _over(
     values = integrand(at)
     steps = (values.reshape(values.shape[0], -1, nodes.size) @ weights) * half
     return np.split(steps, np.cumsum(sizes)[:-1], axis=1)
-
-
-@lru_cache(maxsize=_MOST_NODES)
-def _gauss(count: int) -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return nodes, weights
 
 
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:

@@ -26,6 +26,7 @@ from stickslip.equations.guards import NEVER, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
+from stickslip.equations.path import gauss_nodes
 from stickslip.equations.system import System
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, Trajectory
@@ -854,7 +855,7 @@ class Variation:
             limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
             sums = np.zeros((limits.shape[0], edges.size, self.count))
             if edges.size > 1:
-                nodes, weights = _gauss(varied.coefficients.shape[1])
+                nodes, weights = gauss_nodes(varied.coefficients.shape[1])
                 half = 0.5 * np.diff(edges)
                 taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
                 slopes = self.slope_of(quantity, number, taus).reshape(-1, half.size, nodes.size, self.count)
@@ -879,12 +880,6 @@ def _relative(motion: Motion, taus: Array, y: Array) -> Array:
 
 def _dense(matrix: Array) -> Array:
     return matrix.toarray() if hasattr(matrix, "toarray") else matrix
-
-
-@lru_cache(maxsize=4)
-def _gauss(count: int) -> tuple[Array, Array]:
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return nodes, weights
 
 
 @lru_cache(maxsize=1)
