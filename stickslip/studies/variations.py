@@ -639,13 +639,9 @@ class Variation:
         raw = self._raw(piece, guards, motion)
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
         moved = moved + np.outer(self._fall(motion, guards, tau, y), times)
-        limit = self._noise(guards)
-        for i in at.tolist():
-            for k in range(self.count):
-                if abs(moved[i, k]) > limit[i, k]:
-                    why = f"an event of {self._row(guards.row[i])} falls on a break of a load"
-                    self._refuse(piece.stop, k, why)
-                    times[k] = np.nan
+        for i, k in self._moving(guards, at, moved):
+            self._refuse(piece.stop, k, f"an event of {self._row(guards.row[i])} falls on a break of a load")
+            times[k] = np.nan
 
     def _check_level_after_break(
         self, number: int, motion: Motion, S: Array, since: Array, times: Array
@@ -667,13 +663,14 @@ class Variation:
         raw, moved = self._raw(stayed, guards, held), S + np.outer(rate, times)
         slopes = self._slopes(raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
         slopes = slopes + np.outer(self._fall(held, guards, 0.0, y), times)
-        limit = self._noise(guards)
-        for i in at.tolist():
-            for k in range(self.count):
-                if abs(slopes[i, k]) > limit[i, k]:
-                    why = f"{self._row(guards.row[i])} comes to its level on a break of a load"
-                    self._refuse(piece.stop, k, why)
-                    times[k] = np.nan
+        for i, k in self._moving(guards, at, slopes):
+            self._refuse(piece.stop, k, f"{self._row(guards.row[i])} comes to its level on a break of a load")
+            times[k] = np.nan
+
+    def _moving(self, guards: Guards, some: NDArray[np.intp], slopes: Array) -> list[tuple[int, int]]:
+        """Return guards among some, and directions that move them by more than roundoff."""
+        found = np.argwhere(np.abs(slopes[some]) > self._noise(guards)[some])
+        return [(int(some[i]), int(k)) for i, k in found]
 
     def _check_touches(self, number: int, motion: Motion) -> None:
         """Refuse what follows where a guard touches 0 without crossing it: an event begins or vanishes there."""
