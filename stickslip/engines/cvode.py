@@ -26,9 +26,6 @@ Array = NDArray[np.float64]
 _ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
 """The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
 
-_MOST_AGAIN = 1_000_000
-"""Steps between two values that the second solver of a replay may take."""
-
 _ROOTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
 
@@ -155,9 +152,7 @@ class Cvode:
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
             solver = CVODE(rate, eventsfn=smallest_guard, num_events=1, jacfn=jacobian, **options)
-            # the second one is asked for some steps only: between two of them may lie many
-            again = CVODE(known_rate, jacfn=known_jacobian, max_num_steps=_MOST_AGAIN, **options)
-            return solver, again
+            return solver, CVODE(known_rate, jacfn=known_jacobian, **options)
 
 
 class _Selected:

@@ -26,6 +26,9 @@ _LOW = 6
 _NEGLIGIBLE = 1e-3
 """Part of the tolerances that the last coefficients of a polynomial may be."""
 
+_AT_ONCE = 200
+"""Steps between two values that are asked for at the most: CVODE takes 500 at once."""
+
 _FIRST = 1e-3
 """Longest first step as a part of the time ahead."""
 
@@ -113,14 +116,16 @@ class Replay:
         before, after = taus[steps], taus[steps + 1]
         times = (before[:, None] + (after - before)[:, None] * inner).ravel()
         # times so close that rounding makes them one are asked for once
-        asked, place = np.unique(np.append(times, tau), return_inverse=True)
+        asked, place = np.unique(
+            np.concatenate([times, taus[_AT_ONCE:-1:_AT_ONCE], [tau]]), return_inverse=True
+        )
         self._next = 0
         told = second.solve(np.concatenate([[0.0], asked]), points[0]).y[1:]
         if told.shape[0] < asked.size - 1:
             raise ArithmeticError("the solver did not take the same steps once more")
         values = np.empty((steps.size, degree + 1, points.shape[1]))
         values[:, 0], values[:, -1] = points[steps], points[steps + 1]
-        values[:, 1:-1] = told[place[:-1]].reshape(steps.size, inner.size, -1)
+        values[:, 1:-1] = told[place[: times.size]].reshape(steps.size, inner.size, -1)
         return np.asarray(from_nodes(degree) @ values)
 
 
