@@ -57,9 +57,8 @@ class Replay:
         self._rates.append(out.copy())
 
     def known_rate(self, tau: float, y: Array, out: Array) -> None:
-        """Return the next rate; beyond the last step of the first run no value is wanted any more."""
-        known = self._rates
-        out[:] = known[min(self._next, len(known) - 1)]
+        """Return the next rate; none is known beyond the last step, which ends the second run at once."""
+        out[:] = self._rates[self._next] if self._next < len(self._rates) else np.nan
         self._next += 1
 
     def known_jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:

@@ -215,8 +215,10 @@ class _Simulation:
             raise error from failure.__cause__ or failure
         except Inconsistent as conflict:
             names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
-            message = f"no consistent modes for the contacts {names}"
+            message = f"no consistent modes for the contacts {names}" if names else "no consistent modes"
             remedy = "their laws contradict each other: look at their coefficients"
+            if math.isfinite(self._task.step):
+                remedy = "shorten the step, or use BDF: a step may have leapt over a pre-slip velocity"
             raise self._error(message, remedy) from conflict
         except Jammed as conflict:
             names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())

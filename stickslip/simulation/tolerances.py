@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 _PASSED = 100.0
 """How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
 
+_PASSED_AT_MOST = 1e-2
+"""How far velocities pass 0 at the most, as a part of the scene's velocities: with loose tolerances, too."""
+
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
@@ -87,7 +90,8 @@ def tolerances(
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
-    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, _PASSED * quiet)
+    passed = min(_PASSED * quiet, max(_PASSED_AT_MOST * speed, quiet))
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, passed)
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:

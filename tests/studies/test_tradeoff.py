@@ -1,6 +1,7 @@
 import ast
 import importlib
 import math
+import re
 import warnings
 from types import SimpleNamespace
 
@@ -179,7 +180,10 @@ def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(ben
     (exact,) = [r for r in benchmark.work.rows if r.family == "contact-force, series"]
     assert exact.failure is None and exact.error == benchmark.limit
     stepped = [r for r in benchmark.work.rows if r.family == "contact-force, BDF"]
-    assert stepped and all(r.failure is None and r.error < 1e-4 for r in stepped)
+    # an error below the relative tolerance, also where that is loose
+    promised = [float(re.search(r"rtol=([^,]+)", r.name).group(1)) for r in stepped]
+    assert len(stepped) > 5 and max(promised) >= 1e-2
+    assert all(r.failure is None and r.error < p for r, p in zip(stepped, promised, strict=True))
     # the last one is the tightest
     assert stepped[-1].error < 1e-9
     assert all(r.error >= benchmark.limit for r in benchmark.work.rows if r.failure is None)
@@ -188,7 +192,11 @@ def test_the_benchmark_is_measured_against_a_reference_converged_to_roundoff(ben
 @pytest.mark.slow
 def test_pre_slip_errors_are_told(benchmark):
     coarse = [r for r in benchmark.work.rows if "regularized(0.01)" in r.name]
-    assert coarse and all(1e-3 < r.error < 0.1 for r in coarse)
+    assert len(coarse) > 2 and all(1e-3 < r.error < 0.1 for r in coarse if r.failure is None)
+    # explicit steps longer than the band of pre-slip allows are refused, never wrong
+    refused = [r for r in coarse if r.failure is not None]
+    assert all("step=" in r.name and "shorten the step, or use BDF" in r.failure for r in refused)
+    assert len(refused) < len(coarse)
 
 
 @pytest.mark.slow
@@ -223,6 +231,8 @@ def test_text_frame_and_plot(benchmark, axes):
 
 @pytest.mark.slow
 def test_a_crowded_legend_leaves_the_curves_free(benchmark, axes):
+    axes.figure.set_size_inches(9.0, 5.0)
+    axes.figure.set_layout_engine("constrained")
     benchmark.plot(ax=axes)
     axes.figure.canvas.draw()
     assert axes.get_legend().get_window_extent().x0 >= axes.get_window_extent().x1
