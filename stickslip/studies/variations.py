@@ -264,7 +264,11 @@ class _Impact:
         if largest == 0:
             return np.zeros_like(change), 0.0
         speeds = np.abs(self.system.G @ v + self.system.D @ self.before)[self.hit]
-        h = _PART * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0))) / largest
+        h = (
+            _PART
+            * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0)))
+            / largest
+        )
         own = self.after(v)
         ahead = self.after(v + h * change, None, self.before + h * u, self.now + h * u)
         back = self.after(v - h * change, None, self.before - h * u, self.now - h * u)
@@ -334,12 +338,54 @@ class Variation:
         ends = [start, *loads.breaks, stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
-    def _near(self, piece: Piece, k: int) -> list[tuple[float, Motion]]:
+    def _motion(self, number: int) -> Motion:
+        """Return the motion of a piece, its tables on the lines on which they were."""
+        loads, dependence = self.trajectory.loads, self.system.dependence
+        if dependence is not None and dependence.tables:
+            x = self._looked_up(number, np.array([0.5]))[:, 0]
+            loads.regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
+        found = self.trajectory.motion(number)
+        loads.regions = None
+        return found
+
+    def _looked_up(self, number: int, parts: Array) -> Array:
+        """Return what tables are looked up at along a piece, a line each, at parts of its length."""
+        piece, dependence = self.trajectory.pieces[number], self.system.dependence
+        assert piece.path is not None and dependence is not None
+        taus = parts * piece.end
+        motion = self.trajectory.motion(number)
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
+
+    def _check_corners(self, number: int, motion: Motion) -> None:
+        """Refuse directions that move tables off a corner at which they stay."""
+        piece, dependence = self.trajectory.pieces[number], self.system.dependence
+        if dependence is None or not dependence.tables or piece.end <= 0:
+            return
+        x = self._looked_up(number, np.linspace(0.1, 0.9, 5))
+        for i, region in enumerate(motion.regions or ()):
+            for corner in dependence.borders(i, region):
+                if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
+                    continue
+
+                def looked_up(own: Motion, taus: Array, states: Array) -> Array:
+                    q = own.inputs(taus, states)[: own.system.inputs]
+                    assert own.system.dependence is not None
+                    return np.asarray(own.system.dependence.looked_up(q, states) - corner)  # noqa: B023
+
+                slopes = self.slope_of(looked_up, number, np.array([0.5 * piece.end]))[i, 0]
+                for k in range(self.count):
+                    if abs(slopes[k]) > _TIE * abs(corner or 1.0) / self.directions[k].size:
+                        self._refuse(piece.t, k, f"a table stays at its corner {corner:g}")
+                        self.pieces[number].until[k] = 0.0
+
+    def _near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
         found = []
         for weight, system, loads in self._near_ones[k]:
             equations = equations_in(piece.modes, system, piece.regions)
             stretch = self._stretch(piece.t, loads)
+            stretch.regions = motion.regions
             found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
         return found
 
@@ -369,7 +415,7 @@ class Variation:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         piece = self.trajectory.pieces[number]
         varied = self.pieces[number]
-        motion = self.trajectory.motion(number)
+        motion = self._motion(number)
         assert piece.path is not None
         y = motion.exact(taus, piece.path.at(taus).T)
         return self._slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
@@ -380,13 +426,15 @@ class Variation:
         columns = []
         for k in range(self.count):
             parts = [
-                weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self._near(piece, k)
+                weight * quantity(near, taus, near.exact(taus, y))
+                for weight, near in self._near(piece, motion, k)
             ]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
                 for weight, moved, at in self._along(motion, since[:, k], taus, y, S[:, :, k])
             ]
-            columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
+            with np.errstate(invalid="ignore"):
+                columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
         if not columns:
             return np.zeros((*quantity(motion, taus, y).shape, 0))
         return np.stack(columns, axis=-1)
@@ -399,7 +447,7 @@ class Variation:
         begin = np.zeros(self.count)
         last = len(trajectory.pieces) - 1
         for number, piece in enumerate(trajectory.pieces):
-            motion = trajectory.motion(number)
+            motion = self._motion(number)
             taus, coefficients = self._flow(piece, motion, S, since)
             self.pieces.append(
                 VariedPiece(
@@ -407,6 +455,7 @@ class Variation:
                 )
             )
             self._check_touches(number, motion)
+            self._check_corners(number, motion)
             until = self.pieces[-1].until
             at_end = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
             at_end = np.where(until < np.inf, np.nan, at_end)
@@ -430,7 +479,7 @@ class Variation:
         held = ((piece.modes == 0) & system.hard).tobytes()
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
-        motion = self.trajectory.motion(0)
+        motion = self._motion(0)
         u = system.drive_velocities(motion.stretch.at(t))
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, motion.stretch.at(t))
@@ -453,9 +502,7 @@ class Variation:
         self._check_start_at_stops(piece, motion, S, sides)
         return S, since
 
-    def _check_start_at_stops(
-        self, piece: Piece, motion: Motion, S: Array, sides: NDArray[np.int8]
-    ) -> None:
+    def _check_start_at_stops(self, piece: Piece, motion: Motion, S: Array, sides: NDArray[np.int8]) -> None:
         """Refuse directions that move stops off a limit at which they start, or beyond it."""
         system = self.system
         if not sides.any():
@@ -473,7 +520,9 @@ class Variation:
             off = (at & (np.abs(slopes[:, k]) > _TIE / self.directions[k].size)).nonzero()[0]
             if off.size:
                 label = functions.labels[functions.owner[off[0]]]
-                self._refuse(piece.t, k, f"{label} starts at its limit: the derivatives to the two sides differ")
+                self._refuse(
+                    piece.t, k, f"{label} starts at its limit: the derivatives to the two sides differ"
+                )
                 S[:, k] = np.nan
 
     def _check_start(self, piece: Piece, motion: Motion, S: Array) -> None:
@@ -550,7 +599,7 @@ class Variation:
         """Follow ``S' = A S + f_p`` by Taylor series."""
         system, path, end = self.system, piece.path, piece.end
         assert path is not None
-        near = [self._near(piece, k) for k in range(self.count)]
+        near = [self._near(piece, motion, k) for k in range(self.count)]
         tau, guess = 0.0, end
         ends, found = [0.0], []
         while tau < end:
@@ -753,7 +802,7 @@ class Variation:
         if not np.any((following.modes != piece.modes) & (piece.modes == 0) & self.system.is_friction):
             return
         stayed = replace(piece, t=following.t, y=piece.path.last)
-        stretch = self.trajectory.motion(number + 1).stretch
+        stretch = self._motion(number + 1).stretch
         held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
         guards = self._guards(stayed, held)
         at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
@@ -847,7 +896,7 @@ class Variation:
         path = piece.path
         assert path is not None
         tau = float(path.taus[-1])
-        after = self.trajectory.motion(number + 1)
+        after = self._motion(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
         held = ((following.modes == 0) & system.hard).tobytes()
         q = after.stretch.at(following.t)
@@ -870,7 +919,9 @@ class Variation:
             for weight, near, loads in near_ones:
                 own = near.drive_velocities(self._stretch(following.t, loads).at(following.t))
                 before = near.drive_velocities(self._stretch(piece.t, loads).at(following.t))
-                v = v + weight * near.balance(held).project(impact.after(path.last[:n], near, before, own), own)
+                v = v + weight * near.balance(held).project(
+                    impact.after(path.last[:n], near, before, own), own
+                )
             found[:n, k] = v
         found -= np.outer(after.rate(0.0, following.y), times)
         newly = following.since == following.t
@@ -882,7 +933,7 @@ class Variation:
         system, piece = self.system, self.trajectory.pieces[number]
         path, t = piece.path, self.trajectory.pieces[number + 1].t
         assert path is not None
-        stretch = self.trajectory.motion(number + 1).stretch
+        stretch = self._motion(number + 1).stretch
         loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
         u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])
         jumps = np.abs(u[1] - u[0]).max(initial=0.0) > _REST * (np.abs(u[1]).max(initial=0.0) + self._size[0])
@@ -974,7 +1025,7 @@ class Variation:
         total: Array | float = 0.0
         for number in range(int(place.max(initial=-1)) + 1):
             piece, varied = self.trajectory.pieces[number], self.pieces[number]
-            motion = self.trajectory.motion(number)
+            motion = self._motion(number)
             path = piece.path
             assert path is not None
             wanted = local[place == number]
