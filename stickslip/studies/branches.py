@@ -384,7 +384,7 @@ class _Follower:
             one: Cycle | None = None
             for near, of in ((a, before), (b, value)):
                 try:
-                    one = self._step(near, of, middle)
+                    one = self.reach(near, of, middle)
                     break
                 except (CycleError, SimulationError):
                     continue
@@ -394,7 +394,10 @@ class _Follower:
                 a, before = one, middle
             else:
                 b, value = one, middle
-        self._points.append(BranchPoint(0.5 * (before + value), "sequence", _told(a, b)))
+        said = _told(a, b)
+        if abs(value - before) > smallest:
+            said += f"; somewhere between {before:.9g} and {value:.9g}"
+        self._points.append(BranchPoint(0.5 * (before + value), "sequence", said))
 
     def _end(self, last: Cycle, before: float, value: float, why: str) -> None:
         """Find by bisection how far the branch reaches."""
@@ -410,7 +413,13 @@ class _Follower:
                 value, why = middle, str(error)
         if _cyclic(a.sequence) != _cyclic(first.sequence):
             self._points.append(BranchPoint(before, "sequence", _told(first, a)))
-        said = "; ".join([*_vanishing(a), why])
+        vanishing = _vanishing(a)
+        if vanishing:
+            why += (
+                ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
+                "of a scene that moves a little less"
+            )
+        said = "; ".join([*vanishing, why])
         self._points.append(BranchPoint(0.5 * (before + value), "end", said))
 
 

@@ -45,7 +45,7 @@ much."""
 _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
-_NEAR_BY, _FAR = 0.02, 0.5
+_NEAR_BY, _FAR = 0.05, 0.5
 """A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
 change, is another one."""
 
