@@ -88,6 +88,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.touched is not None:
+        touching[path.touched] = fired[path.touched] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
