@@ -1,7 +1,8 @@
 """Looking at guards between computed points, where root finding by sign changes is blind.
 
 Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
-point at which it is negative is found here, and the solver is sent there.
+point at which it is negative is found here, and the solver is sent there. Only steps are looked at in which a bound
+does not exclude that.
 """
 
 from __future__ import annotations
@@ -29,13 +30,22 @@ _DWELLS = np.geomspace(0.02, 40.0, 24)
 def first_dip(motion: Motion, guards: Guards, path: Path) -> float | None:
     """Return the first time between computed points at which a guard is negative, if there is one."""
     taus = path.taus
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS).ravel()
-    if motion.dwell_times.size:
+    if not guards.size or taus.size < 2:
+        return None
+    low = guards.lower_bounds(path)
+    some = np.asarray((low <= 0).any(axis=0))
+    if not some.any():
+        return None
+    # a turn shows beside its neighbours
+    some[:-1] |= some[1:]
+    some[1:] |= some[:-1]
+    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS)[some].ravel()
+    if motion.dwell_times.size and np.isinf(low).any():
         extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if path.hit:
+    if path.hit and some[-1]:
         looks = looks[:-1]
-    if not looks.size or not guards.size:
+    if not looks.size:
         return None
 
     def values(tau: Array) -> Array:
