@@ -21,15 +21,18 @@ from stickslip import (
     Gap,
     Gear,
     OneWay,
+    Planetary,
     Result,
     Scene,
     Spring,
     Stop,
     Tie,
+    feedback,
     piecewise_linear,
     simulate,
     sine,
     step,
+    velocity,
 )
 
 FIGURE = Path(__file__).parents[1] / "figures" / "modelica.png"
@@ -138,6 +141,24 @@ def elastic_bearing() -> Scene:
     )
 
 
+def simple_gear_shift() -> Scene:
+    """Rotational.SimpleGearShift: a planetary gear shifts as its brake opens and its clutch closes within 0.1 s."""
+    lining = DryFriction(mu_static=100.0, mu_coulomb=100.0)
+    shift = piecewise_linear([2.0, 2.1], [0.0, 1.0])
+    # the load takes its 20 N m at 100 revolutions per minute
+    load = feedback(lambda w: -20.0 * (w / RATED) ** 2, velocity("carrier"))
+    return Scene(
+        Body("sun", inertia=1.0),
+        Body("carrier", inertia=10.0),
+        Body("ring", inertia=0.0),
+        Planetary("gear", sun="sun", carrier="carrier", ring="ring", ratio=1.5),
+        Contact("clutch", "sun", "ring", lining, normal=shift),
+        Contact("brake", "ring", GROUND, lining, normal=1.0 - shift),
+        Force("sun", step(0.5, 0.0, 20.0)),
+        Force("carrier", load),
+    )
+
+
 class Case(NamedTuple):
     """A scene, how long it runs, what is drawn of it, and what is known of it exactly."""
 
@@ -154,6 +175,7 @@ ONE_WAY = (0.0802800002413492, 1 / 6, 0.430677395670009, 0.95, 1.05, 7 / 6, 1.75
 # the clutch lets go where 5 sin(4 pi t) + 0.3 comes to 0
 LETS_GO = (math.pi + math.asin(0.06)) / (4 * math.pi)
 DAMPED = math.sqrt(20e3 / 5 - 25.0)
+RATED = 100.0 * 2 * math.pi / 60
 SWINGS = math.pi / 2 * math.exp(-5.0) * (math.cos(DAMPED) + 5.0 / DAMPED * math.sin(DAMPED))
 
 CASES = {
@@ -184,6 +206,14 @@ CASES = {
         one_way_clutch_disengaged, 2.0, ("velocity in", "velocity out"), "free", (LETS_GO,)
     ),
     "ElasticBearing": Case(elastic_bearing, 10.0, ("velocity shaft", "velocity load", "velocity housing")),
+    "SimpleGearShift": Case(
+        simple_gear_shift,
+        5.0,
+        ("velocity sun", "velocity carrier", "velocity ring"),
+        "clutch",
+        (2.110790361305612,),
+        (("velocity", "carrier", 8.09003503997447),),
+    ),
 }
 
 
@@ -198,12 +228,13 @@ def main(figure: Path) -> None:
     """Run all cases, print how far they are from what is known, and draw a page."""
     from stickslip.plots import Figure
 
-    page = Figure(figsize=(10.0, 8.0), layout="constrained")
-    for ax, (name, case) in zip(page.subplots(3, 3).flat, CASES.items(), strict=True):
+    page = Figure(figsize=(9.0, 10.0), layout="constrained")
+    for ax, (name, case) in zip(page.subplots(5, 2).flat, CASES.items(), strict=True):
         result = simulate(case.scene(), (0.0, case.stop))
         off = errors(case, result)
         known = f"{len(off)} exact values, worst error {max(off):.1e}" if off else "no exact answer known"
-        print(f"{name}: {len(result.events)} events, {result.stats['engine']}; {known}")
+        balance = f"energy balances to {result.energy().relative_error:.1e}"
+        print(f"{name}: {len(result.events)} events, {result.stats['engine']}; {known}; {balance}")
         for line, drawn in zip(("k-", "k--", "k:", "k-."), case.drawn, strict=False):
             what, body = drawn.split()
             ax.plot(result.t, getattr(result, what)(body), line, linewidth=1.2, label=body)

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.model.crossings import root_between
 
 __all__ = ["back_to_zero"]
 
@@ -53,7 +53,7 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
             return float(guards.values(tau, motion.exact(tau, path.at(np.array([tau]))[0]))[row])
 
         if beyond(right) < 0:
-            found = min(found, float(scipy.optimize.brentq(beyond, left, right, xtol=1e-300, rtol=1e-15)))
+            found = min(found, root_between(beyond, left, right))
     if not 0 < found < taus[-1]:
         return path
     cut = path.cut(found)

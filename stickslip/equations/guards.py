@@ -393,6 +393,19 @@ class Guards:
         """Guards of velocities that pass 0."""
         return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
 
+    @cached_property
+    def stick_at_touch(self) -> Mask:
+        """Guards of contacts that may stick where their velocity only touches 0: they hold more at rest (MODEL rule 2).
+
+        All others would go on at once: what moves them there is no more than their friction in motion.
+        """
+        found = np.zeros(self.size, dtype=bool)
+        rows = self.row[self.passing]
+        mode = self.motion.equations.modes[rows]
+        holds_more = self.motion.system.holds_more[np.where(mode < 0, 1, 0), rows]
+        found[self.passing] = holds_more & (np.abs(mode) == 1) & (self.order[self.passing] != NEVER)
+        return found
+
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 

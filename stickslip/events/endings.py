@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
@@ -15,6 +14,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
+from stickslip.model.crossings import root_between
 
 __all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
 
@@ -88,6 +88,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.touched is not None:
+        touching[path.touched] = fired[path.touched] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
@@ -270,11 +272,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
                 return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
 
             left = float(path.taus[k - 1])
-            entry = (
-                float(scipy.optimize.brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
-                if beyond(left) > 0 > beyond(tau)
-                else tau
-            )
+            entry = root_between(beyond, left, tau) if beyond(left) > 0 > beyond(tau) else tau
             if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
                 return entry if entry > 0 else tau
             continue

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
+from stickslip.model.crossings import root_between
 from stickslip.model.when import When
 
 __all__ = ["Borders", "Crossing", "Watch"]
@@ -209,7 +209,7 @@ def _roots(
         if before is None:
             found.append((left, sign))
         elif sign != before[1]:
-            root = float(scipy.optimize.brentq(exact, before[0], tau, xtol=1e-300, rtol=1e-15))
+            root = root_between(exact, before[0], tau)
             found.append((root, sign))
         before = tau, sign
     return found

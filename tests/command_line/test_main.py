@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from clocks import count_work
 from references import load as reference
 
 from stickslip import Body, Force, Scene, __version__, load, simulate
@@ -240,9 +241,10 @@ def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, 
 
 
 @pytest.mark.slow
-def test_tradeoff_measures_and_recommends(here, capsys):
+def test_tradeoff_measures_and_recommends(here, capsys, monkeypatch):
+    count_work(monkeypatch)
     (here / "scene.toml").write_text(SCENE.replace("span = [0, 4]", "span = [0, 1]"))
-    assert main(["tradeoff", "scene.toml", "--budget", "20", "--error", "1e-3", "--plot", "o.svg"]) == 0
+    assert main(["tradeoff", "scene.toml", "--budget", "4", "--error", "1e-3", "--plot", "o.svg"]) == 0
     text = capsys.readouterr().out
     assert "recommended: simulate(scene" in text and "reference: " in text
     assert (here / "o.svg").exists()
