@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.floats import Line, evaluate, forces
+from stickslip.equations.floats import Line, evaluate, forces, lines
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
@@ -485,6 +485,13 @@ class Guards:
         if self.in_floats is not None and motion.in_floats is not None:
             x = y.tolist()
             return min(evaluate(self.in_floats, tau, x + forces(motion.in_floats[1], tau, x)))
+        if self._of_states is not None and self._on_lines is not None:
+            value, slope = self._on_lines
+            g = self._of_states @ y
+            g += value
+            if not motion.stretch.is_steady:
+                g += tau * slope
+            return float(g.min())
         if self._has_levels or self._rising.size or motion.dependence is not None:
             q = motion.inputs(tau, y, functions=self._needs_functions)
         z = motion.watched(tau, y, q)
@@ -496,20 +503,37 @@ class Guards:
         return float(g.min())
 
     @cached_property
-    def in_floats(self) -> list[Line] | None:
-        """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
-        motion, none = self.motion, np.zeros(self.size)
-        if motion.in_floats is None or motion.is_rising(0.0):
+    def _on_lines(self) -> tuple[Array, Array] | None:
+        """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
+        motion = self.motion
+        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self._source, self._turn)
+        if known is None:
             return None
-        value, slope = self._constant.copy(), none
+        value, slope = known[0] + self._constant, known[1]
         if self._has_levels:
             value += self._mu * motion.start_inputs[self._row]
-            slope = self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
+            slope = slope + self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
         if self.uncertain:
             value[self.passing] += self.uncertain
         if self._offset is not None:
             value += self._offset
-        return motion.watched_in_floats(self._source, self._turn, value, slope)
+        return value, slope
+
+    @cached_property
+    def in_floats(self) -> list[Line] | None:
+        """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
+        if self.motion.in_floats is None or self._on_lines is None:
+            return None
+        equations, turn = self.motion.equations, self._turn[:, None]
+        return lines(*self._on_lines, turn * equations.E[self._source], turn * equations.L[self._source])
+
+    @cached_property
+    def _of_states(self) -> Array | None:
+        """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
+        equations = self.motion.equations
+        if self._on_lines is None or equations.watched_by_laws[self._source].any():
+            return None
+        return np.asarray(self._turn[:, None] * equations.E[self._source])
 
     @cached_property
     def _told(self) -> float:

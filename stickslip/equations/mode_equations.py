@@ -312,6 +312,11 @@ class ModeEquations:
             found[m:] = True if self.system.sparse else self.L[m:].any(axis=1)
         return found
 
+    @cached_property
+    def is_watched_by_laws(self) -> bool:
+        """Whether the forces that depend on velocity may reach anything that is watched."""
+        return bool(self.watched_by_laws.any())
+
     def _of_states(self, y: Array) -> Array:
         system, balance = self.system, self.balance
         n = system.n

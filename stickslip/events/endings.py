@@ -263,7 +263,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
     ends = near.nonzero()[0]
     for k in ends.tolist():
         tau = float(path.taus[k])
-        if not _at_rest(motion, tau, path.at(np.array([tau]))[0], row):
+        if not _at_rest(motion, tau, path.state(tau), row):
             continue
         if k and not near[k - 1]:
 
@@ -273,7 +273,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
 
             left = float(path.taus[k - 1])
             entry = root_between(beyond, left, tau) if beyond(left) > 0 > beyond(tau) else tau
-            if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
+            if _at_rest(motion, entry, path.state(entry), row):
                 return entry if entry > 0 else tau
             continue
         if k:
