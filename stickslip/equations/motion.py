@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.floats import Acting, Line, lines
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
@@ -25,6 +26,9 @@ _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
 
 _DIFFERENCE = 1e-5
+
+_IN_FLOATS = 40
+"""Entries of the matrix of the rates up to which plain floats are faster than arrays."""
 
 
 class Expansion:
@@ -180,6 +184,13 @@ class Motion:
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
+
+    def withheld(self, taus: Array) -> Array:
+        """Return the part of each dwell's rise that is still withheld at local times, one column each."""
+        found = np.zeros((self._dwelling.size, taus.size))
+        if self._dwelling.size and self._rising.size:
+            found[self._rising] = np.exp(-(self._age[:, None] + np.multiply.outer(self._rate, taus)))
+        return found
 
     @property
     def for_normals(self) -> Collection[int]:
@@ -344,6 +355,33 @@ class Motion:
         rows, none = equations.acting, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
         return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
+
+    @cached_property
+    def in_floats(self) -> tuple[list[Line], list[Acting]] | None:
+        """The rates of a small motion and the friction forces that they need, None where arrays are the better way."""
+        system, equations = self.system, self.equations
+        count = equations.acting.size
+        if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
+            return None
+        laws = equations.law.in_floats()
+        if laws is None:
+            return None
+        value, slope, w, w_slope, normal, normal_slope = self._lines
+        size = system.size
+        rates = lines(value[:size], slope[:size], equations.A, equations.K)
+        velocities = lines(w, w_slope, equations.acting_velocities) if count else []
+        return rates, list(map(Acting, velocities, normal.tolist(), normal_slope.tolist(), laws))
+
+    def watched_in_floats(
+        self, source: Indices, turn: Array, value: Array, slope: Array
+    ) -> list[Line] | None:
+        """Return ``turn z[source]`` and lines in time as plain floats, None where arrays are the better way."""
+        if self.in_floats is None or self._lines is None:
+            return None
+        equations, size, factor = self.equations, self.system.size, turn[:, None]
+        value = value + turn * self._lines[0][size:][source]
+        slope = slope + turn * self._lines[1][size:][source]
+        return lines(value, slope, factor * equations.E[source], factor * equations.L[source])
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""

@@ -30,6 +30,8 @@ class Path:
         Whether a guard came to 0 at the end.
     is_chebyshev : bool
         Whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not.
+    touched : int, optional
+        The row whose relative velocity touches 0 at the end, None for none.
     """
 
     taus: Array
@@ -37,6 +39,12 @@ class Path:
     last: Array
     hit: bool
     is_chebyshev: bool = False
+    touched: int | None = None
+
+    @property
+    def has_event(self) -> bool:
+        """Whether something came to its limit at the end."""
+        return self.hit or self.touched is not None
 
     @property
     def points(self) -> Array:
@@ -79,7 +87,7 @@ class Path:
     def until(self, count: int) -> Path:
         """Return the first `count` steps."""
         if count >= self.coefficients.shape[0]:
-            return replace(self, hit=False)
+            return replace(self, hit=False, touched=None)
         last = self.points[count]
         return Path(self.taus[: count + 1], self.coefficients[:count], last, False, self.is_chebyshev)
 

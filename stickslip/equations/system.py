@@ -195,6 +195,8 @@ class System:
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - self.least, 0.0)
         self.rise = np.where(self.dwell > 0, rise, 0.0)
+        # contacts that hold more at rest than in motion, forward and backward
+        self.holds_more = (self.mu_s > self.least) & self.hard
         dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
         self.dwelling = dwells.nonzero()[0]
         self.dwell_place = np.full(self.m, -1)

@@ -88,6 +88,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.touched is not None:
+        touching[path.touched] = fired[path.touched] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
@@ -214,6 +216,8 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     near = (w <= margin) & (w > 0)
     if not near.any():
         return path, []
+    some = np.flatnonzero(near.any(axis=0))
+    near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
     found: tuple[float, list[int]] | None = None
     for k in np.flatnonzero(near.any(axis=1)).tolist():
         tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
@@ -240,6 +244,16 @@ def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) 
     system = motion.system
     q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(states, q)[rows]
+    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
+
+
+def _signed_rates(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+    """Return how fast relative velocities grow away from 0."""
+    system = motion.system
+    dq = np.zeros((system.inputs + system.dwelling.size, taus.size))
+    if system.drives:
+        dq[: system.inputs] = np.array([motion.stretch.rate(motion.t + tau) for tau in taus.tolist()]).T
+    w = system.relative_velocity(motion.rate(taus, states), dq)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 

@@ -161,7 +161,7 @@ class Run:
         tau = float(path.taus[-1])
         t = motion.t + tau
         stop = motion.stretch.stop
-        if (tau >= motion.horizon and not (path.hit or ones)) or stop - t <= _SAME_TIME * abs(stop):
+        if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
             t = stop
         if self.watch_events is not None:
@@ -211,12 +211,12 @@ class Run:
 
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion = now.motion
-        self._watch_progress(t, path.hit and not now.guards.is_border.any())
+        self._watch_progress(t, path.has_event and not now.guards.is_border.any())
         if t >= self._stop:
             return
         self.restarts += 1
         system, held = self.system, self._sampled(motion, path, t)
-        if not (path.hit or ones) and self.loads.goes_on(t):
+        if not (path.has_event or ones) and self.loads.goes_on(t):
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)
@@ -247,6 +247,7 @@ class Run:
             motion.equations.regions,
             jump.sides,
             jump.impulses,
+            path.touched,
         )
         self._settle(situation, before, ones, jump)
 

@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
@@ -203,11 +204,6 @@ def limit_cycle(
         raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
     options = {"method": method, "rtol": rtol, "atol": atol}
     system = compiled(scene)
-    if system.piecewise.count:
-        raise ValueError(
-            f"limit_cycle: derivatives through {system.piecewise.labels[0]} are not known, so no cycle can be found; "
-            "leave it out, or simulate until the motion repeats"
-        )
     if system.bristle_state:
         raise ValueError(
             "limit_cycle: cycles of laws with bristles are not searched for; take the DryFriction at their core"
@@ -290,6 +286,17 @@ def _seen(system: System, y: Array, read: Array) -> Array:
     return np.concatenate([y[:n], read @ y[n:first], y[first:]])
 
 
+def _movable(system: System, held: NDArray[np.bool_], read: Array) -> Array:
+    """Return the combinations of positions that closed stops leave free, of those that are read."""
+    closed = (held & system.is_stop).nonzero()[0]
+    if not closed.size:
+        return read
+    lines = np.hstack([_dense(system.G[closed]), _dense(system.D[closed])])[:, system.placed]
+    fixed = scipy.linalg.orth(lines.T)
+    _, sizes, found = np.linalg.svd(read - read @ fixed @ fixed.T)
+    return np.asarray(found[: np.count_nonzero(sizes > 1e-9)])
+
+
 class _Coordinates:
     """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
 
@@ -309,6 +316,7 @@ class _Coordinates:
         self._read = _read_positions(system)
         held = motion.equations.is_held
         self.aged = system.dwelling[held[system.dwelling]]
+        self._read = _movable(system, held, self._read)
         more = size - system.first_bristle
         count = self.free.size + self._read.shape[0] + more
         # from coordinates to states: held velocities follow, what forces do not read stays
@@ -384,7 +392,18 @@ class _Shot:
         before, after = self.coordinates.of(self.start), self.coordinates.of(self.stop)
         self.missed = np.concatenate([after - before, self.ages_after - self.ages])
         self.sizes = self.coordinates.sizes(self.result)
-        self.error = float(np.abs(self.missed / self.sizes).max(initial=0.0))
+        self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
+
+    @property
+    def _elsewhere(self) -> float:
+        """By what part of its size the motion misses its start in what is held at the start and may move at the end."""
+        system, read = self.system, _read_positions(self.system)
+        n, places = system.n, system.n + read.shape[0]
+        off = np.abs(_seen(system, self.stop, read) - _seen(system, self.start, read))[:places]
+        size = np.ptp(_seen(system, self.result.y, read), axis=1)[:places]
+        parts = [off[:n].max(initial=0.0) / max(size[:n].max(initial=0.0), 1e-300)]
+        parts.append(off[n:].max(initial=0.0) / max(size[n:].max(initial=0.0), 1e-300))
+        return float(max(parts))
 
     @cached_property
     def _variation(self) -> Variation:

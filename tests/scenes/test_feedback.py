@@ -217,6 +217,7 @@ def test_quantities_of_held_bodies_are_those_of_what_holds_them() -> None:
         np.testing.assert_array_equal(result.velocity("fast"), 2 * result.velocity("slow"))
 
 
+@pytest.mark.slow
 def test_many_bodies_with_functions_between_them() -> None:
     """A chain so long that its matrices are sparse, whose springs are functions, is one of springs."""
     count = 170
