@@ -50,6 +50,7 @@ def test_rows_that_compare_times_only_report() -> None:
     assert all(r.bound == math.inf for r in timed)
 
 
+@pytest.mark.slow
 def test_a_row_runs_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["two-flywheels/contact-force"]) == 0
     out = capsys.readouterr().out
@@ -66,6 +67,7 @@ def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no-such-row" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_mpmath_one_sentence_says_what_to_install(tmp_path: Path) -> None:
     absent = 'raise ModuleNotFoundError("No module named mpmath", name="mpmath")'
     (tmp_path / "mpmath.py").write_text(absent, encoding="utf-8")
@@ -78,6 +80,7 @@ def test_without_mpmath_one_sentence_says_what_to_install(tmp_path: Path) -> Non
     assert 'pip install -e ".[test]"' in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failing", [BAD, NOT_A_NUMBER, RAISES], ids=lambda r: r.name)
 def test_a_failing_row_gives_status_1(failing: Row, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([], rows=[GOOD, failing]) == 1

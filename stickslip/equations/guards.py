@@ -150,9 +150,9 @@ class Guards:
         self._beside = self._row.size - equations.guard_row.size
         if pressed.size:
             self._has_levels = True
-        self._needs_functions = not (self.is_velocity | self.is_normal).all() or (
-            pressed.size > 0 and motion.pressed_by_functions
-        )
+        # functions of the state act on forces; of the others only normal forces may read them
+        only_normals = bool((self.is_velocity | self.is_normal).all())
+        self._wanted = motion.for_normals if only_normals and pressed.size else () if only_normals else None
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -412,8 +412,7 @@ class Guards:
         If `late`, velocities have passed 0 once they are beyond what is uncertain.
         """
         motion = self.motion
-        # functions of the state act on forces only
-        q = motion.inputs(tau, y, functions=self._needs_functions)
+        q = motion.inputs(tau, y, self._wanted)
         g = self.raw(motion.watched(tau, y, q), q)
         if late and self.uncertain:
             g[self.passing] += self.uncertain
@@ -493,7 +492,7 @@ class Guards:
                 g += tau * slope
             return float(g.min())
         if self._has_levels or self._rising.size or motion.dependence is not None:
-            q = motion.inputs(tau, y, functions=self._needs_functions)
+            q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
         if self.uncertain:

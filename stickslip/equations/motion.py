@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -208,9 +208,9 @@ class Motion:
         return found
 
     @property
-    def pressed_by_functions(self) -> bool:
-        """Whether a normal force is a function of the state."""
-        return self.dependence is not None and self.dependence.normals_need_functions
+    def for_normals(self) -> Collection[int]:
+        """The functions and tables of the state on which normal forces depend."""
+        return () if self.dependence is None else self.dependence.for_normals
 
     def loads(self, tau: float | Array) -> Array:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
@@ -218,16 +218,16 @@ class Motion:
             return self.stretch.sampled(self.t + tau)
         return self.stretch.at(self.t + tau)
 
-    def inputs(self, tau: float | Array, y: Array, functions: bool = True) -> Array:
+    def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array.
 
-        Without `functions`, those of them that are functions of the state count nothing.
+        Of functions and tables of the state only those `wanted` by number are computed; None for all.
         """
         many = isinstance(tau, np.ndarray)
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, functions, self.regions)
+            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.regions)
         if not self._dwelling.size:
             return q
         full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))

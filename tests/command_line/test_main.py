@@ -56,6 +56,7 @@ def here(tmp_path, monkeypatch):
 # -- the benchmark ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert main([]) == 0
     text = capsys.readouterr().out
@@ -74,6 +75,7 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert (here / "stickslip-benchmark.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_benchmark_options(here, capsys):
     assert main(["--no-plot", "--rtol", "1e-6", "--atol", "1e-8"]) == 0
     assert not list(here.glob("*.png"))

@@ -235,6 +235,7 @@ def test_errors_of_ones_own_get_the_reference(monkeypatch):
     assert found.recommend(error=1e-6).error <= 1e-6
 
 
+@pytest.mark.slow
 def test_a_small_budget_leaves_out_the_costly_and_says_so(monkeypatch):
     count_work(monkeypatch)
     found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=1.0)
