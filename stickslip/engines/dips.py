@@ -2,7 +2,8 @@
 
 Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
 point at which it is negative is found here, and the solver is sent there. A velocity that only touches 0 is told from
-one that does not come down to it as far as the solver's errors allow.
+one that does not come down to it as far as the solver's errors allow. Only steps are looked at in which a bound does
+not exclude both.
 """
 
 from __future__ import annotations
@@ -42,21 +43,30 @@ class Dip(NamedTuple):
 def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
     """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
     taus = path.taus
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS).ravel()
-    if motion.dwell_times.size:
+    if not guards.size or taus.size < 2:
+        return None
+    touch = np.where(guards.stick_at_touch, 2 * guards.uncertain, 0.0)
+    low = guards.lower_bounds(path)
+    some = np.asarray((low <= touch[:, None]).any(axis=0))
+    if not some.any():
+        return None
+    # a turn shows beside its neighbours
+    some[:-1] |= some[1:]
+    some[1:] |= some[:-1]
+    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS)[some].ravel()
+    if motion.dwell_times.size and np.isinf(low).any():
         extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if path.hit:
+    if path.hit and some[-1]:
         looks = looks[:-1]
-    if not looks.size or not guards.size:
+    if not looks.size:
         return None
 
     def values(tau: Array, late: bool = True) -> Array:
         return guards.values(tau, motion.exact(tau, path.at(tau).T), late)
 
     ends = values(looks)
-    touch = np.where(guards.stick_at_touch, 2 * guards.uncertain, 0.0)
-    touch[ends.max(axis=1) < _FROM_ABOVE * touch] = 0.0
+    touch[np.maximum(ends.max(axis=1), low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
     found = _first_negative(looks, ends, values, touch)
     if found is None:
         return None

@@ -170,6 +170,9 @@ class System:
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
         self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
+        read = [*self._seen.places.tolist(), *self._only_seen.places_read]
+        self.for_watched = self.dependence.before(read) if self.dependence is not None else frozenset()
+        """The nodes that act and on which watched quantities depend."""
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
