@@ -213,22 +213,31 @@ class _Run:
         start = length * 10.0 ** np.arange(-9.0, -2.4, 0.5)
         grid = np.unique(np.concatenate([[0.0], start, np.linspace(0.0, length, motion.count + 1)]))
         states = [motion.at(tau) for tau in grid]
-        self._speed = max(self._speed, *(float(np.abs(v).max(initial=0.0)) for _, v in states))
-        modes = [self._to_come(j, states) if mode is None else mode for j, mode in sorted(settled.items())]
+        largest = np.maximum.accumulate([float(np.abs(v).max(initial=0.0)) for _, v in states])
+        speed = max(self._speed, float(largest[-1]))
+        modes = [
+            self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())
+        ]
         self._note(modes)
         self._since = {j: t for j, t in self._since.items() if modes[j] == 0}
-        watch = _Watch(system, motion, self._t, modes, stuck, self._since, self._speed, opened)
-        tau, self._reached = watch.first(grid, states, length)
+        while True:
+            watch = _Watch(system, motion, self._t, modes, stuck, self._since, speed, opened)
+            tau, self._reached = watch.first(grid, states, length)
+            self._speed = max(self._speed, float(largest[np.searchsorted(grid, tau, side="right") - 1]))
+            if self._speed > 1e-3 * speed:
+                break
+            # beyond the event the motion would have grown: what counts as 0 is a part of what it was before
+            speed = self._speed
         end = stop if tau >= length else self._t + tau
         self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since, opened))
         self._x, self._v = (part.copy() for part in motion.at(tau))
         self._t = end
 
-    def _to_come(self, j: int, states: Sequence[State]) -> int:
+    def _to_come(self, j: int, states: Sequence[State], speed: float) -> int:
         """Return the mode of an open contact at rest: where it goes next."""
         for _, v in states[1:]:
             w = float(self._system.incidence[j] @ v)
-            if abs(w) > 1e-12 * self._speed:
+            if abs(w) > 1e-12 * speed:
                 return 1 if w > 0 else -1
         return 0
 

@@ -97,7 +97,9 @@ class System:
             c.get("vs") for c in self.contacts
         )
         """Whether the motion between events solves linear equations."""
-        self.force_scale = max((s.size for s in loads), default=0.0) or 1e-300
+        sizes = [abs(factor) for c in self.contacts for *_, factor in c.get("pressed_by", [])]
+        # of normal forces that depend on the state what speeds and ways of 1 make of them
+        self.force_scale = max((*(s.size for s in loads), *sizes), default=0.0) or 1e-300
         self._inverses: dict[tuple[int, ...], Array] = {}
         self._independent: dict[tuple[int, ...], bool] = {}
 

@@ -8,7 +8,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["earliest", "first_root", "may_vanish"]
+__all__ = ["earliest", "first_root", "first_touch", "may_vanish"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -72,17 +72,38 @@ def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
     return found
 
 
-def _back(coefficients: Array, root: float, touch: float) -> float | None:
-    """Return where a polynomial that has a root is positive again, None where it goes below `touch` or stays."""
+def first_touch(coefficients: Array, floor: float) -> tuple[float | None, bool]:
+    """Return where in (0, 1] a polynomial first becomes negative or touches 0, and whether it only touches.
+
+    It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
+    """
+    near = _STEPS * _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
+    lowered = coefficients.copy()
+    lowered[0] -= near
+    root = 0.0 if lowered[0] <= 0 else _first(lowered, floor)
+    turn = None if root is None else _turn(lowered, root, 2 * near)
+    if turn is not None:
+        return min(turn, 1.0), True
+    return (None if root is None else first_root(coefficients, floor)), False
+
+
+def _turn(coefficients: Array, root: float, depth: float) -> float | None:
+    """Return where a polynomial that has a root turns beyond it, None where it goes below `-depth` or on."""
     value = slope = half = 0.0
     for a in coefficients[::-1].tolist():
         half = half * root + slope
         slope = slope * root + value
         value = value * root + a
     bend = 2 * half
-    if not (slope < 0 < bend and slope * slope <= 2 * bend * touch):
+    return root - slope / bend if slope < 0 < bend and slope * slope <= 2 * bend * depth else None
+
+
+def _back(coefficients: Array, root: float, touch: float) -> float | None:
+    """Return where a polynomial that has a root is positive again, None where it goes below `-touch` or stays."""
+    turn = _turn(coefficients, root, touch)
+    if turn is None:
         return None
-    back = root - 3 * slope / bend
+    back = root + 3 * (turn - root)
     return back if back < 1 and np.polynomial.polynomial.polyval(back, coefficients) > 0 else None
 
 

@@ -13,8 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.floats import Line, evaluate, forces, lines
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
+from stickslip.equations.path import Path
 
 __all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
 
@@ -148,9 +150,9 @@ class Guards:
         self._beside = self._row.size - equations.guard_row.size
         if pressed.size:
             self._has_levels = True
-        self._needs_functions = not (self.is_velocity | self.is_normal).all() or (
-            pressed.size > 0 and motion.pressed_by_functions
-        )
+        # functions of the state act on forces; of the others only normal forces may read them
+        only_normals = bool((self.is_velocity | self.is_normal).all())
+        self._wanted = motion.for_normals if only_normals and pressed.size else () if only_normals else None
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -391,14 +393,26 @@ class Guards:
         """Guards of velocities that pass 0."""
         return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
 
+    @cached_property
+    def stick_at_touch(self) -> Mask:
+        """Guards of contacts that may stick where their velocity only touches 0: they hold more at rest (MODEL rule 2).
+
+        All others would go on at once: what moves them there is no more than their friction in motion.
+        """
+        found = np.zeros(self.size, dtype=bool)
+        rows = self.row[self.passing]
+        mode = self.motion.equations.modes[rows]
+        holds_more = self.motion.system.holds_more[np.where(mode < 0, 1, 0), rows]
+        found[self.passing] = holds_more & (np.abs(mode) == 1) & (self.order[self.passing] != NEVER)
+        return found
+
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
         If `late`, velocities have passed 0 once they are beyond what is uncertain.
         """
         motion = self.motion
-        # functions of the state act on forces only
-        q = motion.inputs(tau, y, functions=self._needs_functions)
+        q = motion.inputs(tau, y, self._wanted)
         g = self.raw(motion.watched(tau, y, q), q)
         if late and self.uncertain:
             g[self.passing] += self.uncertain
@@ -423,6 +437,42 @@ class Guards:
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 
+    def lower_bounds(self, path: Path) -> Array:
+        """Return what no guard goes below in each step of a path, one column each; -inf where that is not known.
+
+        What is linear in states and time is a polynomial like the path, and no Chebyshev polynomial is beyond 1. A
+        level that rises with its dwell is not below what it would be without rising from the start of a step on. Zeros
+        at the start are not divided out; velocities have passed 0 once they are beyond what is uncertain.
+        """
+        motion, system, equations = self.motion, self.motion.system, self.motion.equations
+        k, order, size = path.coefficients.shape
+        is_rising = motion.is_rising(0.0)
+        unknown = equations.watched_by_laws[self._source]
+        if is_rising:
+            unknown[self._rising] |= self._rise < 0
+        bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
+        if bends or not path.is_chebyshev or order < 2 or unknown.all():
+            return np.full((self.size, k), -math.inf)
+        turn, mu = self._turn[:, None], self._mu[:, None]
+        z = equations.watch(path.coefficients.reshape(k * order, size).T)
+        g = turn[:, :, None] * z[self._source].reshape(-1, k, order)
+        half = 0.5 * np.diff(path.taus)
+        middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
+        middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
+        slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
+        for j, q in enumerate((middle, slope)):
+            g[:, :, j] += turn * equations.respond(q)[size:][self._source] + mu * q[self._row]
+            if is_rising:
+                q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
+                g[self._rising, :, j] -= self._rise[:, None] * q[self._dwell]
+        low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
+        if self.uncertain:
+            low[self.passing] += self.uncertain
+        if self._offset is not None:
+            low += self._offset[:, None]
+        low[unknown] = -math.inf
+        return np.asarray(low)
+
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
         if not self.size:
@@ -431,8 +481,18 @@ class Guards:
             return float(self.values(tau, y, late=True).min())
         # no zero of the start is near: its order does not change a sign
         motion, q = self.motion, None
+        if self.in_floats is not None and motion.in_floats is not None:
+            x = y.tolist()
+            return min(evaluate(self.in_floats, tau, x + forces(motion.in_floats[1], tau, x)))
+        if self._of_states is not None and self._on_lines is not None:
+            value, slope = self._on_lines
+            g = self._of_states @ y
+            g += value
+            if not motion.stretch.is_steady:
+                g += tau * slope
+            return float(g.min())
         if self._has_levels or self._rising.size or motion.dependence is not None:
-            q = motion.inputs(tau, y, functions=self._needs_functions)
+            q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
         if self.uncertain:
@@ -440,6 +500,39 @@ class Guards:
         if self._offset is not None:
             g += self._offset
         return float(g.min())
+
+    @cached_property
+    def _on_lines(self) -> tuple[Array, Array] | None:
+        """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
+        motion = self.motion
+        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self._source, self._turn)
+        if known is None:
+            return None
+        value, slope = known[0] + self._constant, known[1]
+        if self._has_levels:
+            value += self._mu * motion.start_inputs[self._row]
+            slope = slope + self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
+        if self.uncertain:
+            value[self.passing] += self.uncertain
+        if self._offset is not None:
+            value += self._offset
+        return value, slope
+
+    @cached_property
+    def in_floats(self) -> list[Line] | None:
+        """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
+        if self.motion.in_floats is None or self._on_lines is None:
+            return None
+        equations, turn = self.motion.equations, self._turn[:, None]
+        return lines(*self._on_lines, turn * equations.E[self._source], turn * equations.L[self._source])
+
+    @cached_property
+    def _of_states(self) -> Array | None:
+        """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
+        equations = self.motion.equations
+        if self._on_lines is None or equations.watched_by_laws[self._source].any():
+            return None
+        return np.asarray(self._turn[:, None] * equations.E[self._source])
 
     @cached_property
     def _told(self) -> float:

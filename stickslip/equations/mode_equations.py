@@ -287,6 +287,10 @@ class ModeEquations:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
         return self._AE @ y if not self.system.sparse else self._of_states(y)
 
+    def watch(self, y: Array) -> Array:
+        """Return ``E y`` for columns of states."""
+        return self.E @ y if not self.system.sparse else self._of_states(y)[self.system.size :]
+
     def respond(self, q: Array) -> Array:
         """Return ``B q`` and ``H q`` in one array."""
         return self._BH @ q if not self.system.sparse else self._of_inputs(q)
@@ -299,6 +303,19 @@ class ModeEquations:
         wide = np.zeros((self.system.m, *e.shape[1:]))
         wide[self.acting] = e
         return self._of_friction(wide)
+
+    @cached_property
+    def watched_by_laws(self) -> NDArray[np.bool_]:
+        """Tell what watched quantities the forces that depend on velocity may reach."""
+        m, found = self.system.m, np.zeros(self.rows, dtype=bool)
+        if self.acting.size:
+            found[m:] = True if self.system.sparse else self.L[m:].any(axis=1)
+        return found
+
+    @cached_property
+    def is_watched_by_laws(self) -> bool:
+        """Whether the forces that depend on velocity may reach anything that is watched."""
+        return bool(self.watched_by_laws.any())
 
     def _of_states(self, y: Array) -> Array:
         system, balance = self.system, self.balance

@@ -88,6 +88,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
     let_go = None
     touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.touched is not None:
+        touching[path.touched] = fired[path.touched] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
@@ -214,6 +216,8 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     near = (w <= margin) & (w > 0)
     if not near.any():
         return path, []
+    some = np.flatnonzero(near.any(axis=0))
+    near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
     found: tuple[float, list[int]] | None = None
     for k in np.flatnonzero(near.any(axis=1)).tolist():
         tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
@@ -243,13 +247,23 @@ def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) 
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 
+def _signed_rates(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+    """Return how fast relative velocities grow away from 0."""
+    system = motion.system
+    dq = np.zeros((system.inputs + system.dwelling.size, taus.size))
+    if system.drives:
+        dq[: system.inputs] = np.array([motion.stretch.rate(motion.t + tau) for tau in taus.tolist()]).T
+    w = system.relative_velocity(motion.rate(taus, states), dq)[rows]
+    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
+
+
 def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float) -> float | None:
     """Return the first time at which a row is within the margin and would stay at rest, there and at the next point."""
     rows = np.array([row])
     ends = near.nonzero()[0]
     for k in ends.tolist():
         tau = float(path.taus[k])
-        if not _at_rest(motion, tau, path.at(np.array([tau]))[0], row):
+        if not _at_rest(motion, tau, path.state(tau), row):
             continue
         if k and not near[k - 1]:
 
@@ -259,7 +273,7 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
 
             left = float(path.taus[k - 1])
             entry = root_between(beyond, left, tau) if beyond(left) > 0 > beyond(tau) else tau
-            if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
+            if _at_rest(motion, entry, path.state(entry), row):
                 return entry if entry > 0 else tau
             continue
         if k:

@@ -95,6 +95,8 @@ class Situation:
         +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
     impulses : array (m,) or None
         Of the rows, just before.
+    touched : int or None
+        The row whose relative velocity only touches 0.
     """
 
     t: float
@@ -108,10 +110,17 @@ class Situation:
     regions: Regions | None = None
     sides: Modes | None = None
     impulses: Array | None = None
+    touched: int | None = None
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
-        return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
+        if self.labels is None:
+            return self.fired
+        found: Mask = self.fired & ((self.labels == 0) | system.is_stop)
+        if self.touched is not None:
+            # what holds it at rest is its friction in motion, where its level may begin to rise
+            found[self.touched] = True
+        return found
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:

@@ -128,6 +128,7 @@ def test_the_oracle_and_the_package_agree_on_what_a_contact_is() -> None:
     assert event.t == pytest.approx(0.5, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize(
     ("family", "number"),

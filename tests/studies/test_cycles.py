@@ -105,6 +105,7 @@ def test_dwell_remembers_how_long_the_contact_stuck() -> None:
     assert gaps[1:] / gaps[:-1] == pytest.approx(cycle.multipliers[0].real * np.ones(4), rel=0.02)
 
 
+@pytest.mark.slow
 def test_forced_oscillator_of_den_hartog() -> None:
     """Frequency ratio 0.8, friction ratio 0.5: the moduli are exact to 14 digits."""
     scene, period = den_hartog()
@@ -130,6 +131,7 @@ def test_hunting_of_a_pid_controller() -> None:
     assert cycle.multipliers[1] == 0 and len(cycle.sequence) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [2.2, 2.4, 2.8])
 def test_an_oscillator_that_hits_a_stop_once_a_period(ratio: float) -> None:
     """x'' + x = sin(w t), a stop at 0: det = e^2 and a trace in closed form (Shaw and Holmes 1983)."""

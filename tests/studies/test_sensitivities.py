@@ -138,6 +138,7 @@ def test_a_block_that_a_belt_carries_along() -> None:
     assert np.allclose(found.heat("c"), [6.0, 4.5, 0.0, 0.0, -6.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_benchmark_against_differences() -> None:
     scene = flywheel_benchmark()
     names = [
@@ -158,6 +159,7 @@ def test_the_benchmark_against_differences() -> None:
         assert np.abs(exact[:, k] - told).max() <= 2e-8 * np.abs(told).max(), one.name
 
 
+@pytest.mark.slow
 def test_gears_radii_and_drives_against_differences() -> None:
     law = DryFriction(0.5, 0.4, dwell=0.2)
     scene = Scene(
@@ -237,6 +239,7 @@ def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
         assert np.abs(exact[:, k] - told).max() <= bound * np.abs(told).max(), one.name
 
 
+@pytest.mark.slow
 def test_a_ball_that_bounces_to_rest() -> None:
     """t_n = sqrt(2 h / g) (1 + 2 (e + e^2 + ... + e^n)); it rests at sqrt(2 h / g) (1 + e) / (1 - e)."""
     height, gravity, e = 1.0, 9.81, 0.5
