@@ -179,8 +179,12 @@ class Guards:
         if expansion.g is not None:
             g = expansion.g
             if self._beside:
-                loose = expansion.z[:, self._source[-self._beside :]] * self._turn[-self._beside :]
-                g = np.concatenate([g, loose], axis=1)
+                own = slice(-self._beside, None)
+                beside = expansion.z[:, self._source[own]] * self._turn[own]
+                if self._mu[own].any():
+                    # normal forces that depend on the state: every order of the inputs is there
+                    beside += self._mu[own] * np.array(expansion.q)[:, self._row[own]]
+                g = np.concatenate([g, beside], axis=1)
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
             return g
