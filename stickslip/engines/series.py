@@ -136,7 +136,9 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = 1.5 * h
+            if h < scale or scale < longest:
+                # a step that ends with the motion says nothing about longer ones
+                self._guess = 1.5 * h
         self.work.rate_calls += order
         stretched = ((h / scale) ** np.arange(order + 1))[:, None]
         root, touched = None, None

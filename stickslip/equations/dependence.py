@@ -454,6 +454,10 @@ class Dependence:
         found = [self._parts[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
+    def argument(self, number: int) -> Part:
+        """Return what a node is a function of, a table what it is looked up at."""
+        return self._parts[number]
+
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
         return int(np.searchsorted(self._corners[self.tables[number]], x, side="right"))
