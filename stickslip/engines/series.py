@@ -76,8 +76,9 @@ class Series:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
                 touched = step.touched
                 hit = step.root is not None and touched is None
-            s = 1.0 if step.root is None else step.root
-            c = step.coefficients * (s ** np.arange(step.coefficients.shape[0]))[:, None]
+            s, c = 1.0 if step.root is None else step.root, step.coefficients
+            if s != 1.0:
+                c = c * (s ** np.arange(c.shape[0]))[:, None]
             tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
             self.work.steps += 1
             pieces.append(c)
@@ -138,18 +139,20 @@ class Series:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
             self._guess = 1.5 * h
         self.work.rate_calls += order
-        stretched = ((h / scale) ** np.arange(order + 1))[:, None]
-        root, touched = None, None
+        root, touched, c = None, None, expansion.y
+        if watched.size < guards.size:
+            g = g[:, watched]
+        if h != scale:
+            stretched = ((h / scale) ** np.arange(order + 1))[:, None]
+            g, c = g * stretched, c * stretched
         if watched.size:
-            g = g[:, watched] * stretched
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
             root, which = self._first(
-                g, lambda: self._floor(motion, guards)[watched], guards.stick_at_touch[watched]
+                g, lambda: (self._floor(motion, guards)[watched], guards.stick_at_touch[watched])
             )
             touched = None if which is None else int(guards.row[watched[which]])
-        c = expansion.y * stretched
         if motion.stretch.is_straight:
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
@@ -199,7 +202,7 @@ class Series:
         return np.where(guards.is_velocity, speeds, guards.value_scale)
 
     def _first(
-        self, g: Array, floor_of: Callable[[], Array], touches: NDArray[np.bool_]
+        self, g: Array, floors: Callable[[], tuple[Array, NDArray[np.bool_]]]
     ) -> tuple[float | None, int | None]:
         """Return the first root in (0, 1] of any column of power coefficients, and the column if it only touches 0."""
         close = may_vanish(g)
@@ -208,7 +211,7 @@ class Series:
         which: int | None = None
         if not close.size:
             return None, None
-        floor = floor_of().tolist()
+        floor, touches = (x.tolist() for x in floors())
         for i in close.tolist():
             c = g[:, i]
             if found is not None:
@@ -224,6 +227,8 @@ class Series:
 
 def _padded(pieces: list[Array], size: int) -> Array:
     """Return the coefficients of all steps in one array."""
+    if len(pieces) == 1:
+        return pieces[0][None]
     order = max((c.shape[0] for c in pieces), default=1)
     found = np.zeros((len(pieces), order, size))
     for k, c in enumerate(pieces):

@@ -631,22 +631,36 @@ class Motion:
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
         """
-        size = self.system.inputs + self._dwelling.size
         y, found = np.abs(self.y), []
-        parts = self.stretch.magnitudes(self.t, order)
-        for k in range(order + 1):
-            q = np.zeros(size)
-            q[: self.system.inputs] = parts[k]
-            if self._dwelling.size and self._rising.size:
-                rows = self._dwelling[self._rising]
-                fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
-                q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        for k, q in enumerate(self._input_magnitudes(order)):
             if self.dependence is not None:
                 self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
+
+    def guard_magnitudes(self, order: int) -> Array | None:
+        """Return the same of the guards of a small motion, an order per row, None where it has no map for them."""
+        sizes = None if self.dependence is not None else self.equations.guard_sizes(order)
+        if sizes is None:
+            return None
+        found: Array = sizes @ np.concatenate([np.abs(self.y), *self._input_magnitudes(order)])
+        return found.reshape(order + 1, -1)
+
+    def _input_magnitudes(self, order: int) -> list[Array]:
+        """Return what adds up in inputs and dwells at the start, but for what depends on the state."""
+        parts = self.stretch.magnitudes(self.t, order)
+        if not self._dwelling.size:
+            return parts
+        inputs, found = self.system.inputs, np.zeros((order + 1, self.system.inputs + self._dwelling.size))
+        found[:, :inputs] = parts
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            fall = [self._rate**i / math.factorial(i) for i in range(order + 1)]
+            for k in range(order + 1):
+                found[k, inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        return list(found)
 
     # -- starts ----------------------------------------------------------------------------------------------
 

@@ -153,8 +153,9 @@ class Run:
             return
         self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
-        # to the bit, also where a solver has integrated a rate of 0
-        path.last[self.system.clocked] = motion.y[self.system.clocked]
+        if self.system.clocked.size:
+            # to the bit, also where a solver has integrated a rate of 0
+            path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path, ones = relaxed(motion, path, self._margin)
