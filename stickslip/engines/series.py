@@ -31,6 +31,8 @@ _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
+_GROWTH = 4.0
+"""How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
 _LISTED = 5
 
@@ -44,6 +46,7 @@ class _Step(NamedTuple):
     coefficients: Array
     h: float
     root: float | None
+    guard: int = -1
     touched: int | None = None
 
 
@@ -74,8 +77,8 @@ class Series:
                 step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
-                touched = step.touched
-                hit = step.root is not None and touched is None
+            touched = step.touched
+            hit = step.root is not None and touched is None
             s, c = 1.0 if step.root is None else step.root, step.coefficients
             if s != 1.0:
                 c = c * (s ** np.arange(c.shape[0]))[:, None]
@@ -102,6 +105,9 @@ class Series:
             return None
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
+            return step
+        if guards.is_followed_frozen(step.guard):
+            # what rises or swings does not change this guard
             return step
         if step.touched is not None:
             return None
@@ -137,9 +143,9 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = 1.5 * h
+            self._guess = _GROWTH * h
         self.work.rate_calls += order
-        root, touched, c = None, None, expansion.y
+        root, touched, guard, c = None, None, -1, expansion.y
         if watched.size < guards.size:
             g = g[:, watched]
         if h != scale:
@@ -149,14 +155,15 @@ class Series:
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
-            root, which = self._first(
+            root, which, touches = self._first(
                 g, lambda: (self._floor(motion, guards)[watched], guards.stick_at_touch[watched])
             )
-            touched = None if which is None else int(guards.row[watched[which]])
+            guard = int(watched[which])
+            touched = int(guards.row[guard]) if touches else None
         if motion.stretch.is_straight:
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
-        return _Step(c, h, root, touched)
+        return _Step(c, h, root, guard, touched)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -203,14 +210,14 @@ class Series:
 
     def _first(
         self, g: Array, floors: Callable[[], tuple[Array, NDArray[np.bool_]]]
-    ) -> tuple[float | None, int | None]:
-        """Return the first root in (0, 1] of any column of power coefficients, and the column if it only touches 0."""
+    ) -> tuple[float | None, int, bool]:
+        """Return the first root in (0, 1] of any column of power coefficients, its column, and if it only touches 0."""
         close = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
         found: float | None = None
-        which: int | None = None
+        which, touches_only = -1, False
         if not close.size:
-            return None, None
+            return None, which, touches_only
         floor, touches = (x.tolist() for x in floors())
         for i in close.tolist():
             c = g[:, i]
@@ -221,8 +228,8 @@ class Series:
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root
-                which = i if only else None
-        return found, which
+                which, touches_only = i, only
+        return found, which, touches_only
 
 
 def _padded(pieces: list[Array], size: int) -> Array:

@@ -358,6 +358,10 @@ class Guards:
             found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
         return found
 
+    def is_followed_frozen(self, i: int) -> bool:
+        """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
+        return not (self._rising == i).any() and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
+
     @property
     def idle(self) -> Indices:
         """Moving rows at rest whose relative velocity stays 0."""
