@@ -35,11 +35,11 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
     if not (guards.uncertain and path.hit and taus.size > 1):
         return path
 
-    def values(taus: Array, late: bool = False) -> Array:
-        return guards.values(taus, motion.exact(taus, path.at(taus).T), late)
+    def values(taus: Array) -> Array:
+        return guards.values(taus, motion.exact(taus, path.at(taus).T))
 
     rows = guards.passing
-    rows = rows[values(taus[-1:], late=True)[rows, 0] <= (1 - _FULLY) * guards.uncertain]
+    rows = rows[guards.values(float(taus[-1]), path.last, late=True)[rows] <= (1 - _FULLY) * guards.uncertain]
     if not rows.size:
         return path
     found = float(taus[-1])
@@ -50,7 +50,7 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
         left, right = (float(taus[last + k]) for k in (0, 1))
 
         def beyond(tau: float, row: int = row) -> float:
-            return float(guards.values(tau, motion.exact(tau, path.at(np.array([tau]))[0]))[row])
+            return float(guards.values(tau, motion.exact(tau, path.state(tau)))[row])
 
         if beyond(right) < 0:
             found = min(found, root_between(beyond, left, right))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -61,6 +61,21 @@ class Expansion:
         if not isinstance(self._q, list):
             self._q = self._q()
         return self._q
+
+
+class _Lines(NamedTuple):
+    """What inputs that are lines in time do: at the start of a motion, and their slopes.
+
+    The response of rates and watched quantities; relative velocities, and normal forces, of the acting rows.
+    """
+
+    response: Array
+    response_slope: Array
+    w: Array
+    w_slope: Array
+    normal: Array
+    normal_slope: Array
+    is_steady: bool
 
 
 class _Linked:
@@ -342,11 +357,8 @@ class Motion:
         return some, self.t - self.since[rows[some]], dwell[some]
 
     @cached_property
-    def _lines(self) -> tuple[Array, Array, Array, Array, Array, Array] | None:
-        """What the inputs of a small motion do, where they are lines: each a value at the start and a slope.
-
-        Rates and watched quantities; relative velocities, and normal forces, of the acting rows.
-        """
+    def _lines(self) -> _Lines | None:
+        """What the inputs of a small motion do, where they are lines."""
         system, equations = self.system, self.equations
         if system.sparse or self.rises_push or not self.is_straight or self.dependence is not None:
             return None
@@ -354,7 +366,15 @@ class Motion:
         slope[: system.inputs] = self.stretch.slope
         rows, none = equations.acting, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
-        return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
+        return _Lines(
+            equations.respond(value),
+            equations.respond(slope),
+            w,
+            bend,
+            np.maximum(value[rows], 0.0) if self.stretch.is_steady else value[rows],
+            slope[rows],
+            self.stretch.is_steady,
+        )
 
     @cached_property
     def in_floats(self) -> tuple[list[Line], list[Acting]] | None:
@@ -366,22 +386,17 @@ class Motion:
         laws = equations.law.in_floats()
         if laws is None:
             return None
-        value, slope, w, w_slope, normal, normal_slope = self._lines
-        size = system.size
-        rates = lines(value[:size], slope[:size], equations.A, equations.K)
-        velocities = lines(w, w_slope, equations.acting_velocities) if count else []
-        return rates, list(map(Acting, velocities, normal.tolist(), normal_slope.tolist(), laws))
+        own, size = self._lines, system.size
+        rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
+        velocities = lines(own.w, own.w_slope, equations.acting_velocities) if count else []
+        return rates, list(map(Acting, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
 
-    def watched_in_floats(
-        self, source: Indices, turn: Array, value: Array, slope: Array
-    ) -> list[Line] | None:
-        """Return ``turn z[source]`` and lines in time as plain floats, None where arrays are the better way."""
-        if self.in_floats is None or self._lines is None:
+    def watched_on_lines(self, source: Indices, turn: Array) -> tuple[Array, Array] | None:
+        """Return what the inputs of a small motion add to ``turn z[source]`` at the start, and with which slope."""
+        if self._lines is None:
             return None
-        equations, size, factor = self.equations, self.system.size, turn[:, None]
-        value = value + turn * self._lines[0][size:][source]
-        slope = slope + turn * self._lines[1][size:][source]
-        return lines(value, slope, factor * equations.E[source], factor * equations.L[source])
+        size, own = self.system.size, self._lines
+        return turn * own.response[size:][source], turn * own.response_slope[size:][source]
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
@@ -399,14 +414,11 @@ class Motion:
         equations = self.equations
         found = self._linear(tau, y, q)
         if self.has_law:
-            lines = None if isinstance(tau, np.ndarray) else self._lines
-            if lines is None:
+            lines = self._lines
+            if lines is None or isinstance(tau, np.ndarray):
                 w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y) if q is None else q, tau)
             else:
-                w = equations.acting_velocities @ y
-                w += lines[2] + tau * lines[3]
-                normal = np.maximum(lines[4] + tau * lines[5], 0.0)
-                lag, z = self._lag(tau, w), y[equations.bristle_places]
+                w, normal, lag, z = self._acting_on_lines(tau, y, lines)
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
@@ -419,8 +431,20 @@ class Motion:
         if lines is None:
             found += self.equations.respond(self.inputs(tau, y) if q is None else q)
         else:
-            found += lines[0] + tau * lines[1]
+            found += lines.response
+            if not lines.is_steady:
+                found += tau * lines.response_slope
         return found
+
+    def _acting_on_lines(self, tau: float, y: Array, lines: _Lines) -> tuple[Array, Array, Array, Array]:
+        """Return what `acting_terms` does, of a small motion."""
+        w: Array = self.equations.acting_velocities @ y
+        w += lines.w
+        normal = lines.normal
+        if not lines.is_steady:
+            w += tau * lines.w_slope
+            normal = np.maximum(normal + tau * lines.normal_slope, 0.0)
+        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the forces of all rows, one column per time where `tau` is an array."""
@@ -434,14 +458,23 @@ class Motion:
 
     def rate(self, tau: float | Array, y: Array) -> Array:
         """Return ``y' = A y + B q + K e``."""
-        return self.both(tau, y)[: self.system.size]
+        equations, size = self.equations, self.system.size
+        lines = self._lines
+        if lines is None or isinstance(tau, np.ndarray) or equations.bristle_places.size:
+            return self.both(tau, y)[:size]
+        found = np.asarray(equations.A @ y)
+        found += lines.response[:size]
+        if not lines.is_steady:
+            found += tau * lines.response_slope[:size]
+        if self.has_law:
+            found += equations.K @ equations.law.forces(*self._acting_on_lines(tau, y, lines))
+        return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
         equations = self.equations
-        # the laws' forces reach what is watched only where forces are
-        watches_forces = equations.held.size or equations.at_level.size
-        found = self.both(tau, y, q) if watches_forces else self._linear(tau, y, q)
+        reached = self.has_law and equations.is_watched_by_laws
+        found = self.both(tau, y, q) if reached else self._linear(tau, y, q)
         return found[self.system.size :]
 
     def exact(self, tau: float | Array, y: Array) -> Array:
@@ -615,22 +648,36 @@ class Motion:
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
         """
-        size = self.system.inputs + self._dwelling.size
         y, found = np.abs(self.y), []
-        parts = self.stretch.magnitudes(self.t, order)
-        for k in range(order + 1):
-            q = np.zeros(size)
-            q[: self.system.inputs] = parts[k]
-            if self._dwelling.size and self._rising.size:
-                rows = self._dwelling[self._rising]
-                fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
-                q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        for k, q in enumerate(self._input_magnitudes(order)):
             if self.dependence is not None:
                 self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
+
+    def guard_magnitudes(self, order: int) -> Array | None:
+        """Return the same of the guards of a small motion, an order per row, None where it has no map for them."""
+        sizes = None if self.dependence is not None else self.equations.guard_sizes(order)
+        if sizes is None:
+            return None
+        found: Array = sizes @ np.concatenate([np.abs(self.y), *self._input_magnitudes(order)])
+        return found.reshape(order + 1, -1)
+
+    def _input_magnitudes(self, order: int) -> list[Array]:
+        """Return what adds up in inputs and dwells at the start, but for what depends on the state."""
+        parts = self.stretch.magnitudes(self.t, order)
+        if not self._dwelling.size:
+            return parts
+        inputs, found = self.system.inputs, np.zeros((order + 1, self.system.inputs + self._dwelling.size))
+        found[:, :inputs] = parts
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            fall = [self._rate**i / math.factorial(i) for i in range(order + 1)]
+            for k in range(order + 1):
+                found[k, inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        return list(found)
 
     # -- starts ----------------------------------------------------------------------------------------------
 

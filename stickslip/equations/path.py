@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -70,6 +71,18 @@ class Path:
         found = _clenshaw(pick, c.shape[1], 2 * s - 1) if self.is_chebyshev else _horner(pick, c.shape[1], s)
         found[taus >= self.taus[-1]] = self.last
         return found
+
+    def state(self, tau: float) -> Array:
+        """Return the state at one local time."""
+        count, order, _ = self.coefficients.shape
+        if not count or tau >= self.taus[-1]:
+            return self.last
+        i = min(max(int(self.taus.searchsorted(tau, "right")) - 1, 0), count - 1)
+        start, end = self.taus[i : i + 2].tolist()
+        s, powers = (tau - start) / (end - start), np.arange(order)
+        angle = math.acos(min(max(2 * s - 1, -1.0), 1.0))
+        weights = np.cos(powers * angle) if self.is_chebyshev else s**powers
+        return np.asarray(weights @ self.coefficients[i])
 
     @property
     def largest(self) -> Array:

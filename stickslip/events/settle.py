@@ -176,7 +176,7 @@ def settle(
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
-    closed = _closed(system, stretch.rate(now.t), q)
+    closed = _closed(system, stretch, now.t, q)
     tried = set[bytes]()
     while True:
         found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
@@ -305,10 +305,12 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
-def _closed(system: System, rate: Array, q: Array) -> Mask:
+def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
-    # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
+    presses = q[: system.m] > 0
+    if not presses.all():
+        # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
+        presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
@@ -397,6 +399,8 @@ class _Search:
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
             guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
+            if not equations.borders.size:
+                return motion, guards
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
             if not over.any():
@@ -415,9 +419,9 @@ class _Search:
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        violated = guards.violated & ~guards.is_border
         if not guards.violated.any():
             return None
+        violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
             return again
         if not violated.any():
@@ -574,8 +578,7 @@ class _Search:
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can."""
-        idlers = guards.idle
-        if not idlers.size:
+        if guards.is_plain or not (idlers := guards.idle).size:
             return motion, guards
         trial = motion.equations.modes.copy()
         trial[idlers] = 0

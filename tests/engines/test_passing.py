@@ -48,6 +48,20 @@ def test_a_sine_moves_a_body_from_rest_and_back_again_and_again(options: dict[st
     np.testing.assert_allclose(late.velocity("b"), exact, rtol=0, atol=1e-12 + 30 * rtol)
 
 
+@pytest.mark.parametrize("options", ENGINES)
+def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
+    """Only a body at 1e-3 m/s moves at the start; it comes to rest at 0.5 s. Errors are parts of the 0.19 m/s then."""
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
+        Force("b", sine(1.2, 1.0)),
+        Body("slow", inertia=1.0, velocity=1e-3),
+        Contact("c", "slow", GROUND, DryFriction(0.3, 0.2), normal=1e-2),
+    )
+    result = simulate(scene, (0.0, 7.5), rtol=1e-9, atol=1e-11, **options)
+    assert [(e.contact, round(e.t, 9)) for e in result.events] == [("c", 0.5)]
+
+
 @pytest.mark.parametrize("rtol", TOLERANCES)
 @pytest.mark.parametrize("options", ENGINES)
 def test_nor_does_a_freewheel_stick_where_it_touches_rest(options: dict[str, Any], rtol: float) -> None:
