@@ -304,6 +304,9 @@ class Motion:
             force -= np.outer(m.G[j], self.push(j))
         self.force = force
         rate = m.inverse @ (m.Z.T @ (force - m.mass[:, None] * led))
+        pushes = np.abs(m.Z.T) @ (np.abs(force) @ np.abs(first) + m.mass * (np.abs(led) @ np.abs(first)))
+        self.swift = float((np.abs(m.G @ m.Z) @ (np.abs(m.inverse) @ pushes)).max(initial=1e-9))
+        """The size of what adds up in relative accelerations."""
         held = list(modes.held)
         self.H = m.G[held] @ m.Z
         self.need = np.zeros((len(held), size))
@@ -894,7 +897,7 @@ class _Trial:
                 slips |= over
                 continue
             accelerations = motion.acceleration @ motion.y0
-            least = 1e-9 * max(float(np.abs(accelerations).max(initial=0.0)), 1e-9)
+            least = 1e-9 * motion.swift
             against = [j for j, sign in slips.items() if sign * accelerations[j] < -least]
             if not against:
                 break
@@ -907,7 +910,7 @@ class _Trial:
         # clutches and stops that neither carry anything nor leave: each may be held, or not
         held = list(motion.modes.held)
         accelerations = motion.acceleration @ motion.y0
-        least = 1e-8 * max(float(np.abs(accelerations).max(initial=0.0)), 1e-9)
+        least = 1e-9 * motion.swift
         still = [j for j in self._sided if abs(accelerations[j]) <= least]
         forces = motion.need @ motion.y0
         force = 1e-7 * max(float(np.abs(motion.force @ motion.y0).max(initial=0.0)), 1e-9)
@@ -925,7 +928,7 @@ class _Trial:
             for active in combinations(self._sided, count):
                 motion = self._motion(slips, active)
                 accelerations = motion.acceleration @ motion.y0
-                least = 1e-9 * max(float(np.abs(accelerations).max(initial=0.0)), 1e-9)
+                least = 1e-9 * motion.swift
                 if motion.modes.held and motion.left[0] > max(1e-8 * motion.left[1], 1e-12):
                     continue
                 side = self._run._at
