@@ -560,7 +560,9 @@ class _Run:
         self._reached: set[int] = set()
         self._closed: dict[int, int] = {}
         self._changed: dict[int, float] = {}
-        self._speed = 1e-12
+        # what forces can reach: roundoff of it is rest even where nothing has moved
+        largest = max([1e-9, *(load.size for _, load in machine.forces)])
+        self._speed = 1e-5 * largest * float(np.abs(machine.inverse).max()) * machine.stop
         self._at_break = True
         self.solution = Solution(machine, machine.stop)
 
