@@ -97,9 +97,7 @@ def _contact(draw: _Draw, name: str, on: dict[str, float], stop: float) -> Scene
     return {"kind": "contact", "on": on} | found
 
 
-def _tie(
-    draw: _Draw, names: list[str], speed: list[float], inertia: list[float], rows: list[Scene]
-) -> None:
+def _tie(draw: _Draw, names: list[str], speed: list[float], inertia: list[float], rows: list[Scene]) -> None:
     """Tie some bodies, with speeds that agree; at times in a loop, or with a body without inertia."""
     kind = draw.one(["gear", "loop", "planetary", "lever", "two"])
     if kind == "planetary":
@@ -129,8 +127,7 @@ def _tie(
 def _clutches(
     draw: _Draw, names: list[str], ends: list[str], speed: list[float], rows: list[Scene], stop: float
 ) -> None:
-    """One-way clutches that start free, alone and beside contacts; drives and ties make others."""
-    tied = {name for row in rows if row["kind"] == "tie" for name in row["on"]}
+    """One-way clutches that start free or locked, alone and beside contacts."""
     for k in range(draw.whole(1, 2)):
         on = _pair(draw, names, [end for end in ends if end != "drive"])
         w = sum(c * speed[names.index(name)] for name, c in on.items() if name != "ground")
@@ -140,7 +137,6 @@ def _clutches(
         rows.append({"kind": "one-way", "name": f"o{k}", "on": on})
         if draw.chance(0.4):
             rows.append(_contact(draw, f"p{k}", on, stop))
-    assert tied is not None
 
 
 def _gap(draw: _Draw, name: str, on: dict[str, float]) -> Scene:
@@ -152,7 +148,10 @@ def _gap(draw: _Draw, name: str, on: dict[str, float]) -> Scene:
 
 def _stop(draw: _Draw, name: str, on: dict[str, float], place: dict[str, float]) -> Scene:
     stretch = sum(c * place.get(end, 0.0) for end, c in on.items())
-    lower, upper = round(stretch - draw.number(0.05, 0.5, 2), 3), round(stretch + draw.number(0.05, 0.5, 2), 3)
+    lower, upper = (
+        round(stretch - draw.number(0.05, 0.5, 2), 3),
+        round(stretch + draw.number(0.05, 0.5, 2), 3),
+    )
     limits = draw.one([{"lower": lower}, {"upper": upper}, {"lower": lower, "upper": upper}])
     return {"kind": "stop", "name": name, "on": on, "e": draw.one([0.0, 0.0, 0.5, 0.8, 1.0])} | limits
 

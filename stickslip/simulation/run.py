@@ -132,7 +132,7 @@ class Run:
         rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         if system.drives:
             rough += _ROUNDOFF * (system.abs_D @ np.abs(u))
-        hit = sides * system.relative_velocity(y, q) > rough
+        hit: Mask = sides * system.relative_velocity(y, q) > rough
         if hit.any():
             y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
         return hit
