@@ -21,11 +21,16 @@ API = TEXTS[ROOT / "docs" / "api.md"]
 
 # the examples of this page are run in a copy of the package
 SNIPPETS = [
-    (path.name, code)
+    (path.name, re.findall(r"^```python\n(.*?)^```", TEXTS[path], flags=re.MULTILINE | re.DOTALL))
     for path in PAGES
     if path.name != "architecture.md"
-    for code in re.findall(r"^```python\n(.*?)^```", TEXTS[path], flags=re.MULTILINE | re.DOTALL)
 ]
+_EACH = """
+import sys
+for k, code in enumerate(sys.stdin.read().split("\\0")):
+    exec(compile(code, f"snippet {k + 1}", "exec"), {"__name__": "__main__"})
+"""
+"""Runs snippets one after the other, each by itself: one process for a page, for its imports take a second."""
 
 
 def name_of(path: Path) -> str:
@@ -44,15 +49,23 @@ def resolved(name: str) -> object:
 
 
 def test_there_are_snippets() -> None:
-    assert {name for name, _ in SNIPPETS} >= {"README.md", "index.md", "accuracy.md", "events.md"}
+    assert {name for name, codes in SNIPPETS if codes} >= {
+        "README.md",
+        "index.md",
+        "accuracy.md",
+        "events.md",
+    }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("page", "code"), SNIPPETS)
-def test_snippet_runs(page: str, code: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("page", "codes"), [(page, codes) for page, codes in SNIPPETS if codes], ids=lambda x: str(x)[:20]
+)
+def test_snippets_run(page: str, codes: list[str], tmp_path: Path) -> None:
     environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
+        [sys.executable, "-W", "error", "-c", _EACH],
+        input="\0".join(codes),
         cwd=tmp_path,
         env=environment,
         capture_output=True,

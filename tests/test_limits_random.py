@@ -100,6 +100,7 @@ def test_limits_hold_and_energy_is_never_created(seed: int) -> None:
     assert np.array_equal(result.velocity("wheel"), 2 * result.velocity("b1"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_units_and_order_do_not_matter(seed: int) -> None:
     plain = run(machine(seed))

@@ -563,6 +563,7 @@ def test_scene_files_hold_machines_and_leave_defaults_out() -> None:
     assert scene.replace("teeth", ratio=3).gears[0].ratio == 3
 
 
+@pytest.mark.slow
 def test_results_of_machines_go_into_files_words_and_pictures(tmp_path: Any) -> None:
     scene = everything()
     result = simulate(scene, (0, 4))

@@ -190,6 +190,7 @@ def test_units_do_not_matter(seed: int, scale: float) -> None:
         np.testing.assert_allclose(other.velocity(body.name), plain.velocity(body.name), rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
     "options", [{"method": "BDF"}, {"formulation": "merged", "method": "BDF"}, {"formulation": "multiplier"}]

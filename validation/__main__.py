@@ -15,6 +15,7 @@ try:
     from validation import (
         between,
         conservation,
+        continuation,
         edges,
         endurance,
         exact,
@@ -53,6 +54,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
+        *continuation.rows(),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
         *random_machines.rows(min(scenes, family)),

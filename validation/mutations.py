@@ -188,21 +188,21 @@ def _to_the_end(original: Any) -> Any:
 
 def _by_sign(original: Any) -> Any:
     """Roots are looked for where the signs at both ends of a step differ, and only there."""
-    return lambda c: original(c) if c.sum() < 0 else None
+    return lambda c, *floor: original(c, *floor) if c.sum() < 0 else None
 
 
 def _not_touching(original: Any) -> Any:
     """A contact whose velocity has come to 0 goes on with what is left of it."""
 
     def changed(*args: Any) -> Any:
-        touching, fired = original(*args)
-        return np.zeros_like(touching), fired
+        found = original(*args)
+        return found._replace(touching=np.zeros_like(found.touching))
 
     return changed
 
 
 def _by_velocity(original: Any) -> Any:
-    return lambda motion, w, *rest: np.sign(w)
+    return lambda motion, named, w, *rest: (np.sign(w), original(motion, named, w, *rest)[1])
 
 
 def _level(original: Any) -> Any:

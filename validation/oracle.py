@@ -9,7 +9,7 @@ is, it says so and stops. What it returns up to there should be right to about 1
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -23,6 +23,10 @@ from validation.oracle_system import Array, Data, Doubt, System
 Event = tuple[float, str, int, int]
 """Time in s, contact, mode before, mode after."""
 MOST_EVENTS, MOST_STALLS = 5000, 20
+NOTHING = 1e-11
+"""Part of the largest load within which a normal force that depends on the state is 0."""
+TRIAL = 1e-3
+"""Part of the span that is tried to see whether a normal force that is 0 rises or falls."""
 GRAZE = 1e-6
 """Part of the span within which a contact that changes twice grazes: whether it does is lost in any tolerance."""
 PARTS = 20
@@ -39,6 +43,7 @@ class Piece:
     modes: tuple[int, ...]
     stuck: tuple[int, ...]
     since: Mapping[int, float]
+    opened: frozenset[int]
 
 
 @dataclass
@@ -62,7 +67,7 @@ class Solution:
         piece = self._piece(t)
         x, v = piece.motion.at(t - piece.start)
         slipping = {j: mode for j, mode in enumerate(piece.modes) if mode}
-        balance = self.system.balance(piece.start, t - piece.start, x, v, slipping, piece.stuck)
+        balance = self.system.balance(piece.start, t - piece.start, x, v, slipping, piece.stuck, piece.opened)
         w = self.system.incidence @ v
         force = np.zeros(len(piece.modes))
         for j, mode in slipping.items():
@@ -96,9 +101,14 @@ class _Run:
         self._modes: list[int] = []
         self._since: dict[int, float] = {}
         self._reached: set[int] = set()
+        self._opened: frozenset[int] = frozenset()
         self._changed: dict[str, float] = {}
         self._speed = max(1e-300, 1e-5 * system.force_scale * system.mobility.max() * system.span)
         self.solution = Solution(system, system.stop)
+
+    @property
+    def _kind(self) -> type[Exponential | Integrated]:
+        return Exponential if self._system.linear else Integrated
 
     @property
     def settled(self) -> float:
@@ -131,12 +141,44 @@ class _Run:
             since = {j: system.start - system.contacts[j].get("rested", 0.0) for j in resting}
         else:
             since = {j: self._since.get(j, self._t) for j in resting}
-        instant = Instant(
-            self._t, self._later(resting), self._x, self._v, moving, resting, since, self._reached
-        )
-        settled = {**moving, **settle(system, instant)}
         self._since = since
-        return settled
+        still = np.zeros(system.size)
+        now = Instant(
+            self._t, 0.0, self._x, self._v, moving, resting, since, self._reached, frozenset(), still
+        )
+        if system.pressed:
+            now = self._pressed(now)
+            self._opened = now.opened
+        now = replace(now, later=self._later(now))
+        return {**moving, **settle(system, now)}
+
+    def _pressed(self, now: Instant) -> Instant:
+        """Return which contacts are open by what their normal force depends on, and how the bodies accelerate.
+
+        One whose normal force is 0 now carries nothing now. Where the motion goes without it tells whether it closes.
+        """
+        system = self._system
+        normal = now.balance(system, {}, (), 0.0).normal
+        zero = [j for j in system.pressed if abs(normal[j]) <= NOTHING * system.force_scale]
+        opened = frozenset(j for j in system.pressed if normal[j] < 0 or j in zero)
+        if not zero:
+            return replace(now, opened=opened)
+        now = replace(now, opened=opened)
+        settled = {**now.moving, **settle(system, now)}
+        slipping = {j: mode for j, mode in settled.items() if mode}
+        stuck = tuple(j for j, mode in sorted(settled.items()) if mode == 0)
+        a = now.balance(system, slipping, stuck, 0.0).acceleration
+        length = TRIAL * system.span
+        motion = self._kind(system, self._t, length, (self._x, self._v), slipping, stuck, opened)
+        closing = set()
+        for tau in length * 10.0 ** np.arange(-6.0, 0.1, 0.5):
+            x, v = motion.at(tau)
+            coming = system.normals(system.loads(self._t, tau), x, v)
+            for j in [j for j in zero if abs(coming[j]) > 100 * NOTHING * system.force_scale]:
+                zero.remove(j)
+                if coming[j] > 0:
+                    closing.add(j)
+        return replace(now, opened=opened - closing, a=a)
 
     def _resting(self) -> list[int]:
         """Return the contacts with w = 0: within roundoff, or because this is what ended the last piece."""
@@ -148,12 +190,14 @@ class _Run:
             j for j in range(len(w)) if w[j] <= zero or (j in self._reached and w[j] <= 1e-6 * self._speed)
         ]
 
-    def _later(self, resting: Sequence[int]) -> float:
+    def _later(self, now: Instant) -> float:
         """Return when to look at the loads: just after now where a contact at rest is pressed from 0 on."""
         system = self._system
-        rising = system.loads(self._t, 1e-9 * system.span).normal > 0
-        zero = system.loads(self._t, 0.0).normal == 0
-        if any(zero[j] and rising[j] for j in resting):
+        rising = now.balance(system, {}, (), 1e-9 * system.span).normal > 0
+        normal = now.balance(system, {}, (), 0.0).normal
+        zero = normal == 0
+        zero[system.pressed] = np.abs(normal[system.pressed]) <= NOTHING * system.force_scale
+        if any(zero[j] and rising[j] for j in now.resting):
             return 1e-9 * system.span
         return 0.0
 
@@ -164,27 +208,36 @@ class _Run:
         system, length = self._system, stop - self._t
         stuck = tuple(j for j, mode in sorted(settled.items()) if mode == 0)
         slipping = {j: mode for j, mode in settled.items() if mode}
-        kind = Exponential if system.linear else Integrated
-        motion = kind(system, self._t, length, (self._x, self._v), slipping, stuck)
+        opened = self._opened
+        motion = self._kind(system, self._t, length, (self._x, self._v), slipping, stuck, opened)
         start = length * 10.0 ** np.arange(-9.0, -2.4, 0.5)
         grid = np.unique(np.concatenate([[0.0], start, np.linspace(0.0, length, motion.count + 1)]))
         states = [motion.at(tau) for tau in grid]
-        self._speed = max(self._speed, *(float(np.abs(v).max(initial=0.0)) for _, v in states))
-        modes = [self._to_come(j, states) if mode is None else mode for j, mode in sorted(settled.items())]
+        largest = np.maximum.accumulate([float(np.abs(v).max(initial=0.0)) for _, v in states])
+        speed = max(self._speed, float(largest[-1]))
+        modes = [
+            self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())
+        ]
         self._note(modes)
         self._since = {j: t for j, t in self._since.items() if modes[j] == 0}
-        watch = _Watch(system, motion, self._t, modes, stuck, self._since, self._speed)
-        tau, self._reached = watch.first(grid, states, length)
+        while True:
+            watch = _Watch(system, motion, self._t, modes, stuck, self._since, speed, opened)
+            tau, self._reached = watch.first(grid, states, length)
+            self._speed = max(self._speed, float(largest[np.searchsorted(grid, tau, side="right") - 1]))
+            if self._speed > 1e-3 * speed:
+                break
+            # beyond the event the motion would have grown: what counts as 0 is a part of what it was before
+            speed = self._speed
         end = stop if tau >= length else self._t + tau
-        self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since))
+        self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since, opened))
         self._x, self._v = (part.copy() for part in motion.at(tau))
         self._t = end
 
-    def _to_come(self, j: int, states: Sequence[State]) -> int:
+    def _to_come(self, j: int, states: Sequence[State], speed: float) -> int:
         """Return the mode of an open contact at rest: where it goes next."""
         for _, v in states[1:]:
             w = float(self._system.incidence[j] @ v)
-            if abs(w) > 1e-12 * self._speed:
+            if abs(w) > 1e-12 * speed:
                 return 1 if w > 0 else -1
         return 0
 
@@ -205,7 +258,8 @@ class _Run:
 class _Watch:
     """What must stay positive: w times the mode of slipping contacts, B - lambda and B + lambda of stuck ones.
 
-    Where these are redundant it is what each cut can carry, less what it has to.
+    Where these are redundant it is what each cut can carry, less what it has to. Where normal forces depend on the
+    state it is N of closed contacts, and -N of open ones.
     """
 
     def __init__(
@@ -217,24 +271,32 @@ class _Watch:
         stuck: Sequence[int],
         since: Mapping[int, float],
         speed: float,
+        opened: frozenset[int],
     ) -> None:
+        self._opened = opened
         self._system, self._motion, self._start = system, motion, start
         self._slipping, self._stuck, self._since = {j: m for j, m in enumerate(modes) if m}, stuck, since
         self._cuts = cuts(system, stuck)
         self._owners = [*((j,) for j in self._slipping), *(cut.contacts for cut in self._cuts)]
+        self._owners += [
+            () for _ in system.pressed
+        ]  # they end the motion; what they are then is looked at anew
         slips = len(self._slipping)
         self._zero = np.full(len(self._owners), 1e-13 * system.force_scale)
         self._zero[:slips] = 1e-14 * speed
 
     def _guards(self, tau: float, state: State) -> Array:
         x, v = state
-        balance = self._system.balance(self._start, tau, x, v, self._slipping, self._stuck)
+        balance = self._system.balance(self._start, tau, x, v, self._slipping, self._stuck, self._opened)
         w = self._system.incidence @ v
         found = [mode * w[j] for j, mode in self._slipping.items()]
         time, since = self._start + tau, dict(self._since)
         for cut in self._cuts:
             spare = capacity(self._system, cut, time, since, balance.normal)
             found.append(spare - need(cut, balance.held))
+        if self._system.pressed:
+            normal = self._system.normals(self._system.loads(self._start, tau), x, balance.velocity)
+            found += [-normal[j] if j in self._opened else normal[j] for j in self._system.pressed]
         return np.array(found)
 
     def first(self, grid: Array, states: Sequence[State], length: float) -> tuple[float, set[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from scipy.integrate import DOP853
@@ -46,6 +46,8 @@ class Exponential:
         +1 or -1 of each slipping contact by number.
     stuck : sequence of int
         Contacts held.
+    opened : collection of int
+        Contacts that carry nothing, whatever the state says.
     """
 
     def __init__(
@@ -56,14 +58,21 @@ class Exponential:
         state: State,
         modes: Mapping[int, int],
         stuck: Sequence[int],
+        opened: Collection[int] = (),
     ) -> None:
         n = system.size
         none = np.zeros(n)
         matrix = np.zeros((2 * n + 2, 2 * n + 2))
-        constant = self._free(system, start, 0.0, modes, stuck)
-        later = self._free(system, start, length, modes, stuck)
+        carrying = {j: mode for j, mode in modes.items() if j not in opened}
+        constant = self._free(system, start, 0.0, carrying, stuck)
+        later = self._free(system, start, length, carrying, stuck)
         matrix[:n, n : 2 * n] = np.eye(n)
-        force = -system.mobility[:, None] * np.hstack([system.stiffness, system.damping])
+        force = -np.hstack([system.stiffness, system.damping])
+        for j, mode in modes.items():
+            if j in system.pressed and j not in opened:
+                pressed = np.concatenate([system.by_position[j], system.by_velocity[j]])
+                force -= np.outer(system.incidence[j], mode * system.slipping(j, mode, 0.0) * pressed)
+        force = system.mobility[:, None] * force
         matrix[n : 2 * n, : 2 * n] = force - self._taken(system, stuck, force)
         matrix[n : 2 * n, 2 * n] = constant
         matrix[n : 2 * n, 2 * n + 1] = (later - constant) / length if length > 0 else none
@@ -133,6 +142,8 @@ class Integrated:
         +1 or -1 of each slipping contact by number.
     stuck : sequence of int
         Contacts held.
+    opened : collection of int
+        Contacts that carry nothing, whatever the state says.
     """
 
     def __init__(
@@ -143,11 +154,12 @@ class Integrated:
         state: State,
         modes: Mapping[int, int],
         stuck: Sequence[int],
+        opened: Collection[int] = (),
     ) -> None:
         self._system, self._start, n = system, start, system.size
 
         def rate(tau: float, y: Array) -> Array:
-            balance = system.balance(start, tau, y[:n], y[n:], modes, stuck)
+            balance = system.balance(start, tau, y[:n], y[n:], modes, stuck, opened)
             return np.concatenate([balance.velocity, balance.acceleration])
 
         longest = system.data.get("max_step", length / 20)

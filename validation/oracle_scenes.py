@@ -384,6 +384,28 @@ def together(seed: int) -> Scene:
     return scene
 
 
+def pressed(seed: int) -> Scene:
+    """Return wheels or blocks without loops, whose normal forces follow the motion, through 0 and back."""
+    draw = _Draw(seed + 2**20)
+    curves = draw.chance(0.25)
+    scene = tree(draw.one([curved, one_way] if curves else [mixed, blocks, blocks]), seed)
+    names = [body["name"] for body in scene["bodies"]]
+    slow = scene["t_end"] > 5
+    chosen = [contact for contact in scene["contacts"] if draw.chance(0.6)] or scene["contacts"][:1]
+    for contact in chosen:
+        if isinstance(contact["normal"], dict):
+            continue
+        own = [("stretch", contact["name"]), ("relative_velocity", contact["name"])]
+        of_bodies = [(kind, draw.one(names)) for kind in ("position", "velocity", "velocity")]
+        terms = draw.random.sample([*own, *of_bodies], draw.one([1, 1, 2]))
+        size = draw.one([2.0, 6.0, 15.0]) if slow else draw.one([10.0, 30.0, 80.0])
+        contact["pressed_by"] = [[*term, draw.number(-size, size, 1)] for term in terms]
+        if draw.chance(0.2):
+            # it starts at 0, and rests there where nothing moves
+            contact["normal"] = 0.0
+    return scene
+
+
 def tree(draw: Callable[[int], Scene], seed: int) -> Scene:
     """Return a scene of another family without the contacts that close loops: its answer is unique to the end."""
     scene = draw(seed)
@@ -426,6 +448,7 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
         partial(closing, loops=True),
         "contacts in loops that open and close together, beside sines",
     ),
+    "pressed": (pressed, "normal forces that follow the motion through 0, without loops"),
     "together": (together, "contacts side by side and in loops, of levels far apart"),
 }
 """Scenes by number, and what they are."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +40,10 @@ class Instant:
         t_start of each contact with w = 0.
     reached : set of int
         Contacts that end the piece of motion before: their w or their level was reached.
+    opened : set of int
+        Contacts that are open by what their normal force depends on.
+    a : array
+        Accelerations with which the loads are looked at later; forces that are 0 now add nothing to them.
     """
 
     start: float
@@ -49,6 +54,13 @@ class Instant:
     resting: list[int]
     since: dict[int, float]
     reached: set[int]
+    opened: frozenset[int]
+    a: Array
+
+    def balance(self, system: System, slipping: dict[int, int], stuck: Sequence[int], soon: float) -> Balance:
+        """Return forces and accelerations so much later than `start`, the state with them."""
+        x, v = self.x + self.v * soon, self.v + self.a * soon
+        return system.balance(self.start, soon, x, v, slipping, stuck, self.opened)
 
 
 def settle(system: System, now: Instant) -> dict[int, int | None]:
@@ -61,11 +73,10 @@ def settle(system: System, now: Instant) -> dict[int, int | None]:
     """
     slipping: dict[int, int] = {}
     tried: set[frozenset[tuple[int, int]]] = set()
-    x = now.x + now.v * now.later
     while True:
-        normal = system.loads(now.start, now.later).normal
+        normal = now.balance(system, now.moving | slipping, (), now.later).normal
         stuck = tuple(j for j in now.resting if j not in slipping and normal[j] > 0)
-        balance = system.balance(now.start, now.later, x, now.v, now.moving | slipping, stuck)
+        balance = now.balance(system, now.moving | slipping, stuck, now.later)
         let_go = _let_go(system, now, balance)
         if let_go:
             slipping |= let_go
@@ -124,7 +135,7 @@ def _loads_to_come(system: System, now: Instant, balance: Balance, unknown: list
     later = JUST_AFTER * system.span
     soon = now.later + later
     slipping = {**now.moving, **balance.slipping}
-    coming = system.balance(now.start, soon, now.x + now.v * soon, now.v, slipping, tuple(balance.held))
+    coming = replace(now, a=balance.acceleration).balance(system, slipping, tuple(balance.held), soon)
     return {cut: _load(system, now, coming, cut, later) for cut in unknown}
 
 
@@ -140,7 +151,8 @@ def _against(system: System, now: Instant, balance: Balance, slipping: dict[int,
     # where slipping friction starts at the breakaway level, acceleration starts at 0: its rate decides
     soon = now.later + SOON * system.span
     stuck = tuple(balance.held)
-    coming = system.balance(now.start, soon, now.x + now.v * soon, now.v, now.moving | slipping, stuck)
+    ahead = replace(now, a=balance.acceleration)
+    coming = ahead.balance(system, now.moving | slipping, stuck, soon)
     relative = system.incidence @ coming.acceleration
     if any(relative[j] * slipping[j] <= roundoff for j in still):
         raise Doubt(now.start, "a contact let go that does not accelerate")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,10 @@ class Loads(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Velocities, accelerations, forces of stuck contacts by number, normal forces, modes of slipping contacts."""
+    """Velocities, accelerations, forces of stuck contacts by number, normal forces, modes of slipping contacts.
+
+    A normal force that depends on the state goes on below 0 here while its contact counts as closed.
+    """
 
     velocity: Array
     acceleration: Array
@@ -52,7 +55,8 @@ class System:
     data : mapping
         `bodies`, `contacts`, `springs`, `forces` and `t_end`, as in `tests/reference`. Beyond these, contacts may have
         `mu_s_back`, `mu_c_back`, `rested`, and `vs` and `delta` of the Stribeck curve, loads may be sines, and
-        `max_step` bounds the steps of an integration.
+        `max_step` bounds the steps of an integration. `pressed_by` of a contact is a list of `[quantity, name, factor]`
+        that add to its normal force: `position` or `velocity` of a body, `stretch` or `relative_velocity` of a contact.
     """
 
     def __init__(self, data: Data) -> None:
@@ -70,7 +74,12 @@ class System:
         self.v0 = np.array([float(b["velocity"]) if b["inertia"] else 0.0 for b in bodies])
         self._drives = {i: read(b["velocity"]) for i, b in enumerate(bodies) if not b["inertia"]}
         self.incidence = np.array([self._row(c) for c in self.contacts]).reshape(-1, self.size)
-        self._normals = [read(c["normal"]).pressed() for c in self.contacts]
+        self.by_position, self.by_velocity = (np.zeros((len(self.contacts), self.size)) for _ in range(2))
+        self._press()
+        self.pressed = [j for j, c in enumerate(self.contacts) if c.get("pressed_by")]
+        """Contacts whose normal force depends on the state; the rows `by_position` and `by_velocity` say how."""
+        normals = [read(c["normal"]) for c in self.contacts]
+        self._normals = [n if j in self.pressed else n.pressed() for j, n in enumerate(normals)]
         self._forces = [(self._index[f["body"]], read(f["load"])) for f in data.get("forces", [])]
         self.stiffness = np.zeros((self.size, self.size))
         self.damping = np.zeros((self.size, self.size))
@@ -88,7 +97,9 @@ class System:
             c.get("vs") for c in self.contacts
         )
         """Whether the motion between events solves linear equations."""
-        self.force_scale = max((s.size for s in loads), default=0.0) or 1e-300
+        sizes = [abs(factor) for c in self.contacts for *_, factor in c.get("pressed_by", [])]
+        # of normal forces that depend on the state what speeds and ways of 1 make of them
+        self.force_scale = max((*(s.size for s in loads), *sizes), default=0.0) or 1e-300
         self._inverses: dict[tuple[int, ...], Array] = {}
         self._independent: dict[tuple[int, ...], bool] = {}
 
@@ -98,6 +109,16 @@ class System:
             if element[end] != "ground":
                 row[self._index[element[end]]] += sign
         return row
+
+    def _press(self) -> None:
+        """Enter what normal forces take from positions and velocities."""
+        rows = dict(zip(self.names, self.incidence, strict=True))
+        for j, contact in enumerate(self.contacts):
+            for quantity, name, factor in contact.get("pressed_by", []):
+                of_velocity = quantity in ("velocity", "relative_velocity")
+                into = self.by_velocity if of_velocity else self.by_position
+                along = rows[name] if name in rows else np.eye(self.size)[self._index[name]]
+                into[j] += factor * along
 
     # Friction
 
@@ -124,8 +145,13 @@ class System:
     # Forces
 
     def loads(self, start: float, tau: float) -> Loads:
-        """Return all loads at start + tau, on the pieces that begin at or before `start`."""
-        normal = np.array([max(n.after(start, tau)[0], 0.0) for n in self._normals])
+        """Return all loads at start + tau, on the pieces that begin at or before `start`.
+
+        Of normal forces that depend on the state it is the part that does not, of either sign.
+        """
+        normal = np.array([n.after(start, tau)[0] for n in self._normals])
+        fixed = [j for j in range(normal.size) if j not in self.pressed]
+        normal[fixed] = np.maximum(normal[fixed], 0.0)
         force = np.zeros(self.size)
         for i, load in self._forces:
             force[i] += load.after(start, tau)[0]
@@ -133,6 +159,12 @@ class System:
         return Loads(
             normal, force, {i: v for i, (v, _) in moves.items()}, {i: a for i, (_, a) in moves.items()}
         )
+
+    def normals(self, loads: Loads, x: Array, v: Array, opened: Collection[int] = ()) -> Array:
+        """Return the normal forces, 0 of contacts that count as open; others that depend on the state have any sign."""
+        found = loads.normal + self.by_position @ x + self.by_velocity @ v
+        found[list(opened)] = 0.0
+        return found
 
     def driven(self, v: Array, loads: Loads) -> Array:
         """Return velocities with those of the drives put in."""
@@ -142,7 +174,14 @@ class System:
         return v
 
     def balance(
-        self, start: float, tau: float, x: Array, v: Array, modes: Mapping[int, int], stuck: Sequence[int]
+        self,
+        start: float,
+        tau: float,
+        x: Array,
+        v: Array,
+        modes: Mapping[int, int],
+        stuck: Sequence[int],
+        opened: Collection[int] = (),
     ) -> Balance:
         """Return accelerations and holding forces in given modes.
 
@@ -159,19 +198,22 @@ class System:
             +1 or -1 of each slipping contact by number.
         stuck : sequence of int
             Contacts held.
+        opened : collection of int
+            Contacts that are open though what their normal force depends on may say something else.
         """
         loads = self.loads(start, tau)
         v = self.driven(v, loads)
+        normal = self.normals(loads, x, v, opened)
         force = loads.force - self.stiffness @ x - self.damping @ v + self.rest
         w = self.incidence @ v
         for j, mode in modes.items():
-            if loads.normal[j] > 0:
-                force -= self.incidence[j] * (mode * self.slipping(j, mode, w[j]) * loads.normal[j])
+            if normal[j]:
+                force -= self.incidence[j] * (mode * self.slipping(j, mode, w[j]) * normal[j])
         a = self.mobility * force
         for i, acceleration in loads.acceleration.items():
             a[i] = acceleration
         if not stuck:
-            return Balance(v, a, {}, loads.normal, modes)
+            return Balance(v, a, {}, normal, modes)
         held = self.holding(stuck) @ a
         before = np.abs(self.incidence[list(stuck)] @ a).max()
         roundoff = 1e-12 * np.abs(a).max()
@@ -179,7 +221,7 @@ class System:
         left = np.abs(self.incidence[list(stuck)] @ a).max()
         if left > max(1e-7 * before, roundoff):
             raise Doubt(start + tau, "contacts that cannot all stay stuck")
-        return Balance(v, a, dict(zip(stuck, held.tolist(), strict=True)), loads.normal, modes)
+        return Balance(v, a, dict(zip(stuck, held.tolist(), strict=True)), normal, modes)
 
     def holding(self, stuck: Sequence[int]) -> Array:
         """Return (G_S M^-1 G_S^T)^+ G_S: the forces that take away relative accelerations, or impulses velocities."""

@@ -22,8 +22,12 @@ from stickslip import (
     Signal,
     Spring,
     piecewise_linear,
+    position,
+    relative_velocity,
     simulate,
     sine,
+    stretch,
+    velocity,
 )
 from validation.oracle import Event, solve
 from validation.oracle_scenes import FAMILIES
@@ -48,6 +52,12 @@ BOUND = 1e-6
 BEFORE = 0.9995
 """Part of the time up to which the answer is unique that is compared."""
 POINTS = 100
+QUANTITIES = {
+    "position": position,
+    "velocity": velocity,
+    "stretch": stretch,
+    "relative_velocity": relative_velocity,
+}
 PATIENCE = 60.0
 """Time in s after which a scene counts as hanging."""
 
@@ -135,6 +145,8 @@ def _contact(data: Mapping[str, Any]) -> Contact:
         more |= {"stribeck_velocity": data["vs"], "stribeck_exponent": data["delta"]}
     law = DryFriction(data["mu_s"], data["mu_c"], dwell=data["tau"], **more)
     normal, rested = _signal(data["normal"]), data.get("rested", 0.0)
+    for quantity, name, factor in data.get("pressed_by", []):
+        normal = normal + factor * QUANTITIES[quantity](name)
     return Contact(data["name"], data["a"], data["b"], law, normal=normal, rested=rested)
 
 

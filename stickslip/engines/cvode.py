@@ -15,6 +15,7 @@ from stickslip.engines.progress import Progress
 from stickslip.engines.replay import Replay, first_step
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.work import SolverFailure, Work, failure_of, sound
+from stickslip.equations.floats import evaluate, forces
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -172,6 +173,7 @@ class _Selected:
             self._order = self._order[stays[self._order]]
             self._is_part = True
         self.start = self.pick(motion.y)
+        self._floats = motion.in_floats if self._is_all else None
 
     def pick(self, values: Array) -> Array:
         """Return what belongs to the states that are integrated."""
@@ -194,8 +196,11 @@ class _Selected:
         state = self.expand(float(taus[-1]), last)
         return Path(taus, coefficients, self.motion.exact(float(taus[-1]), state), hit, True)
 
-    def rate(self, tau: float, y: Array) -> Array:
+    def rate(self, tau: float, y: Array) -> Array | list[float]:
         """Return the rates."""
+        if self._floats is not None:
+            x = y.tolist()
+            return evaluate(self._floats[0], tau, x + forces(self._floats[1], tau, x))
         return self.pick(self.motion.rate(tau, self.expand(tau, y)))
 
     def jacobian(self, tau: float, y: Array) -> Any:

@@ -1,12 +1,15 @@
 """Looking at guards between computed points, where root finding by sign changes is blind.
 
 Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
-point at which it is negative is found here, and the solver is sent there.
+point at which it is negative is found here, and the solver is sent there. A velocity that only touches 0 is told from
+one that does not come down to it as far as the solver's errors allow. Only steps are looked at in which a bound does
+not exclude both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -16,61 +19,105 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
-__all__ = ["first_dip"]
+__all__ = ["Dip", "first_dip"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _FRACTIONS = np.array([0.25, 0.5, 0.75, 1.0])
 _SUSPICION = 5e-2
 _FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
+_FROM_ABOVE = 1e2
+"""From so many times what is uncertain a velocity has to come down, or a touch is not told from a ripple."""
 
-def first_dip(motion: Motion, guards: Guards, path: Path) -> float | None:
-    """Return the first time between computed points at which a guard is negative, if there is one."""
+
+class Dip(NamedTuple):
+    """Where in local time a guard is negative; `touched` is the row whose relative velocity only touches 0 there."""
+
+    tau: float
+    touched: int | None = None
+
+
+def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
+    """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
     taus = path.taus
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS).ravel()
-    if motion.dwell_times.size:
+    if not guards.size or taus.size < 2:
+        return None
+    touch = np.where(guards.stick_at_touch, 2 * guards.uncertain, 0.0)
+    low = guards.lower_bounds(path)
+    some = np.asarray((low <= touch[:, None]).any(axis=0))
+    if not some.any():
+        return None
+    # a turn shows beside its neighbours
+    some[:-1] |= some[1:]
+    some[1:] |= some[:-1]
+    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS)[some].ravel()
+    if motion.dwell_times.size and np.isinf(low).any():
         extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if path.hit:
+    if path.hit and some[-1]:
         looks = looks[:-1]
-    if not looks.size or not guards.size:
+    if not looks.size:
         return None
 
-    def values(tau: Array) -> Array:
-        return guards.values(tau, motion.exact(tau, path.at(tau).T), late=True)
+    def values(tau: Array, late: bool = True) -> Array:
+        return guards.values(tau, motion.exact(tau, path.at(tau).T), late)
 
-    found = _first_negative(looks, values(looks), values)
-    return found if np.isfinite(found) else None
+    ends = values(looks)
+    touch[np.maximum(ends.max(axis=1), low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
+    found = _first_negative(looks, ends, values, touch)
+    if found is None:
+        return None
+    tau, row = found
+    if row is None:
+        return Dip(tau)
+    # by as much as is uncertain the place of the minimum is, too, where a zero is divided out
+    place = int(looks.searchsorted(tau))
+    left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
+    return Dip(_lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[row]))
 
 
-def _first_negative(taus: Array, values: Array, guards: Callable[[Array], Array]) -> float:
-    """Return the first sampled time with a negative guard, refining where one comes close and turns."""
+def _first_negative(
+    taus: Array, values: Array, guards: Callable[[Array], Array], touch: Array
+) -> tuple[float, int | None] | None:
+    """Return the first sampled time with a negative guard, refining where one comes close and turns.
+
+    A guard that turns within `touch` of 0 touches it: then its number comes second.
+    """
     negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
     last = int(negative[0]) if negative.size else taus.size
-    found = float(taus[negative[0]]) if negative.size else np.inf
+    found = (float(taus[negative[0]]), None) if negative.size else None
     if last < 3:
         return found
-    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last]).T)
+    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last], touch).T)
     if places.size > _FEW_TURNS:
-        close = _come_close(guards, taus[places], taus[places + 2], rows)
+        close = _come_close(guards, taus[places], taus[places + 2], rows, touch)
         places, rows = places[close], rows[close]
     for place, row in zip(places.tolist(), rows.tolist(), strict=True):
-        lowest = scipy.optimize.minimize_scalar(
-            lambda tau, row=row: float(guards(np.array([tau]))[row, 0]),
-            bounds=(taus[place], taus[place + 2]),
-            method="bounded",
-            options={"xatol": 1e-9 * (taus[place + 2] - taus[place])},
-        )
-        if lowest.fun < 0:
-            return min(found, float(lowest.x))
+        tau, value = _lowest(guards, row, taus[place], taus[place + 2])
+        if value < 0:
+            return tau, None
+        if value <= touch[row]:
+            return tau, row
     return found
 
 
+def _lowest(guards: Callable[[Array], Array], row: int, left: float, right: float) -> tuple[float, float]:
+    """Return where a guard is lowest between two times, and its value there."""
+    found = scipy.optimize.minimize_scalar(
+        lambda tau: float(guards(np.array([tau]))[row, 0]),
+        bounds=(left, right),
+        method="bounded",
+        options={"xatol": 1e-9 * (right - left)},
+    )
+    return float(found.x), float(found.fun)
+
+
 def _come_close(
-    guards: Callable[[Array], Array], left: Array, right: Array, rows: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+    guards: Callable[[Array], Array], left: Array, right: Array, rows: NDArray[np.intp], touch: Array
+) -> Mask:
     """Tell which guards that turn between `left` and `right` come near zero: all together, by narrower parabolas."""
 
     def at(taus: Array) -> Array:
@@ -86,16 +133,16 @@ def _come_close(
             shift = np.where(bend > 0, 0.5 * (low - high) / bend, 0.0)
         middle, half = middle + np.clip(shift, -1.0, 1.0) * half, half / 8
         middle = np.clip(middle, left + half, right - half)
-    return at(middle) <= 1e-6 * scale
+    return np.asarray(at(middle) <= 1e-6 * scale + touch[rows])
 
 
-def _may_dip(taus: Array, values: Array) -> NDArray[np.bool_]:
-    """Tell at which inner samples a guard turns and the parabola through its neighbours comes near zero."""
+def _may_dip(taus: Array, values: Array, touch: Array) -> Mask:
+    """Tell at which inner samples a guard turns and the parabola through its neighbours comes near zero or `touch`."""
     left, middle, right = values[:, :-2], values[:, 1:-1], values[:, 2:]
     before, after = np.diff(taus)[:-1], np.diff(taus)[1:]
     with np.errstate(invalid="ignore", divide="ignore"):
         falling, rising = (middle - left) / before, (right - middle) / after
         bend = (rising - falling) / (before + after)
         lowest = middle - (falling + bend * before) ** 2 / (4 * bend)
-        near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2
+        near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2 + touch[:, None]
     return np.asarray(near & (middle <= left) & (middle <= right))

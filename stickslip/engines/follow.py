@@ -56,10 +56,13 @@ def follow(
         missed = first_dip(motion, guards, path)
         if missed is None:
             return back_to_zero(motion, guards, path)
-        if missed >= path.taus[-1]:
+        if missed.touched is not None:
+            cut = path.cut(missed.tau)
+            return replace(cut, last=motion.exact(missed.tau, cut.last), touched=missed.touched)
+        if missed.tau >= path.taus[-1]:
             # a root at the very end is none for the solver, however often it is sent there
             return back_to_zero(motion, guards, replace(path, hit=True))
-        horizon = missed
+        horizon = missed.tau
 
 
 def _protected(

@@ -104,6 +104,9 @@ class LinearSolver:
         if self._kind == "dense":
             out[:] = dense(jacobian)
             return
+        if self._kind == "band" and isinstance(jacobian, np.ndarray):
+            out.ravel()[self._places] = jacobian.ravel()[self._places]
+            return
         matrix = scipy.sparse.coo_array(jacobian)
         matrix.sum_duplicates()
         if self._kind == "band":

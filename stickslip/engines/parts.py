@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.engines.roots import earliest, first_root
+from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
@@ -616,7 +616,8 @@ class Parts:
             if self.started[j] and t == self.row_origin[j]:
                 g = np.append(g[1:], 0.0)
             g = g * ((until - t) / unit) ** np.arange(g.size)
-            self._enter(j, self._root(g, t, until, floor), 0)
+            touches = bool(system.holds_more[0 if mode > 0 else 1, j]) and abs(mode) == 1
+            self._enter(j, self._root(g, t, until, floor, touches), 0)
             return True
         age = math.inf
         if self._dwells[j]:
@@ -655,9 +656,9 @@ class Parts:
         g *= _powers(np.full(1, (until - t) / self.unit), g.shape[1])
         self.due[j] = t + (until - t) * float(earliest(g).min())
 
-    def _root(self, g: Array, t: float, until: float, floor: float) -> float:
+    def _root(self, g: Array, t: float, until: float, floor: float, touches: bool = False) -> float:
         self.work.guards_isolated += 1
-        root = first_root(g, floor)
+        root = first_touch(g, floor)[0] if touches else first_root(g, floor)
         return math.inf if root is None else t + (until - t) * root
 
     def _enter(self, j: int, t: float, direction: int) -> None:

@@ -7,15 +7,16 @@ time at which it did.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.model.crossings import root_between
 
 __all__ = ["back_to_zero"]
 
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 _FULLY = 0.999
 """Part of what is uncertain by which a velocity that was found beyond 0 has passed it at least."""
 
+_FEW = 4
+"""Points that are looked at together, the last first: a velocity is not beyond 0 for long."""
+
 
 def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
     """Return the path up to where the first of the velocities that have passed 0 at its end was 0."""
@@ -31,27 +35,38 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
     if not (guards.uncertain and path.hit and taus.size > 1):
         return path
 
-    def values(taus: Array, late: bool = False) -> Array:
-        return guards.values(taus, motion.exact(taus, path.at(taus).T), late)
+    def values(taus: Array) -> Array:
+        return guards.values(taus, motion.exact(taus, path.at(taus).T))
 
     rows = guards.passing
-    rows = rows[values(taus[-1:], late=True)[rows, 0] <= (1 - _FULLY) * guards.uncertain]
+    rows = rows[guards.values(float(taus[-1]), path.last, late=True)[rows] <= (1 - _FULLY) * guards.uncertain]
     if not rows.size:
         return path
-    found, ends = float(taus[-1]), values(taus)
+    found = float(taus[-1])
     for row in rows.tolist():
-        before = (ends[row, :-1] >= 0).nonzero()[0]
-        if not before.size:
-            # it was beyond 0 from the start
+        last = _last_before(row, taus, values)
+        if last is None:
             continue
-        left, right = (float(taus[before[-1] + k]) for k in (0, 1))
+        left, right = (float(taus[last + k]) for k in (0, 1))
 
         def beyond(tau: float, row: int = row) -> float:
-            return float(values(np.array([tau]))[row, 0])
+            return float(guards.values(tau, motion.exact(tau, path.state(tau)))[row])
 
         if beyond(right) < 0:
-            found = min(found, float(scipy.optimize.brentq(beyond, left, right, xtol=1e-300, rtol=1e-15)))
+            found = min(found, root_between(beyond, left, right))
     if not 0 < found < taus[-1]:
         return path
     cut = path.cut(found)
     return replace(cut, last=motion.exact(found, cut.last), hit=True)
+
+
+def _last_before(row: int, taus: Array, values: Callable[[Array], Array]) -> int | None:
+    """Return the last point but one at which a guard is not beyond 0, None where it was so from the start."""
+    end, count = taus.size - 1, _FEW
+    while end:
+        first = max(end - count, 0)
+        before = (values(taus[first:end])[row] >= 0).nonzero()[0]
+        if before.size:
+            return first + int(before[-1])
+        end, count = first, 2 * count
+    return None

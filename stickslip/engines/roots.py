@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
+from operator import ne
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["earliest", "first_root", "may_vanish"]
+__all__ = ["earliest", "first_root", "first_touch", "may_vanish"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -72,17 +73,38 @@ def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
     return found
 
 
-def _back(coefficients: Array, root: float, touch: float) -> float | None:
-    """Return where a polynomial that has a root is positive again, None where it goes below `touch` or stays."""
+def first_touch(coefficients: Array, floor: float) -> tuple[float | None, bool]:
+    """Return where in (0, 1] a polynomial first becomes negative or touches 0, and whether it only touches.
+
+    It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
+    """
+    near = _STEPS * _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
+    lowered = coefficients.copy()
+    lowered[0] -= near
+    root = 0.0 if lowered[0] <= 0 else _first(lowered, floor)
+    turn = None if root is None else _turn(lowered, root, 2 * near)
+    if turn is not None:
+        return min(turn, 1.0), True
+    return (None if root is None else first_root(coefficients, floor)), False
+
+
+def _turn(coefficients: Array, root: float, depth: float) -> float | None:
+    """Return where a polynomial that has a root turns beyond it, None where it goes below `-depth` or on."""
     value = slope = half = 0.0
     for a in coefficients[::-1].tolist():
         half = half * root + slope
         slope = slope * root + value
         value = value * root + a
     bend = 2 * half
-    if not (slope < 0 < bend and slope * slope <= 2 * bend * touch):
+    return root - slope / bend if slope < 0 < bend and slope * slope <= 2 * bend * depth else None
+
+
+def _back(coefficients: Array, root: float, touch: float) -> float | None:
+    """Return where a polynomial that has a root is positive again, None where it goes below `-touch` or stays."""
+    turn = _turn(coefficients, root, touch)
+    if turn is None:
         return None
-    back = root - 3 * slope / bend
+    back = root + 3 * (turn - root)
     return back if back < 1 and np.polynomial.polynomial.polyval(back, coefficients) > 0 else None
 
 
@@ -94,31 +116,33 @@ def _from(coefficients: Array, first: float) -> Array:
 
 def _first(coefficients: Array, floor: float) -> float | None:
     order = coefficients.size - 1
-    bernstein = _to_bernstein(order) @ coefficients
     left, right = _halves(order)
-    stack = [(bernstein, 0.0, 1.0, 0)]
+    # each part is a map of the coefficients of a wider one: most parts behind the first root are never asked for
+    stack = [(_to_bernstein(order), coefficients, 0.0, 1.0, 0)]
     noise = _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
     while stack:
-        b, low, high, depth = stack.pop()
-        if b.min() >= -noise:
+        part, of, low, high, depth = stack.pop()
+        b = part @ of
+        values = b.tolist()
+        if min(values) >= -noise:
             continue
-        if b[-1] < -noise and b[0] >= -noise and _changes(b, noise) == 1:
+        if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             return _bracketed(coefficients.tolist(), low, high)
-        if b[0] < -noise and depth:
+        if values[0] < -noise and depth:
             return low
         if depth >= _DEEPEST:
-            if b[-1] < -noise:
+            if values[-1] < -noise:
                 return high
             continue
         middle = 0.5 * (low + high)
-        stack.append((right @ b, middle, high, depth + 1))
-        stack.append((left @ b, low, middle, depth + 1))
+        stack.append((right, b, middle, high, depth + 1))
+        stack.append((left, b, low, middle, depth + 1))
     return None
 
 
-def _changes(b: Array, noise: float) -> int:
-    signs = np.sign(b[np.abs(b) > noise])
-    return int(np.count_nonzero(signs[1:] != signs[:-1]))
+def _changes(values: list[float], noise: float) -> int:
+    signs = [x > 0 for x in values if abs(x) > noise]
+    return sum(map(ne, signs, signs[1:]))
 
 
 def _bracketed(c: list[float], low: float, high: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.roots import first_root, may_vanish
+from stickslip.engines.roots import first_root, first_touch, may_vanish
 from stickslip.engines.work import Work
 from stickslip.equations.guards import NEVER, Guards
 from stickslip.equations.loads import Loads
@@ -31,16 +31,23 @@ _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
+_GROWTH = 4.0
+"""How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
 _LISTED = 5
 
 
 class _Step(NamedTuple):
-    """Power coefficients of the states over a step of length `h`, and where in (0, 1] a guard has its first root."""
+    """Power coefficients of the states over a step of length `h`, and where in (0, 1] a guard has its first root.
+
+    `touched` is the row whose relative velocity only touches 0 there.
+    """
 
     coefficients: Array
     h: float
     root: float | None
+    guard: int = -1
+    touched: int | None = None
 
 
 class Series:
@@ -62,17 +69,19 @@ class Series:
         self.work.starts += 1
         watched = (guards.order < NEVER).nonzero()[0]
         ends, pieces = [0.0], []
-        tau, y, hit = 0.0, motion.y, False
-        while tau < horizon and not hit and not self._interruption.pressed:
+        tau, y, hit, touched = 0.0, motion.y, False, None
+        while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
             if (motion.is_rising(tau) or motion.stretch.has_waves) and motion.may_be_bounded:
                 step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
-                hit = step.root is not None
-            s = 1.0 if step.root is None else step.root
-            c = step.coefficients * (s ** np.arange(step.coefficients.shape[0]))[:, None]
+            touched = step.touched
+            hit = step.root is not None and touched is None
+            s, c = 1.0 if step.root is None else step.root, step.coefficients
+            if s != 1.0:
+                c = c * (s ** np.arange(c.shape[0]))[:, None]
             tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
             self.work.steps += 1
             pieces.append(c)
@@ -80,7 +89,7 @@ class Series:
             y = motion.exact(tau, c.sum(axis=0))
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
-        return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit)
+        return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
 
     def _past_bounds(
         self, motion: Motion, guards: Guards, watched: Indices, tau: float, y: Array, longest: float
@@ -97,6 +106,11 @@ class Series:
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
             return step
+        if guards.is_followed_frozen(step.guard):
+            # what rises or swings does not change this guard
+            return step
+        if step.touched is not None:
+            return None
         dwell = float(motion.dwell_times.min()) if motion.dwell_times.size else 0.0
         if step.root * step.h < _WORTH * max(dwell, motion.stretch.longest_period):
             return None
@@ -129,21 +143,27 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = 1.5 * h
+            self._guess = _GROWTH * h
         self.work.rate_calls += order
-        stretched = ((h / scale) ** np.arange(order + 1))[:, None]
-        root = None
+        root, touched, guard, c = None, None, -1, expansion.y
+        if watched.size < guards.size:
+            g = g[:, watched]
+        if h != scale:
+            stretched = ((h / scale) ** np.arange(order + 1))[:, None]
+            g, c = g * stretched, c * stretched
         if watched.size:
-            g = g[:, watched] * stretched
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
-            root = self._first(g, lambda: self._floor(motion, guards)[watched])
-        c = expansion.y * stretched
+            root, which, touches = self._first(
+                g, lambda: (self._floor(motion, guards)[watched], guards.stick_at_touch[watched])
+            )
+            guard = int(watched[which])
+            touched = int(guards.row[guard]) if touches else None
         if motion.stretch.is_straight:
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
-        return _Step(c, h, root)
+        return _Step(c, h, root, guard, touched)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -188,28 +208,34 @@ class Series:
         speeds = np.append(motion.system.abs_G @ self._speed, 0.0)[guards.row]
         return np.where(guards.is_velocity, speeds, guards.value_scale)
 
-    def _first(self, g: Array, floor_of: Callable[[], Array]) -> float | None:
-        """Return the first root in (0, 1] of any column of power coefficients."""
+    def _first(
+        self, g: Array, floors: Callable[[], tuple[Array, NDArray[np.bool_]]]
+    ) -> tuple[float | None, int, bool]:
+        """Return the first root in (0, 1] of any column of power coefficients, its column, and if it only touches 0."""
         close = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
         found: float | None = None
+        which, touches_only = -1, False
         if not close.size:
-            return None
-        floor = floor_of()
+            return None, which, touches_only
+        floor, touches = (x.tolist() for x in floors())
         for i in close.tolist():
             c = g[:, i]
             if found is not None:
                 # only what comes before is of interest
                 c = c * found ** np.arange(c.size)
-            root = first_root(c, float(floor[i]))
+            root, only = first_touch(c, floor[i]) if touches[i] else (first_root(c, floor[i]), False)
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root
-        return found
+                which, touches_only = i, only
+        return found, which, touches_only
 
 
 def _padded(pieces: list[Array], size: int) -> Array:
     """Return the coefficients of all steps in one array."""
+    if len(pieces) == 1:
+        return pieces[0][None]
     order = max((c.shape[0] for c in pieces), default=1)
     found = np.zeros((len(pieces), order, size))
     for k, c in enumerate(pieces):

@@ -7,7 +7,7 @@ entry of `q` of its own. Linear forces need no entry: they are part of the matri
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Protocol, TypeVar
@@ -417,8 +417,28 @@ class Dependence:
         self._corners = {k: np.array(self.nodes[k].table.xs) for k in self.tables}  # type: ignore[union-attr]
         self.is_linear = len(self.tables) == len(self.nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
-        of_nodes = set(range(first, int(starts[-1])))
-        self.normals_need_functions = bool(of_nodes.intersection(self._normals.places.tolist()))
+        self.for_tables = self.before(place for k in self.tables for place in self._parts[k].places.tolist())
+        """The nodes on which it depends what tables are looked up at."""
+        read = [self._parts[k].places for k in {*self.tables, *self.for_tables}]
+        self.read_for_tables = frozenset(place for places in read for place in places.tolist())
+        """The places of the inputs on which that depends."""
+        self.for_normals = self.before(self._normals.places.tolist())
+        """Those on which normal forces depend."""
+
+    def before(self, places: Iterable[int]) -> frozenset[int]:
+        """Return the nodes on which inputs depend, at once or by way of others."""
+        found, open_ones = set(), set(places)
+        for number in reversed(range(len(self.nodes))):
+            own = self._ranges[number]
+            if not open_ones.isdisjoint(range(own.start, own.stop)):
+                found.add(number)
+                open_ones.update(self._parts[number].places.tolist())
+        return frozenset(found)
+
+    @property
+    def places_read(self) -> list[int]:
+        """The places of the inputs that nodes read."""
+        return [place for part in self._parts for place in part.places.tolist()]
 
     @property
     def calls(self) -> int:
@@ -468,7 +488,7 @@ class Dependence:
         t: Any,
         tau: Any,
         friction: Friction | None,
-        functions: bool = True,
+        wanted: Collection[int] | None = None,
         regions: Regions = None,
     ) -> None:
         """Enter what depends on the state into the inputs, in place; columns where there are many times.
@@ -481,25 +501,24 @@ class Dependence:
             Time, and local time of the motion, in s.
         friction : Friction or None
             The motion that tells friction forces; None where its modes are not known yet.
-        functions : bool
-            Whether functions are wanted.
+        wanted : collection of int or None
+            The nodes that are wanted: functions may be slow. None for all of them.
         regions : tuple of int or None
             Whose line each table follows, also beyond its borders; None for what it is looked up at.
         """
-        if functions:
-            for number, (node, part, own) in enumerate(
-                zip(self.nodes, self._parts, self._ranges, strict=True)
-            ):
-                arguments = part.at(y, q)
-                if node.table is not None:
-                    offset, slope = self._line(number, arguments[0], regions)
-                    q[own] = offset + slope * arguments[0]
-                    continue
-                if q.ndim == 1:
-                    q[own] = _value(node, t, arguments, tau, y, friction)
-                    continue
-                for k in range(q.shape[1]):
-                    q[own, k] = _value(node, float(t[k]), arguments[:, k], float(tau[k]), y[:, k], friction)
+        for number, (node, part, own) in enumerate(zip(self.nodes, self._parts, self._ranges, strict=True)):
+            if wanted is not None and number not in wanted:
+                continue
+            arguments = part.at(y, q)
+            if node.table is not None:
+                offset, slope = self._line(number, arguments[0], regions)
+                q[own] = offset + slope * arguments[0]
+                continue
+            if q.ndim == 1:
+                q[own] = _value(node, t, arguments, tau, y, friction)
+                continue
+            for k in range(q.shape[1]):
+                q[own, k] = _value(node, float(t[k]), arguments[:, k], float(tau[k]), y[:, k], friction)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.floats import Line, evaluate, forces, lines
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
+from stickslip.equations.path import Path
 
 __all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
 
@@ -42,6 +45,7 @@ _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
 _HIGHEST = 8
+_FALSE = np.zeros(1, dtype=bool)
 
 
 class Guards:
@@ -83,7 +87,7 @@ class Guards:
         uncertain: float = 0.0,
     ) -> None:
         # guards of no row have the number -1
-        self.motion, self.at_rest, self.uncertain = motion, np.append(at_rest, False), uncertain
+        self.motion, self.at_rest, self.uncertain = motion, np.concatenate([at_rest, _FALSE]), uncertain
         equations = motion.equations
         loose = equations.open
         if loose.size:
@@ -94,24 +98,31 @@ class Guards:
         self._has_levels = equations.has_levels
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
         self.is_border = equations.is_border
-        self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
-        self._dwell = equations.guard_dwell[equations.rising]
+        self._rising, self._rise = equations.rising, equations.rise_of_rising
+        self._dwell = equations.dwell_of_rising
+        self._is_force, self.is_normal = equations.is_force, equations.is_normal
         if equations.has_threshold:
             self._constant = self._constant.copy()
             slips = equations.slips
             self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
             self._has_constant = bool(self._constant.any())
         if loose.size:
-            none = np.zeros(loose.size)
-            self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
-            self._turn = np.append(self._turn, labels[loose])
+            none, no = np.zeros(loose.size), np.zeros(loose.size, dtype=bool)
+            self._row, self._source = (np.concatenate([x, loose]) for x in (self._row, self._source))
+            self._turn = np.concatenate([self._turn, labels[loose]])
             self._mu, self._constant, self.direction = (
-                np.append(x, none) for x in (self._mu, self._constant, self.direction)
+                np.concatenate([x, none]) for x in (self._mu, self._constant, self.direction)
             )
-            self.is_velocity = np.append(self.is_velocity, none == 0)
-            self.is_border = np.append(self.is_border, none != 0)
+            self.is_velocity = np.concatenate([self.is_velocity, ~no])
+            self.is_border, self._is_force, self.is_normal = (
+                np.concatenate([x, no]) for x in (self.is_border, self._is_force, self.is_normal)
+            )
         pressed = equations.pressed
-        self._watch_normals(pressed)
+        # functions of the state act on forces; of the others only normal forces may read them
+        self._wanted: Any = () if equations.only_velocities else None
+        if pressed.size:
+            self._watch_normals(pressed)
+        self._beside = self._row.size - equations.guard_row.size
         self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
@@ -131,26 +142,19 @@ class Guards:
     def _watch_normals(self, pressed: Indices) -> None:
         """Add the guards of normal forces that depend on the state: N while closed, -N while open."""
         motion, equations = self.motion, self.motion.equations
-        self.is_normal = np.zeros(self._row.size, dtype=bool)
-        if pressed.size:
-            none = np.zeros(pressed.size)
-            self._row = np.append(self._row, pressed)
-            self._source = np.append(self._source, none.astype(np.intp))
-            self._turn, self._constant, self.direction = (
-                np.append(x, none) for x in (self._turn, self._constant, self.direction)
-            )
-            self.is_border = np.append(self.is_border, none > 0)
-            self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
-            self.is_velocity, self.is_normal = (
-                np.append(self.is_velocity, none > 0),
-                np.append(self.is_normal, none == 0),
-            )
-        self._beside = self._row.size - equations.guard_row.size
-        if pressed.size:
-            self._has_levels = True
-        self._needs_functions = not (self.is_velocity | self.is_normal).all() or (
-            pressed.size > 0 and motion.pressed_by_functions
+        none = np.zeros(pressed.size)
+        self._row = np.append(self._row, pressed)
+        self._source = np.append(self._source, none.astype(np.intp))
+        self._turn, self._constant, self.direction = (
+            np.append(x, none) for x in (self._turn, self._constant, self.direction)
         )
+        self.is_border = np.append(self.is_border, none > 0)
+        self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
+        self.is_velocity = np.append(self.is_velocity, none > 0)
+        self.is_normal, self._is_force = (np.append(x, none == 0) for x in (self.is_normal, self._is_force))
+        self._has_levels = True
+        if self._wanted is not None:
+            self._wanted = motion.for_normals
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -213,13 +217,13 @@ class Guards:
         g0 = self.start[0]
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         near: Array | float = 0.0
-        held = ~(self.is_velocity | self.is_border)
+        held = self._is_force
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if held.any():
             near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
         if self._has_constant:
             near = near + _NEAR * self._constant
-        if self.is_border.any():
+        if self.motion.equations.borders.size:
             size = self.motion.equations.border_magnitudes(
                 np.abs(self.motion.y), np.abs(self.motion.start_inputs)
             )
@@ -307,11 +311,13 @@ class Guards:
         return np.asarray(self._majorant(0)[0])
 
     def _majorant(self, order: int) -> Array:
-        found = np.zeros((order + 2, self.size))
-        for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
-            found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
-            if self._rising.size:
-                found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
+        found = None if self._beside else self.motion.guard_magnitudes(order + 1)
+        if found is None:
+            found = np.zeros((order + 2, self.size))
+            for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
+                found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
+                if self._rising.size:
+                    found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
         # the roundoff of the time is one of all that changes
         late = _TIME / ROUNDOFF * abs(self.motion.t)
         for k in range(order + 1):
@@ -352,6 +358,10 @@ class Guards:
             found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
         return found
 
+    def is_followed_frozen(self, i: int) -> bool:
+        """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
+        return not (self._rising == i).any() and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
+
     @property
     def idle(self) -> Indices:
         """Moving rows at rest whose relative velocity stays 0."""
@@ -391,14 +401,26 @@ class Guards:
         """Guards of velocities that pass 0."""
         return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
 
+    @cached_property
+    def stick_at_touch(self) -> Mask:
+        """Guards of contacts that may stick where their velocity only touches 0: they hold more at rest (MODEL rule 2).
+
+        All others would go on at once: what moves them there is no more than their friction in motion.
+        """
+        found = np.zeros(self.size, dtype=bool)
+        rows = self.row[self.passing]
+        mode = self.motion.equations.modes[rows]
+        holds_more = self.motion.system.holds_more[np.where(mode < 0, 1, 0), rows]
+        found[self.passing] = holds_more & (np.abs(mode) == 1) & (self.order[self.passing] != NEVER)
+        return found
+
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
         If `late`, velocities have passed 0 once they are beyond what is uncertain.
         """
         motion = self.motion
-        # functions of the state act on forces only
-        q = motion.inputs(tau, y, functions=self._needs_functions)
+        q = motion.inputs(tau, y, self._wanted)
         g = self.raw(motion.watched(tau, y, q), q)
         if late and self.uncertain:
             g[self.passing] += self.uncertain
@@ -423,6 +445,42 @@ class Guards:
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 
+    def lower_bounds(self, path: Path) -> Array:
+        """Return what no guard goes below in each step of a path, one column each; -inf where that is not known.
+
+        What is linear in states and time is a polynomial like the path, and no Chebyshev polynomial is beyond 1. A
+        level that rises with its dwell is not below what it would be without rising from the start of a step on. Zeros
+        at the start are not divided out; velocities have passed 0 once they are beyond what is uncertain.
+        """
+        motion, system, equations = self.motion, self.motion.system, self.motion.equations
+        k, order, size = path.coefficients.shape
+        is_rising = motion.is_rising(0.0)
+        unknown = equations.watched_by_laws[self._source]
+        if is_rising:
+            unknown[self._rising] |= self._rise < 0
+        bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
+        if bends or not path.is_chebyshev or order < 2 or unknown.all():
+            return np.full((self.size, k), -math.inf)
+        turn, mu = self._turn[:, None], self._mu[:, None]
+        z = equations.watch(path.coefficients.reshape(k * order, size).T)
+        g = turn[:, :, None] * z[self._source].reshape(-1, k, order)
+        half = 0.5 * np.diff(path.taus)
+        middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
+        middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
+        slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
+        for j, q in enumerate((middle, slope)):
+            g[:, :, j] += turn * equations.respond(q)[size:][self._source] + mu * q[self._row]
+            if is_rising:
+                q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
+                g[self._rising, :, j] -= self._rise[:, None] * q[self._dwell]
+        low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
+        if self.uncertain:
+            low[self.passing] += self.uncertain
+        if self._offset is not None:
+            low += self._offset[:, None]
+        low[unknown] = -math.inf
+        return np.asarray(low)
+
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
         if not self.size:
@@ -431,8 +489,18 @@ class Guards:
             return float(self.values(tau, y, late=True).min())
         # no zero of the start is near: its order does not change a sign
         motion, q = self.motion, None
+        if self.in_floats is not None and motion.in_floats is not None:
+            x = y.tolist()
+            return min(evaluate(self.in_floats, tau, x + forces(motion.in_floats[1], tau, x)))
+        if self._of_states is not None and self._on_lines is not None:
+            value, slope = self._on_lines
+            g = self._of_states @ y
+            g += value
+            if not motion.stretch.is_steady:
+                g += tau * slope
+            return float(g.min())
         if self._has_levels or self._rising.size or motion.dependence is not None:
-            q = motion.inputs(tau, y, functions=self._needs_functions)
+            q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
         if self.uncertain:
@@ -440,6 +508,39 @@ class Guards:
         if self._offset is not None:
             g += self._offset
         return float(g.min())
+
+    @cached_property
+    def _on_lines(self) -> tuple[Array, Array] | None:
+        """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
+        motion = self.motion
+        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self._source, self._turn)
+        if known is None:
+            return None
+        value, slope = known[0] + self._constant, known[1]
+        if self._has_levels:
+            value += self._mu * motion.start_inputs[self._row]
+            slope = slope + self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
+        if self.uncertain:
+            value[self.passing] += self.uncertain
+        if self._offset is not None:
+            value += self._offset
+        return value, slope
+
+    @cached_property
+    def in_floats(self) -> list[Line] | None:
+        """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
+        if self.motion.in_floats is None or self._on_lines is None:
+            return None
+        equations, turn = self.motion.equations, self._turn[:, None]
+        return lines(*self._on_lines, turn * equations.E[self._source], turn * equations.L[self._source])
+
+    @cached_property
+    def _of_states(self) -> Array | None:
+        """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
+        equations = self.motion.equations
+        if self._on_lines is None or equations.watched_by_laws[self._source].any():
+            return None
+        return np.asarray(self._turn[:, None] * equations.E[self._source])
 
     @cached_property
     def _told(self) -> float:

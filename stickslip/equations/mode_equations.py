@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_small
+from stickslip.equations.taylor import TaylorMap, is_small, is_small_map
 from stickslip.model.laws.table import ActingForces
 
 __all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
@@ -96,6 +96,7 @@ class ModeEquations:
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
         self._maps: dict[tuple[int, bool], TaylorMap | None] = {}
+        self._guard_sizes: dict[int, Array | None] = {}
         if not system.sparse:
             self._assemble()
 
@@ -207,12 +208,18 @@ class ModeEquations:
         dwell_place = np.append(system.dwell_place, -1)
         self.guard_dwell = system.inputs + dwell_place[self.guard_row]
         self.rising = (self.guard_rise != 0).nonzero()[0]
+        self.rise_of_rising, self.dwell_of_rising = (
+            self.guard_rise[self.rising],
+            self.guard_dwell[self.rising],
+        )
         self.threshold = -c.rests_below[self.slip]
         self.has_threshold = bool(self.threshold.any())
         sizes = np.cumsum([0, *(x.size for x in contacts)])
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
         self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
         self.is_border = self.guard_row < 0
+        self.is_force, self.is_normal = ~(self.is_velocity | self.is_border), np.zeros(sizes[-1], dtype=bool)
+        self.only_velocities = bool(self.is_velocity.all())
         self.direction = np.concatenate(
             [none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5], 0 * ones[6]]
         )
@@ -287,6 +294,10 @@ class ModeEquations:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
         return self._AE @ y if not self.system.sparse else self._of_states(y)
 
+    def watch(self, y: Array) -> Array:
+        """Return ``E y`` for columns of states."""
+        return self.E @ y if not self.system.sparse else self._of_states(y)[self.system.size :]
+
     def respond(self, q: Array) -> Array:
         """Return ``B q`` and ``H q`` in one array."""
         return self._BH @ q if not self.system.sparse else self._of_inputs(q)
@@ -299,6 +310,19 @@ class ModeEquations:
         wide = np.zeros((self.system.m, *e.shape[1:]))
         wide[self.acting] = e
         return self._of_friction(wide)
+
+    @cached_property
+    def watched_by_laws(self) -> NDArray[np.bool_]:
+        """Tell what watched quantities the forces that depend on velocity may reach."""
+        m, found = self.system.m, np.zeros(self.rows, dtype=bool)
+        if self.acting.size:
+            found[m:] = True if self.system.sparse else self.L[m:].any(axis=1)
+        return found
+
+    @cached_property
+    def is_watched_by_laws(self) -> bool:
+        """Whether the forces that depend on velocity may reach anything that is watched."""
+        return bool(self.watched_by_laws.any())
 
     def _of_states(self, y: Array) -> Array:
         system, balance = self.system, self.balance
@@ -433,6 +457,29 @@ class ModeEquations:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
         units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
+
+    def guard_sizes(self, order: int) -> Array | None:
+        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
+
+        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
+        """
+        if order not in self._guard_sizes:
+            size, width = self.system.size, self.system.inputs + self.system.dwelling.size
+            columns = size + (order + 1) * width
+            found = None
+            if is_small_map(self.system, columns, self.guard_row.size * (order + 1)):
+                found = np.zeros((order + 1, self.guard_row.size, columns))
+                y = np.eye(size, columns)
+                turn, mu = np.abs(self.guard_turn)[:, None], np.abs(self.guard_mu)[:, None]
+                for k in range(order + 1):
+                    q = np.eye(width, columns, size + k * width)
+                    rate, z = self.magnitudes(y, q)
+                    found[k] = turn * z[self.guard_source] + mu * q[self.guard_row]
+                    found[k, self.rising] += np.abs(self.rise_of_rising)[:, None] * q[self.dwell_of_rising]
+                    y = rate / (k + 1)
+                found = found.reshape(-1, columns)
+            self._guard_sizes[order] = found
+        return self._guard_sizes[order]
 
     def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance

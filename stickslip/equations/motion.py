@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.floats import Acting, Line, lines
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
@@ -25,6 +26,9 @@ _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
 
 _DIFFERENCE = 1e-5
+
+_IN_FLOATS = 40
+"""Entries of the matrix of the rates up to which plain floats are faster than arrays."""
 
 
 class Expansion:
@@ -57,6 +61,21 @@ class Expansion:
         if not isinstance(self._q, list):
             self._q = self._q()
         return self._q
+
+
+class _Lines(NamedTuple):
+    """What inputs that are lines in time do: at the start of a motion, and their slopes.
+
+    The response of rates and watched quantities; relative velocities, and normal forces, of the acting rows.
+    """
+
+    response: Array
+    response_slope: Array
+    w: Array
+    w_slope: Array
+    normal: Array
+    normal_slope: Array
+    is_steady: bool
 
 
 class _Linked:
@@ -181,10 +200,17 @@ class Motion:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
 
+    def withheld(self, taus: Array) -> Array:
+        """Return the part of each dwell's rise that is still withheld at local times, one column each."""
+        found = np.zeros((self._dwelling.size, taus.size))
+        if self._dwelling.size and self._rising.size:
+            found[self._rising] = np.exp(-(self._age[:, None] + np.multiply.outer(self._rate, taus)))
+        return found
+
     @property
-    def pressed_by_functions(self) -> bool:
-        """Whether a normal force is a function of the state."""
-        return self.dependence is not None and self.dependence.normals_need_functions
+    def for_normals(self) -> Collection[int]:
+        """The functions and tables of the state on which normal forces depend."""
+        return () if self.dependence is None else self.dependence.for_normals
 
     def loads(self, tau: float | Array) -> Array:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
@@ -192,16 +218,16 @@ class Motion:
             return self.stretch.sampled(self.t + tau)
         return self.stretch.at(self.t + tau)
 
-    def inputs(self, tau: float | Array, y: Array, functions: bool = True) -> Array:
+    def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
         """Return inputs and dwells at local time `tau`, one column per time where that is an array.
 
-        Without `functions`, those of them that are functions of the state count nothing.
+        Of functions and tables of the state only those `wanted` by number are computed; None for all.
         """
         many = isinstance(tau, np.ndarray)
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, functions, self.regions)
+            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.regions)
         if not self._dwelling.size:
             return q
         full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
@@ -331,11 +357,8 @@ class Motion:
         return some, self.t - self.since[rows[some]], dwell[some]
 
     @cached_property
-    def _lines(self) -> tuple[Array, Array, Array, Array, Array, Array] | None:
-        """What the inputs of a small motion do, where they are lines: each a value at the start and a slope.
-
-        Rates and watched quantities; relative velocities, and normal forces, of the acting rows.
-        """
+    def _lines(self) -> _Lines | None:
+        """What the inputs of a small motion do, where they are lines."""
         system, equations = self.system, self.equations
         if system.sparse or self.rises_push or not self.is_straight or self.dependence is not None:
             return None
@@ -343,7 +366,37 @@ class Motion:
         slope[: system.inputs] = self.stretch.slope
         rows, none = equations.acting, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
-        return equations.respond(value), equations.respond(slope), w, bend, value[rows], slope[rows]
+        return _Lines(
+            equations.respond(value),
+            equations.respond(slope),
+            w,
+            bend,
+            np.maximum(value[rows], 0.0) if self.stretch.is_steady else value[rows],
+            slope[rows],
+            self.stretch.is_steady,
+        )
+
+    @cached_property
+    def in_floats(self) -> tuple[list[Line], list[Acting]] | None:
+        """The rates of a small motion and the friction forces that they need, None where arrays are the better way."""
+        system, equations = self.system, self.equations
+        count = equations.acting.size
+        if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
+            return None
+        laws = equations.law.in_floats()
+        if laws is None:
+            return None
+        own, size = self._lines, system.size
+        rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
+        velocities = lines(own.w, own.w_slope, equations.acting_velocities) if count else []
+        return rates, list(map(Acting, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
+
+    def watched_on_lines(self, source: Indices, turn: Array) -> tuple[Array, Array] | None:
+        """Return what the inputs of a small motion add to ``turn z[source]`` at the start, and with which slope."""
+        if self._lines is None:
+            return None
+        size, own = self.system.size, self._lines
+        return turn * own.response[size:][source], turn * own.response_slope[size:][source]
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
@@ -361,14 +414,11 @@ class Motion:
         equations = self.equations
         found = self._linear(tau, y, q)
         if self.has_law:
-            lines = None if isinstance(tau, np.ndarray) else self._lines
-            if lines is None:
+            lines = self._lines
+            if lines is None or isinstance(tau, np.ndarray):
                 w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y) if q is None else q, tau)
             else:
-                w = equations.acting_velocities @ y
-                w += lines[2] + tau * lines[3]
-                normal = np.maximum(lines[4] + tau * lines[5], 0.0)
-                lag, z = self._lag(tau, w), y[equations.bristle_places]
+                w, normal, lag, z = self._acting_on_lines(tau, y, lines)
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
@@ -381,8 +431,20 @@ class Motion:
         if lines is None:
             found += self.equations.respond(self.inputs(tau, y) if q is None else q)
         else:
-            found += lines[0] + tau * lines[1]
+            found += lines.response
+            if not lines.is_steady:
+                found += tau * lines.response_slope
         return found
+
+    def _acting_on_lines(self, tau: float, y: Array, lines: _Lines) -> tuple[Array, Array, Array, Array]:
+        """Return what `acting_terms` does, of a small motion."""
+        w: Array = self.equations.acting_velocities @ y
+        w += lines.w
+        normal = lines.normal
+        if not lines.is_steady:
+            w += tau * lines.w_slope
+            normal = np.maximum(normal + tau * lines.normal_slope, 0.0)
+        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the forces of all rows, one column per time where `tau` is an array."""
@@ -396,14 +458,23 @@ class Motion:
 
     def rate(self, tau: float | Array, y: Array) -> Array:
         """Return ``y' = A y + B q + K e``."""
-        return self.both(tau, y)[: self.system.size]
+        equations, size = self.equations, self.system.size
+        lines = self._lines
+        if lines is None or isinstance(tau, np.ndarray) or equations.bristle_places.size:
+            return self.both(tau, y)[:size]
+        found = np.asarray(equations.A @ y)
+        found += lines.response[:size]
+        if not lines.is_steady:
+            found += tau * lines.response_slope[:size]
+        if self.has_law:
+            found += equations.K @ equations.law.forces(*self._acting_on_lines(tau, y, lines))
+        return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``z = E y + H q + L e``; the inputs `q` need not be given."""
         equations = self.equations
-        # the laws' forces reach what is watched only where forces are
-        watches_forces = equations.held.size or equations.at_level.size
-        found = self.both(tau, y, q) if watches_forces else self._linear(tau, y, q)
+        reached = self.has_law and equations.is_watched_by_laws
+        found = self.both(tau, y, q) if reached else self._linear(tau, y, q)
         return found[self.system.size :]
 
     def exact(self, tau: float | Array, y: Array) -> Array:
@@ -560,22 +631,36 @@ class Motion:
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
         """
-        size = self.system.inputs + self._dwelling.size
         y, found = np.abs(self.y), []
-        parts = self.stretch.magnitudes(self.t, order)
-        for k in range(order + 1):
-            q = np.zeros(size)
-            q[: self.system.inputs] = parts[k]
-            if self._dwelling.size and self._rising.size:
-                rows = self._dwelling[self._rising]
-                fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
-                q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        for k, q in enumerate(self._input_magnitudes(order)):
             if self.dependence is not None:
                 self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
+
+    def guard_magnitudes(self, order: int) -> Array | None:
+        """Return the same of the guards of a small motion, an order per row, None where it has no map for them."""
+        sizes = None if self.dependence is not None else self.equations.guard_sizes(order)
+        if sizes is None:
+            return None
+        found: Array = sizes @ np.concatenate([np.abs(self.y), *self._input_magnitudes(order)])
+        return found.reshape(order + 1, -1)
+
+    def _input_magnitudes(self, order: int) -> list[Array]:
+        """Return what adds up in inputs and dwells at the start, but for what depends on the state."""
+        parts = self.stretch.magnitudes(self.t, order)
+        if not self._dwelling.size:
+            return parts
+        inputs, found = self.system.inputs, np.zeros((order + 1, self.system.inputs + self._dwelling.size))
+        found[:, :inputs] = parts
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            fall = [self._rate**i / math.factorial(i) for i in range(order + 1)]
+            for k in range(order + 1):
+                found[k, inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        return list(found)
 
     # -- starts ----------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -30,6 +31,8 @@ class Path:
         Whether a guard came to 0 at the end.
     is_chebyshev : bool
         Whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not.
+    touched : int, optional
+        The row whose relative velocity touches 0 at the end, None for none.
     """
 
     taus: Array
@@ -37,6 +40,12 @@ class Path:
     last: Array
     hit: bool
     is_chebyshev: bool = False
+    touched: int | None = None
+
+    @property
+    def has_event(self) -> bool:
+        """Whether something came to its limit at the end."""
+        return self.hit or self.touched is not None
 
     @property
     def points(self) -> Array:
@@ -63,6 +72,18 @@ class Path:
         found[taus >= self.taus[-1]] = self.last
         return found
 
+    def state(self, tau: float) -> Array:
+        """Return the state at one local time."""
+        count, order, _ = self.coefficients.shape
+        if not count or tau >= self.taus[-1]:
+            return self.last
+        i = min(max(int(self.taus.searchsorted(tau, "right")) - 1, 0), count - 1)
+        start, end = self.taus[i : i + 2].tolist()
+        s, powers = (tau - start) / (end - start), np.arange(order)
+        angle = math.acos(min(max(2 * s - 1, -1.0), 1.0))
+        weights = np.cos(powers * angle) if self.is_chebyshev else s**powers
+        return np.asarray(weights @ self.coefficients[i])
+
     @property
     def largest(self) -> Array:
         """A bound of the sizes of the states along the path."""
@@ -79,7 +100,7 @@ class Path:
     def until(self, count: int) -> Path:
         """Return the first `count` steps."""
         if count >= self.coefficients.shape[0]:
-            return replace(self, hit=False)
+            return replace(self, hit=False, touched=None)
         last = self.points[count]
         return Path(self.taus[: count + 1], self.coefficients[:count], last, False, self.is_chebyshev)
 

@@ -170,6 +170,9 @@ class System:
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
         self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
+        read = [*self._seen.places.tolist(), *self._only_seen.places_read]
+        self.for_watched = self.dependence.before(read) if self.dependence is not None else frozenset()
+        """The nodes that act and on which watched quantities depend."""
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
@@ -192,6 +195,8 @@ class System:
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - self.least, 0.0)
         self.rise = np.where(self.dwell > 0, rise, 0.0)
+        # contacts that hold more at rest than in motion, forward and backward
+        self.holds_more = (self.mu_s > self.least) & self.hard
         dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
         self.dwelling = dwells.nonzero()[0]
         self.dwell_place = np.full(self.m, -1)

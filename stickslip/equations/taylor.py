@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.system import System
 
-__all__ = ["TaylorMap", "is_small"]
+__all__ = ["TaylorMap", "is_small", "is_small_map"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,12 @@ _FASTEST = 1e12
 def is_small(system: System, rows: int, order: int) -> bool:
     """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
     columns = system.size + 2 * system.inputs + 2 * system.dwelling.size
-    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
+    return is_small_map(system, columns, rows * (order + 1))
+
+
+def is_small_map(system: System, columns: int, rows: int) -> bool:
+    """Tell whether a matrix of a system with so many columns and rows is worth keeping."""
+    return not system.sparse and columns * rows <= _MOST_ENTRIES
 
 
 class TaylorMap:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
@@ -15,6 +14,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
+from stickslip.model.crossings import root_between
 
 __all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
 
@@ -85,9 +85,12 @@ class Jump(NamedTuple):
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
-    touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    touching, fired = np.zeros((2, m), dtype=bool)
     let_go = None
-    touching[relaxed_ones] = fired[relaxed_ones] = True
+    if relaxed_ones:
+        touching[relaxed_ones] = fired[relaxed_ones] = True
+    if path.touched is not None:
+        touching[path.touched] = fired[path.touched] = True
     if path.hit:
         tau = float(path.taus[-1])
         values = guards.values(tau, path.last)
@@ -164,6 +167,9 @@ def jumped(
     rebound with less than `margin` stay.
     """
     system, y, n = motion.system, path.last, motion.system.n
+    if not (system.drives or system.has_stops):
+        none = np.zeros(system.m, dtype=bool)
+        return Jump(none, y, np.zeros(system.m, dtype=np.int8), none, None)
     q = loads.after(t).at(t)
     before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
     after = system.drive_velocities(q)
@@ -214,6 +220,8 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     near = (w <= margin) & (w > 0)
     if not near.any():
         return path, []
+    some = np.flatnonzero(near.any(axis=0))
+    near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
     found: tuple[float, list[int]] | None = None
     for k in np.flatnonzero(near.any(axis=1)).tolist():
         tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
@@ -243,13 +251,23 @@ def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) 
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 
+def _signed_rates(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+    """Return how fast relative velocities grow away from 0."""
+    system = motion.system
+    dq = np.zeros((system.inputs + system.dwelling.size, taus.size))
+    if system.drives:
+        dq[: system.inputs] = np.array([motion.stretch.rate(motion.t + tau) for tau in taus.tolist()]).T
+    w = system.relative_velocity(motion.rate(taus, states), dq)[rows]
+    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
+
+
 def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float) -> float | None:
     """Return the first time at which a row is within the margin and would stay at rest, there and at the next point."""
     rows = np.array([row])
     ends = near.nonzero()[0]
     for k in ends.tolist():
         tau = float(path.taus[k])
-        if not _at_rest(motion, tau, path.at(np.array([tau]))[0], row):
+        if not _at_rest(motion, tau, path.state(tau), row):
             continue
         if k and not near[k - 1]:
 
@@ -258,12 +276,8 @@ def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float)
                 return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
 
             left = float(path.taus[k - 1])
-            entry = (
-                float(scipy.optimize.brentq(beyond, left, tau, xtol=1e-300, rtol=1e-15))
-                if beyond(left) > 0 > beyond(tau)
-                else tau
-            )
-            if _at_rest(motion, entry, path.at(np.array([entry]))[0], row):
+            entry = root_between(beyond, left, tau) if beyond(left) > 0 > beyond(tau) else tau
+            if _at_rest(motion, entry, path.state(entry), row):
                 return entry if entry > 0 else tau
             continue
         if k:

@@ -95,6 +95,8 @@ class Situation:
         +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
     impulses : array (m,) or None
         Of the rows, just before.
+    touched : int or None
+        The row whose relative velocity only touches 0.
     """
 
     t: float
@@ -108,10 +110,17 @@ class Situation:
     regions: Regions | None = None
     sides: Modes | None = None
     impulses: Array | None = None
+    touched: int | None = None
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
-        return self.fired if self.labels is None else self.fired & ((self.labels == 0) | system.is_stop)
+        if self.labels is None:
+            return self.fired
+        found: Mask = self.fired & ((self.labels == 0) | system.is_stop)
+        if self.touched is not None:
+            # what holds it at rest is its friction in motion, where its level may begin to rise
+            found[self.touched] = True
+        return found
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
@@ -167,7 +176,7 @@ def settle(
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
-    closed = _closed(system, stretch.rate(now.t), q)
+    closed = _closed(system, stretch, now.t, q)
     tried = set[bytes]()
     while True:
         found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
@@ -295,10 +304,12 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
-def _closed(system: System, rate: Array, q: Array) -> Mask:
+def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
-    # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
+    presses = q[: system.m] > 0
+    if not presses.all():
+        # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
+        presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
@@ -387,6 +398,8 @@ class _Search:
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
             guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
+            if not equations.borders.size:
+                return motion, guards
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
             if not over.any():
@@ -405,9 +418,9 @@ class _Search:
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        violated = guards.violated & ~guards.is_border
         if not guards.violated.any():
             return None
+        violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
             return again
         if not violated.any():
@@ -567,8 +580,7 @@ class _Search:
 
         Where their share would be beyond their level, they carry their level if others can spare the rest.
         """
-        idlers = guards.idle
-        if not idlers.size:
+        if guards.is_plain or not (idlers := guards.idle).size:
             return motion, guards
         trial = motion.equations.modes.copy()
         trial[idlers] = 0

@@ -9,7 +9,7 @@ from math import ceil, isfinite
 import numpy as np
 import scipy
 
-__all__ = ["crossings", "positive_pieces"]
+__all__ = ["crossings", "positive_pieces", "root_between"]
 
 _SAMPLES_AT_LEAST = 20
 _ROUNDOFF = 1e-12
@@ -46,11 +46,14 @@ def crossings(
         if v0 == 0 and t0 > left:
             yield t0
         elif v0 * v1 > 0 and v0 * slope(t0) < 0 < v1 * slope(t1):
-            turn = _root(slope, t0, t1)
+            turn = root_between(slope, t0, t1)
             if v0 * (extremum := value(turn)) < 0 and abs(extremum) > roundoff:
                 points.insert(1, (turn, extremum))
         for (a, va), (b, vb) in pairwise(points):
-            if min(va, vb) < 0 < max(va, vb) and left + near < (zero := _root(value, a, b)) < right - near:
+            if (
+                min(va, vb) < 0 < max(va, vb)
+                and left + near < (zero := root_between(value, a, b)) < right - near
+            ):
                 yield zero
 
 
@@ -86,5 +89,10 @@ def positive_pieces(
     return tuple(kinks), tuple(positive)
 
 
-def _root(function: Callable[[float], float], a: float, b: float) -> float:
-    return float(scipy.optimize.brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15))
+def root_between(function: Callable[[float], float], a: float, b: float) -> float:
+    """Return a root of a function whose signs differ at `a` and `b > a`.
+
+    Its error is roundoff of the root, or of the interval: a function that is a breath above 0 at 0 has a root that no
+    bisection reaches otherwise.
+    """
+    return float(scipy.optimize.brentq(function, a, b, xtol=1e-16 * (b - a), rtol=1e-15, maxiter=1000))

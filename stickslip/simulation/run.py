@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -71,8 +72,9 @@ class Run:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
         Part of the forces that is uncertain.
-    uncertain : float
-        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: 0 where the engine is exact.
+    uncertain : callable
+        Returns the velocity in m/s or rad/s by which a row has to pass 0 before that is an event, from the largest
+        velocity so far: 0 where the engine is exact.
     """
 
     def __init__(  # noqa: PLR0913  (what an engine leaves uncertain has five names)
@@ -86,13 +88,13 @@ class Run:
         rebound: float,
         quiet: float,
         blur: float,
-        uncertain: float = 0.0,
+        uncertain: Callable[[float], float],
     ) -> None:
         self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
         self.t, self._stop = span
         self._start = self.t
         self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
-        self._uncertain = uncertain
+        self._uncertain, self._fastest = uncertain, 0.0
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -118,7 +120,8 @@ class Run:
         nothing = np.zeros(system.m, dtype=bool)
         hit = self._strike_at_start(y) if system.has_stops else nothing
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur, self._uncertain)
+        uncertain = self._uncertain(self._fastest)
+        self.now = settle(system, self.loads, situation, self._quiet, self._blur, uncertain)
         for j in hit.nonzero()[0].tolist():
             self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -160,20 +163,23 @@ class Run:
             return
         self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
-        # to the bit, also where a solver has integrated a rate of 0
-        path.last[self.system.clocked] = motion.y[self.system.clocked]
+        if self.system.clocked.size:
+            # to the bit, also where a solver has integrated a rate of 0
+            path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
         stop = motion.stretch.stop
-        if (tau >= motion.horizon and not (path.hit or ones)) or stop - t <= _SAME_TIME * abs(stop):
+        if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
             t = stop
         if self.watch_events is not None:
             path, t = self._note_crossings(motion, path, t, self.watch_events)
         self.keeper.keep(now, path, t)
+        if now.guards.uncertain:
+            self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
         if self.stopped is not None:
             self.t = t
             return
@@ -218,12 +224,12 @@ class Run:
 
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion = now.motion
-        self._watch_progress(t, path.hit and not now.guards.is_border.any())
+        self._watch_progress(t, path.has_event and not now.guards.is_border.any())
         if t >= self._stop:
             return
         self.restarts += 1
         system, held = self.system, self._sampled(motion, path, t)
-        if not (path.hit or ones) and self.loads.goes_on(t):
+        if not (path.has_event or ones) and self.loads.goes_on(t):
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)
@@ -254,13 +260,15 @@ class Run:
             motion.equations.regions,
             jump.sides,
             jump.impulses,
+            path.touched,
         )
         self._settle(situation, before, ones, jump)
 
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, self._uncertain)
+        uncertain = self._uncertain(self._fastest)
+        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, uncertain)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

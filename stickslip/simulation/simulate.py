@@ -136,7 +136,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     exact = name == "series" and margin is None
     rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    uncertain = 0.0 if name == "series" or step is not None else wanted.passed
+    uncertain = _nothing if name == "series" or step is not None else wanted.passed
     resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
     run = Run(system, loads, engine, recorder, (start, stop), *resolved)
     if watched:
@@ -152,6 +152,11 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
             not recorder.keeps_paths,
         )
     return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
+
+
+def _nothing(fastest: float) -> float:
+    """Return what is uncertain where an engine makes no errors."""
+    return 0.0
 
 
 _MANY = 16

@@ -40,8 +40,6 @@ class Tolerances:
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
-    passed : float
-        Velocity in m/s or rad/s by which a solver has to go beyond 0 before 0 is passed.
     """
 
     rtol: float
@@ -49,7 +47,18 @@ class Tolerances:
     margin: float
     quiet: float
     speed: float
-    passed: float
+
+    def passed(self, fastest: float) -> float:
+        """Return the velocity by which a solver has to go beyond 0 before 0 is passed.
+
+        Parameters
+        ----------
+        fastest : float
+            The largest velocity in m/s or rad/s so far: a solver's errors are parts of the velocities that it has seen.
+        """
+        speed = max(self.speed, fastest)
+        quiet = self.quiet + self.rtol * (speed - self.speed)
+        return min(_PASSED * quiet, max(_PASSED_AT_MOST * speed, quiet))
 
 
 def tolerances(
@@ -90,8 +99,7 @@ def tolerances(
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
-    passed = min(_PASSED * quiet, max(_PASSED_AT_MOST * speed, quiet))
-    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed, passed)
+    return Tolerances(rtol, each, 100.0 * quiet if margin is None else margin, quiet, speed)
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
+from stickslip.model.crossings import root_between
 from stickslip.model.when import When
 
 __all__ = ["Borders", "Crossing", "Watch"]
@@ -27,6 +27,8 @@ __all__ = ["Borders", "Crossing", "Watch"]
 Array = NDArray[np.float64]
 
 _DEGREE = 20
+_MORE = 3
+"""By how much more than the state's the order of a quantity is taken that is a function of it."""
 _PARTS = 4
 """Parts of the shortest period of the loads within which a quantity is a polynomial."""
 
@@ -101,7 +103,7 @@ class Watch:
     def _values(self, motion: Motion, path: Path, taus: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and what adds up in them."""
         y = motion.exact(taus, path.at(taus).T)
-        q = motion.inputs(taus, y)[: self._system.inputs]
+        q = motion.inputs(taus, y, self._system.for_watched)[: self._system.inputs]
         return self._system.watched_values(q, y, motion.t + taus, taus, motion)
 
     def _along(self, motion: Motion, path: Path, k: int) -> Callable[[float], float]:
@@ -144,7 +146,9 @@ class Borders:
         regions = self._loads.regions
         if path.taus.size < 2 or regions is None:
             return path
-        nodes = chebyshev_nodes(_DEGREE)
+        curved = not self._dependence.read_for_tables.isdisjoint(motion.stretch.bent.tolist())
+        # where no load bends what is looked up, this is nearly a polynomial as the state is
+        nodes = chebyshev_nodes(_DEGREE if curved else min(_DEGREE, path.coefficients.shape[1] + _MORE))
         taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
         values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
         self._sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
@@ -181,7 +185,8 @@ class Borders:
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
         y = motion.exact(taus, path.at(taus).T)
-        return self._dependence.looked_up(motion.inputs(taus, y)[: self._system.inputs], y)
+        q = motion.inputs(taus, y, self._dependence.for_tables)
+        return self._dependence.looked_up(q[: self._system.inputs], y)
 
 
 def _roots(
@@ -189,7 +194,7 @@ def _roots(
 ) -> list[tuple[float, int]]:
     """Return where a quantity takes a sign between two times, and which: at `left`, and after each of its roots."""
     signs = np.sign(np.where(np.abs(values) > rough, values, 0.0)).astype(int)
-    c = from_nodes(_DEGREE) @ values
+    c = from_nodes(values.size - 1) @ values
     some = int(signs[signs != 0][0]) if signs.any() else 0
     if abs(c[0]) > np.abs(c[1:]).sum() or not some:
         return [(left, some)] if some else []
@@ -209,7 +214,7 @@ def _roots(
         if before is None:
             found.append((left, sign))
         elif sign != before[1]:
-            root = float(scipy.optimize.brentq(exact, before[0], tau, xtol=1e-300, rtol=1e-15))
+            root = root_between(exact, before[0], tau)
             found.append((root, sign))
         before = tau, sign
     return found

@@ -203,6 +203,9 @@ def event_changes(variation: Variation) -> Array:
     """Return the derivatives of the times of the events of a result, one line each."""
     found = np.full((len(variation.result.events), variation.count), np.nan)
     changes = dict(variation.changes())
+    # what happens at the start does so at the start
+    begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
+    changes[variation.trajectory.span[0]] = np.where(begun, 0.0, np.nan)
     relaxed = {event.t for event in variation.result.events if event.cause == "relaxation"}
     for i, event in enumerate(variation.result.events):
         if event.t in changes and event.t not in relaxed:

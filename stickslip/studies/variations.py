@@ -26,8 +26,10 @@ from stickslip.equations.guards import NEVER, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import gauss_nodes
+from stickslip.equations.path import Path, gauss_nodes
 from stickslip.equations.system import System
+from stickslip.events.endings import at_limit, at_stops
+from stickslip.events.impact import struck
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece, Trajectory
 from stickslip.simulation import arguments
@@ -131,11 +133,6 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         If the scene exists at no values near by, or has another structure there.
     """
     nominal, (start, stop, stepped) = trajectory.system, trajectory.span
-    if nominal.piecewise.count:
-        raise ValueError(
-            f"{what}: derivatives through {nominal.piecewise.labels[0]} are not known; "
-            "compare two simulations with close values, or leave it out"
-        )
     h = _PART * (abs(parameter.value) or 1.0)
     refused: Exception | None = None
     differs = False
@@ -180,6 +177,8 @@ def _alike(nominal: System, other: System) -> bool:
         and np.array_equal(nominal.dwelling, other.dwelling)
         and np.array_equal(nominal.alive, other.alive)
         and np.array_equal(nominal.placed, other.placed)
+        and np.array_equal(nominal.piecewise.within, other.piecewise.within)
+        and np.array_equal(nominal.piecewise.beyond, other.piecewise.beyond)
     )
 
 
@@ -222,6 +221,58 @@ class VariedPiece:
             found += c[i, j]
         found = np.moveaxis(found, 0, 1)
         return np.asarray(np.where(taus[:, None] < self.until, found, np.nan))
+
+
+@dataclass(frozen=True)
+class _Impact:
+    """How velocities jump at an instant; they do not where there is no system.
+
+    Attributes
+    ----------
+    system : System or None
+    before, now, pace : array (d,)
+        Velocities of the drives before and after, and their accelerations.
+    sides, hit : array (m,)
+        At which limits stops are, and which of them are hit.
+    """
+
+    system: System | None
+    before: Array
+    now: Array
+    pace: Array
+    sides: NDArray[np.int8]
+    hit: NDArray[np.bool_]
+
+    def after(
+        self, v: Array, system: System | None = None, before: Array | None = None, now: Array | None = None
+    ) -> Array:
+        """Return the velocities after the jump, by default in the scene itself."""
+        if self.system is None:
+            return v
+        before, now = self.before if before is None else before, self.now if now is None else now
+        return struck(system or self.system, v, before, now, self.sides, self.hit).v
+
+    def along(self, v: Array, change: Array, later: float) -> tuple[Array, float]:
+        """Return the derivative of the velocities after the jump, and by how much those to the two sides differ.
+
+        Velocities before change by `change`, the time of the jump by `later`. The jump is piecewise linear.
+        """
+        if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
+            return change, 0.0
+        u = self.pace * later
+        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
+        if largest == 0:
+            return np.zeros_like(change), 0.0
+        speeds = np.abs(self.system.G @ v + self.system.D @ self.before)[self.hit]
+        h = (
+            _PART
+            * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0)))
+            / largest
+        )
+        own = self.after(v)
+        ahead = self.after(v + h * change, None, self.before + h * u, self.now + h * u)
+        back = self.after(v - h * change, None, self.before - h * u, self.now - h * u)
+        return (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
 
 
 class Variation:
@@ -287,12 +338,54 @@ class Variation:
         ends = [start, *loads.breaks, stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
-    def _near(self, piece: Piece, k: int) -> list[tuple[float, Motion]]:
+    def _motion(self, number: int) -> Motion:
+        """Return the motion of a piece, its tables on the lines on which they were."""
+        loads, dependence = self.trajectory.loads, self.system.dependence
+        if dependence is not None and dependence.tables:
+            x = self._looked_up(number, np.array([0.5]))[:, 0]
+            loads.regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
+        found = self.trajectory.motion(number)
+        loads.regions = None
+        return found
+
+    def _looked_up(self, number: int, parts: Array) -> Array:
+        """Return what tables are looked up at along a piece, a line each, at parts of its length."""
+        piece, dependence = self.trajectory.pieces[number], self.system.dependence
+        assert piece.path is not None and dependence is not None
+        taus = parts * piece.end
+        motion = self.trajectory.motion(number)
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
+
+    def _check_corners(self, number: int, motion: Motion) -> None:
+        """Refuse directions that move tables off a corner at which they stay."""
+        piece, dependence = self.trajectory.pieces[number], self.system.dependence
+        if dependence is None or not dependence.tables or piece.end <= 0:
+            return
+        x = self._looked_up(number, np.linspace(0.1, 0.9, 5))
+        for i, region in enumerate(motion.regions or ()):
+            for corner in dependence.borders(i, region):
+                if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
+                    continue
+
+                def looked_up(own: Motion, taus: Array, states: Array) -> Array:
+                    q = own.inputs(taus, states)[: own.system.inputs]
+                    assert own.system.dependence is not None
+                    return np.asarray(own.system.dependence.looked_up(q, states) - corner)  # noqa: B023
+
+                slopes = self.slope_of(looked_up, number, np.array([0.5 * piece.end]))[i, 0]
+                for k in range(self.count):
+                    if abs(slopes[k]) > _TIE * abs(corner or 1.0) / self.directions[k].size:
+                        self._refuse(piece.t, k, f"a table stays at its corner {corner:g}")
+                        self.pieces[number].until[k] = 0.0
+
+    def _near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
         found = []
         for weight, system, loads in self._near_ones[k]:
-            equations = equations_in(piece.modes, system)
+            equations = equations_in(piece.modes, system, piece.regions)
             stretch = self._stretch(piece.t, loads)
+            stretch.regions = motion.regions
             found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
         return found
 
@@ -322,7 +415,7 @@ class Variation:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         piece = self.trajectory.pieces[number]
         varied = self.pieces[number]
-        motion = self.trajectory.motion(number)
+        motion = self._motion(number)
         assert piece.path is not None
         y = motion.exact(taus, piece.path.at(taus).T)
         return self._slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
@@ -333,13 +426,17 @@ class Variation:
         columns = []
         for k in range(self.count):
             parts = [
-                weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self._near(piece, k)
+                weight * quantity(near, taus, near.exact(taus, y))
+                for weight, near in self._near(piece, motion, k)
             ]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
                 for weight, moved, at in self._along(motion, since[:, k], taus, y, S[:, :, k])
             ]
-            columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
+            with np.errstate(invalid="ignore"):
+                columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
+        if not columns:
+            return np.zeros((*quantity(motion, taus, y).shape, 0))
         return np.stack(columns, axis=-1)
 
     # -- the run ---------------------------------------------------------------------------------------------
@@ -350,7 +447,7 @@ class Variation:
         begin = np.zeros(self.count)
         last = len(trajectory.pieces) - 1
         for number, piece in enumerate(trajectory.pieces):
-            motion = trajectory.motion(number)
+            motion = self._motion(number)
             taus, coefficients = self._flow(piece, motion, S, since)
             self.pieces.append(
                 VariedPiece(
@@ -358,6 +455,7 @@ class Variation:
                 )
             )
             self._check_touches(number, motion)
+            self._check_corners(number, motion)
             until = self.pieces[-1].until
             at_end = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
             at_end = np.where(until < np.inf, np.nan, at_end)
@@ -381,9 +479,12 @@ class Variation:
         held = ((piece.modes == 0) & system.hard).tobytes()
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
-        motion = self.trajectory.motion(0)
+        motion = self._motion(0)
         u = system.drive_velocities(motion.stretch.at(t))
         none = np.zeros_like(u)
+        sides, _ = at_stops(system, y, motion.stretch.at(t))
+        hit = sides * system.relative_velocity(y, motion.stretch.at(t)) > 0
+        impact = _Impact(system if hit.any() else None, u, u, none, sides, hit)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self._near_ones[k]):
                 self._refuse(
@@ -391,13 +492,38 @@ class Variation:
                 )
                 S[:, k] = np.nan
                 continue
-            v = system.balance(held).project(S[:n, k], none)
+            slope, _ = impact.along(y[:n], S[:n, k], 0.0)
+            v = system.balance(held).project(slope, none)
             for weight, near, loads in direction.near:
-                q = self._stretch(t, loads).at(t)
-                v = v + weight * near.balance(held).project(y[:n], near.drive_velocities(q))
+                own = near.drive_velocities(self._stretch(t, loads).at(t))
+                v = v + weight * near.balance(held).project(impact.after(y[:n], near, own, own), own)
             S[:n, k] = v
         self._check_start(piece, motion, S)
+        self._check_start_at_stops(piece, motion, S, sides)
         return S, since
+
+    def _check_start_at_stops(self, piece: Piece, motion: Motion, S: Array, sides: NDArray[np.int8]) -> None:
+        """Refuse directions that move stops off a limit at which they start, or beyond it."""
+        system = self.system
+        if not sides.any():
+            return
+        functions, none = system.piecewise, np.zeros((system.m, self.count))
+
+        def border(own: Motion, taus: Array, states: Array) -> Array:
+            q, matrices = own.loads(taus), own.system.piecewise
+            return np.asarray(matrices.border_y @ states + matrices.border_q @ q[: system.inputs])
+
+        slopes = self._slopes(border, piece, motion, none, np.zeros(1), piece.y[:, None], S[:, None, :])[:, 0]
+        on_side = sides[functions.row[functions.owner]]
+        at = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
+        for k in range(self.count):
+            off = (at & (np.abs(slopes[:, k]) > _TIE / self.directions[k].size)).nonzero()[0]
+            if off.size:
+                label = functions.labels[functions.owner[off[0]]]
+                self._refuse(
+                    piece.t, k, f"{label} starts at its limit: the derivatives to the two sides differ"
+                )
+                S[:, k] = np.nan
 
     def _check_start(self, piece: Piece, motion: Motion, S: Array) -> None:
         """Refuse directions that move rows off rest at the start in which rows have just begun to slip."""
@@ -450,6 +576,18 @@ class Variation:
     def _row(self, j: int) -> str:
         return repr(self.system.rows[int(j)].name)
 
+    def _guarded(self, guards: Guards, i: int) -> str:
+        """Return what a guard belongs to: a row, or a piecewise-linear function."""
+        if not guards.is_border[i]:
+            return self._row(guards.row[i])
+        functions = self.system.piecewise
+        return str(functions.labels[functions.owner[self._border(guards, i)]])
+
+    @staticmethod
+    def _border(guards: Guards, i: int) -> int:
+        """Return the border that a guard watches, among those of all functions."""
+        return int(guards.motion.equations.borders[np.count_nonzero(guards.is_border[:i])])
+
     # -- while the modes hold --------------------------------------------------------------------------------
 
     def _flow(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
@@ -461,7 +599,7 @@ class Variation:
         """Follow ``S' = A S + f_p`` by Taylor series."""
         system, path, end = self.system, piece.path, piece.end
         assert path is not None
-        near = [self._near(piece, k) for k in range(self.count)]
+        near = [self._near(piece, motion, k) for k in range(self.count)]
         tau, guess = 0.0, end
         ends, found = [0.0], []
         while tau < end:
@@ -570,6 +708,19 @@ class Variation:
         rest = self._at_rest(piece, motion) & ~motion.equations.is_held
         return Guards(motion, piece.labels, rest, np.zeros(self.system.m, dtype=bool))
 
+    def _sizes(self, guards: Guards, path: Path) -> tuple[Array, Array]:
+        """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
+        size, slopes = np.maximum(guards.scale, guards.majorant[0]), guards.majorant[1]
+        if guards.is_border.any():
+            system, equations = self.system, guards.motion.equations
+            largest, q = np.abs(path.largest), np.abs(guards.motion.start_inputs)
+            pace = np.abs(guards.motion.rate(float(path.taus[-1]), path.last))
+            pace[system.moved_state] = largest[system.moved]
+            size, slopes = size.copy(), slopes.copy()
+            size[guards.is_border] = equations.border_magnitudes(largest, q)
+            slopes[guards.is_border] = equations.border_magnitudes(pace, np.zeros_like(q))
+        return size, slopes
+
     def _of_guards(self, piece: Piece, motion: Motion, tau: float, S: Array, since: Array) -> Array:
         """Return how the time changes at which guards come to 0."""
         guards = self._guards(piece, motion)
@@ -577,7 +728,7 @@ class Variation:
         assert path is not None
         y = path.last
         values = guards.values(tau, y)
-        size = np.maximum(guards.scale, guards.majorant[0])
+        size, slopes = self._sizes(guards, path)
         part = values / np.where(size > 0, size, 1.0)
         fired = (part <= max(0.0, float(part.min(initial=np.inf))) + _TIE_OF_ENGINES).nonzero()[0]
         if not fired.size:
@@ -587,11 +738,10 @@ class Variation:
         raw = self._raw(piece, guards, motion)
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
-        slopes = guards.majorant[1, fired]
-        steep = np.divide(np.abs(falls), slopes, out=np.zeros(falls.size), where=slopes > 0)
+        steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
-        names = sorted({self._row(j) for j in guards.row[fired]})
+        names = sorted({self._guarded(guards, int(i)) for i in fired})
         if steep[first] <= _GRAZING:
             for k in range(self.count):
                 self._refuse(piece.stop, k, f"{names[0]} grazes: its guard comes to 0 with slope 0")
@@ -632,7 +782,7 @@ class Variation:
         assert path is not None
         y = path.last
         values = guards.values(tau, y)
-        size = np.maximum(guards.scale, guards.majorant[0])
+        size, _ = self._sizes(guards, path)
         at = ((values <= _TOUCH * size) & (guards.order != NEVER)).nonzero()[0]
         if not at.size:
             return
@@ -640,7 +790,7 @@ class Variation:
         moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
         moved = moved + np.outer(self._fall(motion, guards, tau, y), times)
         for i, k in self._moving(guards, at, moved):
-            self._refuse(piece.stop, k, f"an event of {self._row(guards.row[i])} falls on a break of a load")
+            self._refuse(piece.stop, k, f"an event of {self._guarded(guards, i)} falls on a break of a load")
             times[k] = np.nan
 
     def _check_level_after_break(
@@ -652,7 +802,7 @@ class Variation:
         if not np.any((following.modes != piece.modes) & (piece.modes == 0) & self.system.is_friction):
             return
         stayed = replace(piece, t=following.t, y=piece.path.last)
-        stretch = self.trajectory.motion(number + 1).stretch
+        stretch = self._motion(number + 1).stretch
         held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
         guards = self._guards(stayed, held)
         at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
@@ -664,7 +814,7 @@ class Variation:
         slopes = self._slopes(raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
         slopes = slopes + np.outer(self._fall(held, guards, 0.0, y), times)
         for i, k in self._moving(guards, at, slopes):
-            self._refuse(piece.stop, k, f"{self._row(guards.row[i])} comes to its level on a break of a load")
+            self._refuse(piece.stop, k, f"{self._guarded(guards, i)} comes to its level on a break of a load")
             times[k] = np.nan
 
     def _moving(self, guards: Guards, some: NDArray[np.intp], slopes: Array) -> list[tuple[int, int]]:
@@ -683,11 +833,11 @@ class Variation:
         parts = np.linspace(0.0, 1.0, _LOOKS + 1)[:-1]
         taus = np.append((path.taus[:-1, None] + np.diff(path.taus)[:, None] * parts).ravel(), piece.end)
         g = guards.values(taus, motion.exact(taus, path.at(taus).T))
-        size = np.maximum(guards.scale, guards.majorant[0])[:, None]
+        size = self._sizes(guards, path)[0][:, None]
         inner = g[:, 1:-1]
         low = (inner <= g[:, :-2]) & (inner < g[:, 2:]) & (inner < _NEAR * size)
         for i, at in zip(*low.nonzero(), strict=True):
-            if guards.order[i] == NEVER:
+            if guards.order[i] == NEVER or self._is_continuous(guards, int(i)):
                 continue
 
             def value(tau: float, i: int = int(i)) -> float:
@@ -701,6 +851,11 @@ class Variation:
             if found.fun <= _TOUCH * size[i, 0]:
                 self._touched(number, motion, guards, int(i), float(found.x))
 
+    def _is_continuous(self, guards: Guards, i: int) -> bool:
+        """Tell whether a guard is a border at which the force only has a corner: to touch it changes nothing."""
+        functions = self.system.piecewise
+        return bool(guards.is_border[i]) and not functions.is_stop[functions.owner[self._border(guards, i)]]
+
     def _touched(self, number: int, motion: Motion, guards: Guards, i: int, tau: float) -> None:
         """Refuse the directions that lift a guard off 0 where it touches it, or lower it."""
         piece, varied = self.trajectory.pieces[number], self.pieces[number]
@@ -708,7 +863,7 @@ class Variation:
         limit = self._noise(guards)[i]
         for k in range(self.count):
             if abs(slopes[k]) > limit[k]:
-                why = f"{self._row(guards.row[i])} grazes: its guard touches 0 without crossing it"
+                why = f"{self._guarded(guards, i)} grazes: its guard touches 0 without crossing it"
                 self._refuse(piece.t + tau, k, why)
                 varied.until[k] = min(varied.until[k], tau)
 
@@ -741,13 +896,14 @@ class Variation:
         path = piece.path
         assert path is not None
         tau = float(path.taus[-1])
-        after = self.trajectory.motion(number + 1)
+        after = self._motion(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
         held = ((following.modes == 0) & system.hard).tobytes()
         q = after.stretch.at(following.t)
         u, rates = system.drive_velocities(q), system.drive_accelerations(q)
         balance = system.balance(held)
-        equal = balance.project(path.last[:n], u)
+        impact = self._impact(number, motion)
+        equal = balance.project(impact.after(path.last[:n]), u)
         if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self._size[0]:
             for k in range(self.count):
                 self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here")
@@ -755,15 +911,41 @@ class Variation:
         self._check_rest(piece, following, motion, S, moved, times)
         found = moved.copy()
         for k, near_ones in enumerate(self._near_ones):
-            v = balance.project(moved[:n, k], rates * times[k])
+            slope, differs = impact.along(path.last[:n], moved[:n, k], times[k])
+            if differs > _TIE * np.abs(slope).max(initial=0.0):
+                self._refuse(piece.stop, k, "impacts fall together: the derivatives to the two sides differ")
+                times[k], slope = np.nan, np.full(n, np.nan)
+            v = balance.project(slope, rates * times[k])
             for weight, near, loads in near_ones:
-                own = self._stretch(following.t, loads).at(following.t)
-                v = v + weight * near.balance(held).project(path.last[:n], near.drive_velocities(own))
+                own = near.drive_velocities(self._stretch(following.t, loads).at(following.t))
+                before = near.drive_velocities(self._stretch(piece.t, loads).at(following.t))
+                v = v + weight * near.balance(held).project(
+                    impact.after(path.last[:n], near, before, own), own
+                )
             found[:n, k] = v
         found -= np.outer(after.rate(0.0, following.y), times)
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
         return found, since
+
+    def _impact(self, number: int, motion: Motion) -> _Impact:
+        """Return how the velocities jump between a motion and the next one."""
+        system, piece = self.system, self.trajectory.pieces[number]
+        path, t = piece.path, self.trajectory.pieces[number + 1].t
+        assert path is not None
+        stretch = self._motion(number + 1).stretch
+        loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
+        u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])
+        jumps = np.abs(u[1] - u[0]).max(initial=0.0) > _REST * (np.abs(u[1]).max(initial=0.0) + self._size[0])
+        crossed: Indices = np.empty(0, dtype=np.intp)
+        if system.has_stops and path.hit:
+            crossed = at_limit(motion, self._guards(piece, motion), path, []).crossed
+        sides, new = at_stops(system, path.last, loads[1], piece.labels, path.largest, crossed)
+        w = system.relative_velocity(path.last, loads[0])
+        hit = new & (sides * w > 0)
+        if not hit.any() and (not jumps or (system.is_friction | system.is_gap).all()):
+            return _Impact(None, u[0], u[1], pace, sides, hit)
+        return _Impact(system, u[0], u[1], pace, sides, hit)
 
     def _check_rest(
         self, piece: Piece, following: Piece, motion: Motion, S: Array, moved: Array, times: Array
@@ -843,7 +1025,7 @@ class Variation:
         total: Array | float = 0.0
         for number in range(int(place.max(initial=-1)) + 1):
             piece, varied = self.trajectory.pieces[number], self.pieces[number]
-            motion = self.trajectory.motion(number)
+            motion = self._motion(number)
             path = piece.path
             assert path is not None
             wanted = local[place == number]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from clocks import count_work
 from references import load as reference
 
 from stickslip import Body, Force, Scene, __version__, load, simulate
@@ -55,6 +56,7 @@ def here(tmp_path, monkeypatch):
 # -- the benchmark ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert main([]) == 0
     text = capsys.readouterr().out
@@ -73,6 +75,7 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
     assert (here / "stickslip-benchmark.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_benchmark_options(here, capsys):
     assert main(["--no-plot", "--rtol", "1e-6", "--atol", "1e-8"]) == 0
     assert not list(here.glob("*.png"))
@@ -240,9 +243,10 @@ def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, 
 
 
 @pytest.mark.slow
-def test_tradeoff_measures_and_recommends(here, capsys):
+def test_tradeoff_measures_and_recommends(here, capsys, monkeypatch):
+    count_work(monkeypatch)
     (here / "scene.toml").write_text(SCENE.replace("span = [0, 4]", "span = [0, 1]"))
-    assert main(["tradeoff", "scene.toml", "--budget", "20", "--error", "1e-3", "--plot", "o.svg"]) == 0
+    assert main(["tradeoff", "scene.toml", "--budget", "4", "--error", "1e-3", "--plot", "o.svg"]) == 0
     text = capsys.readouterr().out
     assert "recommended: simulate(scene" in text and "reference: " in text
     assert (here / "o.svg").exists()

@@ -97,6 +97,7 @@ def apart(scene: Scene) -> bool:
     return Forest.why_not(system, system.loads(0.0, 4.0)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_random_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, stop = random_forest(seed)

@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
 
 ENGINES: list[dict[str, Any]] = [
     {"method": "BDF"},
@@ -35,6 +46,20 @@ def test_a_sine_moves_a_body_from_rest_and_back_again_and_again(options: dict[st
     late = result.sample(301)
     exact = 0.3 / math.pi * (1 - np.cos(2 * math.pi * late.t))
     np.testing.assert_allclose(late.velocity("b"), exact, rtol=0, atol=1e-12 + 30 * rtol)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_nor_where_a_scene_begins_much_slower(options: dict[str, Any]) -> None:
+    """Only a body at 1e-3 m/s moves at the start; it comes to rest at 0.5 s. Errors are parts of the 0.19 m/s then."""
+    scene = Scene(
+        Body("b", inertia=2.0),
+        Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=0.0),
+        Force("b", sine(1.2, 1.0)),
+        Body("slow", inertia=1.0, velocity=1e-3),
+        Contact("c", "slow", GROUND, DryFriction(0.3, 0.2), normal=1e-2),
+    )
+    result = simulate(scene, (0.0, 7.5), rtol=1e-9, atol=1e-11, **options)
+    assert [(e.contact, round(e.t, 9)) for e in result.events] == [("c", 0.5)]
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)
@@ -114,3 +139,78 @@ def test_sticking_is_where_it_was(options: dict[str, Any], rtol: float) -> None:
     assert event.t == pytest.approx(0.5, abs=1e-12)
     assert result.velocity("b")[-1] == 0.0
     assert result.position("b")[-1] == pytest.approx(0.25, abs=1e-12)
+
+
+# Touches
+
+
+def pulled_from_rest(law: DryFriction, velocity: float = 0.0, blocks: int = 1) -> Scene:
+    """Blocks of 1 kg on springs; load and normal force grow from 0, by 4 N and 10 N in a second.
+
+    A block slips with ``v'' + W^2 v = J``: from rest ``v = J / W^2 (1 - cos W t)``, that is 0 again at
+    ``T = 2 pi / W``, where the load less the spring's force is 2 N/s T, that of friction in motion. Each block has a T
+    of its own, the first 1 s.
+    """
+    elements: list[Any] = []
+    for k in range(blocks):
+        period, name = 1.0 + 0.001 * k, f"b{k}"
+        elements += [
+            Body(name, inertia=1.0, velocity=velocity),
+            Contact(f"c{k}", name, GROUND, law, normal=piecewise_linear([0.0, 10.0], [0.0, 100.0])),
+            Spring(name, GROUND, stiffness=(2 * math.pi / period) ** 2),
+            Force(name, piecewise_linear([0.0, 10.0], [0.0, 40.0])),
+        ]
+    return Scene(*elements)
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-10])
+@pytest.mark.parametrize("options", ENGINES)
+def test_what_touches_rest_is_held_where_static_friction_is_larger(
+    options: dict[str, Any], rtol: float
+) -> None:
+    """Stuck at T. The spring keeps 2 N/s T, the level is 3 N/s t: 4 t - 2 T = 3 t at t = 2 T."""
+    scene = pulled_from_rest(DryFriction(0.3, 0.2))
+    result = simulate(scene, (0.0, 2.5), rtol=rtol, atol=1e-2 * rtol, **options)
+    assert [int(e.after) for e in result.events] == [0, 1]
+    assert [e.cause for e in result.events] == ["relative velocity 0", "breakaway"]
+    # where a velocity is lowest is told to a solver's error of its slope, to the root of roundoff at best
+    assert [e.t for e in result.events] == pytest.approx([1.0, 2.0], abs=1e-8 + 10 * rtol)
+    assert set(result.sample([1.2, 1.5, 1.9]).velocity("b0")) == {0.0}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(
+    ("law", "held"),
+    [
+        # as much at rest as in motion: the load grows faster than the level
+        (DryFriction(0.2, 0.2), False),
+        # the level grows from 2 N on with 2 N/s and with the dwell, 1 N/s or 10 N/s; the load with 4 N/s
+        (DryFriction(0.3, 0.2, dwell=1.0), False),
+        (DryFriction(0.3, 0.2, dwell=0.1), True),
+        # only backward
+        (DryFriction(0.2, 0.2, mu_static_backward=0.9), False),
+    ],
+)
+def test_what_touches_rest_slips_on_where_nothing_more_holds_it(
+    options: dict[str, Any], law: DryFriction, held: bool
+) -> None:
+    result = simulate(pulled_from_rest(law), (0.0, 1.4), rtol=1e-9, atol=1e-11, **options)
+    assert [int(e.after) for e in result.events][:1] == [0] * held
+    if not held:
+        exact = 2 / (4 * math.pi**2) * (1 - math.cos(2.8 * math.pi))
+        assert result.velocity("b0")[-1] == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.parametrize(("least", "events"), [(1e-15, 2), (1e-12, 0), (1e-6, 0)])
+def test_a_touch_is_one_to_roundoff_where_the_engine_is_exact(least: float, events: int) -> None:
+    """Begun with `least`, the velocity at T is that, too."""
+    result = simulate(pulled_from_rest(DryFriction(0.3, 0.2), least), (0.0, 2.5))
+    assert len(result.events) == events
+
+
+def test_many_blocks_touch_rest_one_after_another() -> None:
+    """As one alone, in a scene that is followed block by block."""
+    result = simulate(pulled_from_rest(DryFriction(0.3, 0.2), blocks=20), (0.0, 1.1))
+    assert result.stats["engine"] == "Taylor series"
+    assert [e.contact for e in result.events] == [f"c{k}" for k in range(20)]
+    assert [e.t for e in result.events] == pytest.approx([1.0 + 0.001 * k for k in range(20)], abs=1e-12)

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import polynomial
 
-from stickslip.engines.roots import earliest, first_root, may_vanish
+from stickslip.engines.roots import earliest, first_root, first_touch, may_vanish
 
 Array = np.ndarray
 
@@ -211,6 +211,22 @@ def test_a_dip_of_roundoff_is_none_but_what_comes_after_is_found() -> None:
     assert first_root(deep, floor=1.0) == pytest.approx(0.3 - 1e-11**0.5, rel=1e-9)
     # and where it has not come back by the end
     assert first_root(np.array([1.0 - 1e-14, -2.0, 1.0]), floor=1.0) == pytest.approx(1 - 1e-7, abs=1e-8)
+
+
+@pytest.mark.parametrize("depth", [-1e-14, 0.0, 1e-14])
+@pytest.mark.parametrize("place", [1e-3, 0.3, 0.9])
+def test_a_touch_is_found_where_it_is_asked_for(place: float, depth: float) -> None:
+    touches = np.convolve([place**2 + depth, -2 * place, 1.0], [2.0, -1.0])
+    found, only = first_touch(touches, 1.0)
+    assert only and found == pytest.approx(place, abs=1e-9)
+    # what turns higher up or lower down does not
+    assert first_touch(touches + np.array([1e-11, 0.0, 0.0, 0.0]), 1.0) == (None, False)
+    if place > 1e-3:
+        found, only = first_touch(touches - np.array([1e-11, 0.0, 0.0, 0.0]), 1.0)
+        assert not only and found == pytest.approx(place - (1e-11 / (2 - place)) ** 0.5, rel=1e-6)
+    # a root before it is found before it
+    first = np.convolve(touches, [0.5 * place, -1.0])
+    assert first_touch(first, 1.0) == (pytest.approx(0.5 * place, rel=1e-9), False)
 
 
 # Tangencies, decided as exact arithmetic decides

@@ -145,3 +145,10 @@ def test_values_at_the_nodes_become_coefficients(order: int) -> None:
     c = np.random.default_rng(order).uniform(-1, 1, (order + 1, 2))
     there = chebyshev.chebval(2 * nodes - 1, c).T
     np.testing.assert_allclose(from_nodes(order) @ there, c, rtol=0, atol=1e-13)
+
+
+@both
+@pytest.mark.parametrize("tau", [0.0, 0.1, 0.5, 0.6, 1.3, 1.999, 2.0])
+def test_the_state_at_one_time_is_that_of_many(is_chebyshev: bool, tau: float) -> None:
+    path = made(is_chebyshev)
+    np.testing.assert_allclose(path.state(tau), path.at(np.array([tau]))[0], rtol=1e-14, atol=1e-14)

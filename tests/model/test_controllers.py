@@ -41,6 +41,7 @@ def test_a_continuous_pid_hunts_in_the_exact_limit_cycle() -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_fast_sampled_pid_hunts_nearly_so() -> None:
     result = simulate(servo(period=0.01), (0.0, 120.0))
     stuck = [event.t for event in result.events if event.after == 0]

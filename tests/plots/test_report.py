@@ -19,10 +19,11 @@ def wheels():
     return simulate(Scene(*flywheel_benchmark().elements, motion="rotation"), (0.0, 4.0))
 
 
-@pytest.fixture
-def page(wheels, tmp_path):
-    wheels.report(tmp_path / "run.html", title="Two flywheels & a brake")
-    return (tmp_path / "run.html").read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def page(wheels, tmp_path_factory):
+    file = tmp_path_factory.mktemp("report") / "run.html"
+    wheels.report(file, title="Two flywheels & a brake")
+    return file.read_text(encoding="utf-8")
 
 
 def test_everything_is_in_one_file(page):
@@ -67,6 +68,7 @@ def test_shares_and_energies_are_those_of_the_result(page, wheels):
     assert f"{wheels.energy().contacts['brake'][-1]:.9g}" in text
 
 
+@pytest.mark.slow
 def test_runs_that_keep_or_hold_little_are_reported(tmp_path):
     few = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[0.0, 0.5, 1.0], dense_output=False)
     none = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=[])
@@ -77,6 +79,7 @@ def test_runs_that_keep_or_hold_little_are_reported(tmp_path):
     assert "no event to miss" in (tmp_path / "2.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_crowds_are_cut(tmp_path):
     simulate(flywheel_chain(60), (0.0, 0.6)).report(tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
@@ -84,6 +87,7 @@ def test_crowds_are_cut(tmp_path):
     assert len(text) < 2_000_000
 
 
+@pytest.mark.slow
 def test_names_are_no_markup(tmp_path):
     contact = Contact("<script>alert(1)</script>", "a", GROUND, DryFriction(0.2, 0.1), normal=1.0)
     simulate(Scene(Body("a", inertia=1.0), contact), (0.0, 1.0)).report(tmp_path / "r.html", title="<b>")

@@ -96,6 +96,7 @@ def test_all_is_inside_and_no_text_lies_on_another(name):
             assert not (box.shrunk(0.9, 0.8)).overlaps(other.shrunk(0.9, 0.8))
 
 
+@pytest.mark.slow
 def test_letters_shrink_with_axes_of_ones_own():
     figure = Figure(figsize=(6.0, 4.0))
     left, right = figure.subplots(1, 2)

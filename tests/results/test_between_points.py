@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 WAYS = (("contact-force", "BDF"), ("contact-force", "Adams"), ("merged", "BDF"), ("multiplier", "BDF"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "method"), WAYS)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-12])
 def test_an_undamped_oscillator_is_as_right_between_its_points(
@@ -48,6 +49,7 @@ def test_an_undamped_oscillator_is_as_right_between_its_points(
     assert np.abs(own(t)[0] - at.velocity("m")).max() <= 1e-14
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "method"), WAYS)
 @pytest.mark.parametrize("damping", [1e4, 1e9])
 def test_velocities_and_heat_of_a_stiff_damper(formulation: str, method: str, damping: float) -> None:
@@ -81,6 +83,7 @@ def test_a_thin_layer_is_followed_between_the_points(velocity: float) -> None:
     assert np.abs(r(t)[0] - 0.2).max() <= 10 * velocity + 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("formulation", "method"), WAYS)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-12])
 @pytest.mark.parametrize("leine", [True, False])
@@ -118,6 +121,7 @@ def test_the_last_steps_before_sticking(formulation: str, method: str, rtol: flo
             assert np.abs(r(t)[1] - y[0]).max() <= 100 * rtol
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", list(between.FAMILIES))
 @pytest.mark.parametrize("number", range(4))
 def test_random_laws_stiffnesses_tolerances_methods_and_times(family: str, number: int) -> None:
@@ -148,6 +152,7 @@ def test_a_file_keeps_what_is_between_the_points(tmp_path: Path) -> None:
 # -- the multiplier formulation -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-10, 1e-11])
 def test_an_open_contact_follows_the_one_beside_it(rtol: float) -> None:
     """The relative velocity changes its sign four times: eight events, as in the other formulations."""
@@ -246,6 +251,7 @@ def lifting_pad() -> tuple[Scene, float]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rtol", [1e-7, 1e-8, 1e-9, 1e-10])
 @pytest.mark.parametrize("case", [closing_pad, lifting_pad])
 def test_multipliers_do_not_crawl_where_nothing_moves(case: object, rtol: float) -> None:

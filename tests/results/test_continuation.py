@@ -25,6 +25,7 @@ from stickslip import (
     sine,
     triangle,
 )
+from validation.continuation import CASES, ONLY_CVODE, SERIES, continued
 
 LAW = DryFriction(0.4, 0.25, dwell=0.3)
 
@@ -82,6 +83,12 @@ def test_a_cut_run_has_the_same_events(number: int) -> None:
     for body in "abc":
         assert abs(parts[-1].velocity(body)[-1] - whole.velocity(body)[-1]) < 1e-10
         assert abs(parts[-1].position(body)[-1] - whole.position(body)[-1]) < 1e-10
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in ONLY_CVODE])
+def test_a_run_cut_at_many_times_is_the_run(name: str) -> None:
+    """Dwell times, blocks, sample clocks, gaps, stops, tables and normal forces go on to roundoff."""
+    assert continued(name, SERIES, cuts=6)[0] < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ def test_it_does_not_depend_on_the_outputs():
     assert simulate(flywheel_benchmark(), (0.0, 4.0), t_eval=[0.0, 4.0]).share("brake") == full
 
 
+@pytest.mark.slow
 def test_a_smooth_law_is_read_off_the_sign_of_its_velocity():
     """A body under F cos(omega t) in a stiff bristle law slips forward for half of each period."""
     law = LuGre(DRY, stiffness=1e5, damping=1e2)

@@ -46,6 +46,7 @@ def hunting() -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_pid_hunting_is_the_exact_limit_cycle(way: dict[str, Any]) -> None:
     """Amplitude and phases in closed form to 30 digits; deviations shrink by 0.0886 in each half period."""

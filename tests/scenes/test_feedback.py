@@ -22,11 +22,13 @@ from stickslip import (
     Scene,
     SimulationError,
     Spring,
+    When,
     explain,
     feedback,
     position,
     power,
     relative_velocity,
+    saturate,
     simulate,
     sine,
     stretch,
@@ -76,6 +78,17 @@ def test_given_derivatives_save_calls(derivatives: Any) -> None:
     plain, helped = (simulate(scene, (0.0, 5.0)) for scene in (pendulum(), pendulum(derivatives=derivatives)))
     assert helped.stats["function_calls"] < plain.stats["function_calls"] <= 2 * plain.stats["rate_calls"]
     assert abs(helped.events[-1].t - plain.events[-1].t) < 1e-6
+
+
+def test_functions_are_called_for_the_motion_only() -> None:
+    """Events of the user, corners of tables and guards of velocities read positions: they call no force."""
+    plain = simulate(pendulum(), (0.0, 5.0))
+    watched = simulate(pendulum(), (0.0, 5.0), events=[When("bottom", position("bob"))])
+    assert len(watched.events) > len(plain.events)
+    assert watched.stats["function_calls"] == plain.stats["function_calls"] < 1.5 * plain.stats["rate_calls"]
+    softly = Scene(*pendulum().elements, Force("bob", saturate(-0.1 * position("bob"), -0.05, 0.05)))
+    limited = simulate(softly, (0.0, 5.0))
+    assert limited.stats["function_calls"] < 1.5 * limited.stats["rate_calls"]
 
 
 def test_an_untouched_pendulum_in_fixed_steps() -> None:
@@ -204,6 +217,7 @@ def test_quantities_of_held_bodies_are_those_of_what_holds_them() -> None:
         np.testing.assert_array_equal(result.velocity("fast"), 2 * result.velocity("slow"))
 
 
+@pytest.mark.slow
 def test_many_bodies_with_functions_between_them() -> None:
     """A chain so long that its matrices are sparse, whose springs are functions, is one of springs."""
     count = 170

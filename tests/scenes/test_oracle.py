@@ -175,6 +175,48 @@ def test_slipping_friction_that_starts_at_the_level_lets_go() -> None:
     assert found.velocity(1.01)[0] == pytest.approx(1.5e-4, rel=1e-3)
 
 
+def test_a_normal_force_of_the_way_opens_its_contact() -> None:
+    """v' = -0.5 (1 - x): v^2 - (1 - x)^2/2 stays 8.5, and at x = 1 the contact opens; no event, it goes on slipping."""
+    law = {"mu_s": 0.5, "mu_c": 0.5, "pressed_by": [["position", "block", -1.0]]}
+    found = solve(block(0.0, normal=1.0, velocity=3.0, **law))
+    assert not found.events and not found.doubt
+    k = math.sqrt(0.5)
+    (opening,) = [piece.start for piece in found.pieces if piece.start]
+    assert opening == pytest.approx(math.atanh(k / 3) / k, abs=1e-14)
+    assert found.velocity(2.0) == pytest.approx([math.sqrt(8.5)], abs=1e-13)
+    assert found.friction(0.0) == pytest.approx([0.5]) and found.friction(1.0) == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize(
+    ("lifter", "pressed_by"),
+    [(block([], velocity=1.0), ["position", "lifter", -1.0]), (block(0.5), ["velocity", "lifter", -2.0])],
+)
+def test_a_block_that_another_one_unloads(lifter: dict[str, Any], pressed_by: list[Any]) -> None:
+    """N = 4 - t: 1 N breaks loose at 2 s, v' = 1 - 0.4 N then, open from 4 s on: v(4) = 1.2, v(5) = 2.2."""
+    scene = block(1.0, normal=4.0, mu_s=0.5, mu_c=0.4, pressed_by=[pressed_by], stop=5.0)
+    scene["bodies"] += [lifter["bodies"][0] | {"name": "lifter"}]
+    load = lifter["forces"][0]["load"]
+    scene["forces"] += [{"body": "lifter", "load": load}] if load else []
+    found = solve(scene)
+    ((t, *modes),) = found.events
+    assert t == pytest.approx(2.0, abs=1e-13) and modes == ["floor", 0, 1]
+    assert [found.velocity(s)[0] for s in (4.0, 5.0)] == pytest.approx([1.2, 2.2], abs=1e-13)
+
+
+def test_a_block_at_rest_that_is_pressed_from_0_on() -> None:
+    """N = t - 1: nothing holds up to 1 s, and nothing pushes; 1 N from 1.5 s on finds a level of 0.25 N."""
+    law = {"mu_s": 0.5, "mu_c": 0.4, "pressed_by": [["velocity", "lifter", 1.0]]}
+    scene = block([[1.5, 0.0], [1.5, 1.0]], normal=-1.0, stop=4.0, **law)
+    scene["bodies"].append({"name": "lifter", "inertia": 1.0, "velocity": 0.0})
+    scene["forces"].append({"body": "lifter", "load": 1.0})
+    found = solve(scene)
+    assert found.initial == (0,)
+    # v' = 1 - 0.4 (t - 1) = 0 at 3.5 s: the block slows down after that
+    assert [e[1:] for e in found.events] == [("floor", 0, 1)]
+    assert found.events[0][0] == pytest.approx(1.5, abs=1e-14)
+    assert found.velocity(3.5)[0] == pytest.approx(2.0 - 0.2 * (2.5**2 - 0.5**2), abs=1e-13)
+
+
 def test_breaks_a_last_digit_apart_are_one() -> None:
     late = 0.1 + 0.2
     assert late > 0.3

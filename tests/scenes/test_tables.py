@@ -132,6 +132,7 @@ def test_limits_of_a_block_and_jumps_over_corners(way: dict[str, Any]) -> None:
 # Normal forces that depend on the state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-4}])
 @pytest.mark.parametrize("form", ["sum", "code"])
 def test_normal_force_from_a_spring(way: dict[str, Any], form: str) -> None:

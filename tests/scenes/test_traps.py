@@ -250,6 +250,7 @@ def test_a_simulation_within_a_simulation() -> None:
     np.testing.assert_allclose(times(outer), times(expected), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
 def test_more_steps_than_the_solver_takes_at_once(method: str) -> None:
     """Hundreds of periods without an event: thousands of steps in one segment."""
@@ -553,6 +554,7 @@ LARGE: dict[str, tuple[bool, dict[str, Any], dict[str, float]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LARGE)
 def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """Sparse matrices, bands and trees instead of dense ones: the same motion."""

@@ -85,6 +85,7 @@ def test_a_load_that_is_bad_from_the_start_is_refused_before_anything_runs() -> 
         simulate(oscillator(lambda t: math.nan), (0.0, 1.0))
 
 
+@pytest.mark.slow
 def test_a_solver_that_gives_up_says_when_and_in_whose_words() -> None:
     """A load out of all proportion to the tolerance: CVODE's step becomes NaN, which it would take for ever."""
     rough = signal(lambda t: 1e12 * math.copysign(1.0, math.sin(1e9 * t * t)), period=1.0)
@@ -123,6 +124,7 @@ def test_pre_slip_below_double_precision_is_refused() -> None:
         simulate(scene, (0.0, 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity", [1e-4, 1e-6, 1e-8])
 @pytest.mark.parametrize("shape", ["linear", "tanh", "arctan"])
 @pytest.mark.parametrize("method", ["BDF", "Adams"])
@@ -245,6 +247,7 @@ print(len([sentence for sentence in said if sentence]))
 """
 
 
+@pytest.mark.slow
 def test_nothing_of_the_solvers_is_printed() -> None:
     """Whatever fails in CVODE, in IDA or in a load: stdout and stderr hold what the script writes and nothing else."""
     run = subprocess.run(

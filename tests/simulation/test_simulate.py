@@ -75,6 +75,7 @@ def test_reference_by_series_is_exact(name: str) -> None:
     np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pulled-block", "two-blocks", "wave", "flywheels-4-viscous"])
 def test_tolerances_buy_accuracy(name: str) -> None:
     reference = load(name)

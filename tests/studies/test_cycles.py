@@ -20,6 +20,7 @@ from stickslip import (
     Scene,
     Spring,
     StateSpace,
+    Stop,
     limit_cycle,
     output,
     position,
@@ -104,6 +105,7 @@ def test_dwell_remembers_how_long_the_contact_stuck() -> None:
     assert gaps[1:] / gaps[:-1] == pytest.approx(cycle.multipliers[0].real * np.ones(4), rel=0.02)
 
 
+@pytest.mark.slow
 def test_forced_oscillator_of_den_hartog() -> None:
     """Frequency ratio 0.8, friction ratio 0.5: the moduli are exact to 14 digits."""
     scene, period = den_hartog()
@@ -127,6 +129,63 @@ def test_hunting_of_a_pid_controller() -> None:
     assert cycle.amplitude("m") == pytest.approx(0.0672401469208670, abs=1e-14)
     assert cycle.multipliers[0] == pytest.approx(0.0886262150448**2, abs=1e-12)
     assert cycle.multipliers[1] == 0 and len(cycle.sequence) == 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [2.2, 2.4, 2.8])
+def test_an_oscillator_that_hits_a_stop_once_a_period(ratio: float) -> None:
+    """x'' + x = sin(w t), a stop at 0: det = e^2 and a trace in closed form (Shaw and Holmes 1983)."""
+    e, period = 0.8, 2 * math.pi / ratio
+    scene = Scene(
+        Body("m", inertia=1.0, position=-0.1),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("wall", "m", GROUND, upper=0.0, restitution=e),
+        Force("m", sine(1.0, ratio / (2 * math.pi))),
+    )
+    cycle = limit_cycle(scene, period=period)
+    # after the impact x = A cos t + B sin t + X sin(w t + phase), and x(T) = x(0) = 0
+    ratio_ab = 1 / math.tan(0.5 * period)
+    speed = (-ratio_ab * math.sin(period) + math.cos(period) - 1) / (1 + e)
+    b = -abs(1 / (1 - ratio**2)) / math.hypot(ratio_ab, (1 + e * speed) / ratio)
+    push, hit = -ratio_ab * b * (1 - ratio**2), speed * b
+    (event,) = cycle.result.events
+    assert event.cause == "impact"
+    assert cycle.result.sample([event.t]).velocity("m")[0] == pytest.approx(-e * hit, abs=1e-12)
+    saltation = np.array([[-e, 0.0], [(1 + e) * push / hit, -e]])
+    turn = np.array([[math.cos(period), math.sin(period)], [-math.sin(period), math.cos(period)]])
+    exact = np.linalg.eigvals(saltation @ turn)
+    assert np.sort_complex(cycle.multipliers) == pytest.approx(
+        np.sort_complex(exact.astype(complex)), abs=1e-11
+    )
+
+
+@pytest.mark.slow
+def test_a_cycle_that_rests_at_a_stop() -> None:
+    """Without restitution nothing is left of the motion before; the cycle may begin where it rests."""
+    for phase in (0.0, 1.66):
+        scene = Scene(
+            Body("m", inertia=1.0, position=-0.1),
+            Spring("m", GROUND, stiffness=1.0, damping=0.1),
+            Stop("wall", "m", GROUND, upper=0.2),
+            Force("m", sine(1.0, 0.6 / (2 * math.pi), phase=phase)),
+        )
+        cycle = limit_cycle(scene, period=2 * math.pi / 0.6)
+        assert cycle.multipliers.tolist() == [0.0, 0.0] and cycle.closes < 1e-14
+        assert sorted(cycle.sequence) == ["wall: FORWARD -> OPEN", "wall: OPEN -> FORWARD"]
+
+
+def test_stick_slip_against_a_stop() -> None:
+    scene = Scene(*belt().elements, Stop("w", "m", GROUND, lower=0.35)).replace("m", position=0.5)
+    cycle = limit_cycle(scene)
+    # from F_s/k to the stop, from there until it is as fast as the belt, and with it to F_s/k
+    w, v = math.sqrt(2.0), 0.1
+    slip = (math.atan2(v / w, 0.25) + math.acos(-0.15 / math.hypot(0.25, v / w))) / w
+    back = math.asin(v / (0.15 * w)) / w
+    stick = (0.25 + 0.15 * math.cos(w * back)) / v
+    assert cycle.period == pytest.approx(slip + back + stick, abs=1e-12)
+    assert cycle.multipliers.tolist() == [0.0] and "w: OPEN -> OPEN" in cycle.sequence
+    by_limit = cycle.sensitivities(["w.lower"])
+    assert by_limit == pytest.approx([-12.1525043], abs=1e-6)
 
 
 def test_a_family_of_cycles_is_neutral() -> None:

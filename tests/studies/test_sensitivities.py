@@ -17,19 +17,23 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
     Result,
     Scene,
     Spring,
     StateSpace,
+    Stop,
     feedback,
     output,
     piecewise_linear,
     position,
+    saturate,
     sensitivities,
     simulate,
     sine,
     step,
+    table,
     velocity,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
@@ -134,6 +138,7 @@ def test_a_block_that_a_belt_carries_along() -> None:
     assert np.allclose(found.heat("c"), [6.0, 4.5, 0.0, 0.0, -6.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_benchmark_against_differences() -> None:
     scene = flywheel_benchmark()
     names = [
@@ -154,6 +159,7 @@ def test_the_benchmark_against_differences() -> None:
         assert np.abs(exact[:, k] - told).max() <= 2e-8 * np.abs(told).max(), one.name
 
 
+@pytest.mark.slow
 def test_gears_radii_and_drives_against_differences() -> None:
     law = DryFriction(0.5, 0.4, dwell=0.2)
     scene = Scene(
@@ -231,6 +237,100 @@ def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
         told = differences(scene, span, one.name, all_in, 1e-4 * one.value)
         bound = 1e-6 if kind == "pendulum" else 1e-9
         assert np.abs(exact[:, k] - told).max() <= bound * np.abs(told).max(), one.name
+
+
+@pytest.mark.slow
+def test_a_ball_that_bounces_to_rest() -> None:
+    """t_n = sqrt(2 h / g) (1 + 2 (e + e^2 + ... + e^n)); it rests at sqrt(2 h / g) (1 + e) / (1 - e)."""
+    height, gravity, e = 1.0, 9.81, 0.5
+    scene = Scene(
+        Body("ball", inertia=1.0, position=height),
+        Force("ball", -gravity),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=e),
+    )
+    names = ["ball.position", "floor.restitution", "floor.lower", "forces[0].signal", "ball.inertia"]
+    found = sensitivities(scene, (0.0, 3.0), names)
+    times = np.array([event.t for event in found.result.events])
+    assert found.reasons == () and times.size > 20
+    n, fall = np.arange(times.size), math.sqrt(2 * height / gravity)
+    by_e = 2 * fall * np.cumsum(n * e ** np.maximum(n - 1.0, 0.0))
+    exact = [times / (2 * height), by_e, -times / (2 * height), times / (2 * gravity), times / 2]
+    # the last rebounds are as slow as roundoff lets them be
+    assert np.allclose(found.events[:20], np.transpose(exact)[:20], atol=1e-9)
+    assert np.allclose(found.events, np.transpose(exact), atol=1e-5)
+    assert np.allclose(found.position("ball"), [0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "kind", ["rebounds", "closes", "elastic", pytest.param("driven", marks=pytest.mark.slow)]
+)
+def test_stops_and_gaps_against_differences(kind: str) -> None:
+    """An oscillator that hits a stop, closes it, or pushes into an elastic one; a geared one between moving stops."""
+    body, push = Body("m", inertia=1.0, position=0.5, velocity=1.0), Force("m", sine(1.0, 0.3))
+    spring = Spring("m", GROUND, stiffness=1.0, damping=0.1)
+    if kind == "driven":
+        law = DryFriction(0.3, 0.2)
+        extra: list[Any] = [Drive("wall", velocity=sine(0.5, 0.4)), Body("wheel", inertia=0.3, velocity=2.0)]
+        extra += [Gear("gear", "wheel", "m", ratio=2.0), Contact("c", "m", "wall", law, normal=1.0)]
+        extra += [Stop("w", "m", "wall", upper=1.0, lower=-0.9, restitution=0.6)]
+        names = ["wheel.inertia", "w.restitution", "w.lower", "wall.velocity.amplitude", "c.law.mu_coulomb"]
+    elif kind == "elastic":
+        extra = [Gap("w", "m", GROUND, upper=1.0, stiffness=5.0, damping=0.3)]
+        names = ["m.inertia", "w.upper", "w.stiffness", "w.damping"]
+    else:
+        extra = [Stop("w", "m", GROUND, upper=0.8, restitution=0.7 if kind == "rebounds" else 0.0)]
+        names = ["m.inertia", "w.upper", "springs[0].rest", "m.position"]
+    scene, span = Scene(body, push, spring, *extra), (0.0, 7.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and len(found.result.events) >= 2
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-5)
+        assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one.name
+
+
+def test_a_start_at_a_stop() -> None:
+    """It rebounds at once with e v; nobody can start beyond the stop."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=-1.0),
+        Force("m", -1.0),
+        Stop("w", "m", GROUND, lower=0.0, restitution=0.5),
+    )
+    found = sensitivities(scene, (0.0, 0.5), ["m.position", "w.restitution", "m.velocity"])
+    assert np.isnan(found.position("m")[0]) and "stop 'w' starts at its limit" in found.reasons[0]
+    assert np.allclose(found.position("m")[1:], [0.5, -0.25]) and np.allclose(found.events[0, 1:], 0.0)
+
+
+@pytest.mark.parametrize(
+    "kind", ["saturated", *(pytest.param(one, marks=pytest.mark.slow) for one in ("spring", "normal"))]
+)
+def test_tables_against_differences(kind: str) -> None:
+    """Forces and a normal force with corners, which are passed many times."""
+    body, law = Body("m", inertia=1.0, position=0.5, velocity=1.0), DryFriction(0.2, 0.1)
+    if kind == "spring":
+        push: Any = table(position("m"), [-2.0, -0.5, 0.3, 0.8, 2.0], [6.0, 0.8, -0.3, -1.0, -7.0])
+    elif kind == "saturated":
+        push = saturate(-3 * position("m") - 0.1 * velocity("m"), -0.7, 0.6)
+    else:
+        push = -2 * position("m")
+    normal = table(position("m"), [-1.0, 0.0, 1.0], [0.1, 0.5, 0.2]) if kind == "normal" else 0.3
+    scene = Scene(body, Force("m", push), Contact("c", "m", GROUND, law, normal=normal))
+    names, span = ["m.inertia", "m.position", "c.law.mu_coulomb"], (0.0, 8.0)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and found.result.events
+    exact = all_of(found)
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-4)
+        assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one.name
+
+
+def test_a_table_that_stays_at_its_corner_has_no_derivative() -> None:
+    pull = table(position("m"), [-2.0, 0.0, 2.0], [6.0, 0.0, -2.0])
+    found = sensitivities(
+        Scene(Body("m", inertia=1.0), Force("m", pull)), (0.0, 1.0), ["m.position", "m.inertia"]
+    )
+    assert np.isnan(found.position("m")[0]) and found.position("m")[1] == 0.0
+    assert "stays at its corner 0" in found.reasons[0]
 
 
 def test_series_and_cvode_agree() -> None:

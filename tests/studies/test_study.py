@@ -237,6 +237,7 @@ def test_table_is_aligned_and_names_failures():
     assert "line two" not in str(table)
 
 
+@pytest.mark.slow
 def test_frame_has_one_line_per_row():
     pytest.importorskip("pandas")
     frame = WorkPrecision((row("a", 1.0, 1e-3), row("b", 2.0, 1e-4))).to_frame()

@@ -187,6 +187,7 @@ def test_threads_give_the_same_as_serial_and_stay_open():
         assert threads.submit(len, "open").result() == 4
 
 
+@pytest.mark.slow
 def test_dask_gives_the_same_as_serial():
     distributed = pytest.importorskip("distributed")
     options = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": None}
@@ -266,6 +267,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("end", ["SIGTERM", "SIGKILL"])
 def test_workers_end_when_their_parent_is_ended(tmp_path, end):
@@ -559,6 +561,7 @@ def test_processes_resume_too(tmp_path):
 # views
 
 
+@pytest.mark.slow
 def test_xarray_has_coordinates_and_inner_dimensions():
     pytest.importorskip("xarray")
     data = serial(several).to_xarray()
@@ -584,6 +587,7 @@ def axes():
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_map_shows_the_values_with_x_across_and_marks_missing_points(axes):
     from stickslip.plots.studies import sweep_map
 

@@ -3,15 +3,14 @@ import importlib
 import math
 import re
 import warnings
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from clocks import count_work
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, SimulationError, Spring, simulate
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.laws import PreSlip
-from stickslip.studies import work_precision as study
 from stickslip.studies.tradeoff import Advice, Skipped, Tradeoff, tradeoff
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 from stickslip.studies.work_precision import WorkPrecision, WorkRow
@@ -19,28 +18,12 @@ from stickslip.studies.work_precision import WorkPrecision, WorkRow
 module = importlib.import_module("stickslip.studies.tradeoff")
 
 
-def count_work(patch):
-    """Let clocks tell the work done instead of the time: 10 us for each evaluation of the rates, 1 ms for each run."""
-    now = 0.0
-    run = Call.run
-
-    def counted(self, scene, span):
-        nonlocal now
-        result = run(self, scene, span)
-        now += 1e-3 + 1e-5 * result.stats["rate_calls"]
-        return result
-
-    patch.setattr(Call, "run", counted)
-    for timed in (module, study):
-        patch.setattr(timed, "clock", SimpleNamespace(perf_counter=lambda: now))
-
-
 @pytest.fixture(scope="module")
 def benchmark():
     with pytest.MonkeyPatch.context() as patch:
         count_work(patch)
         patch.setattr(module, "_REPEATS", 1)
-        return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=12.0)
+        return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=4.0)
 
 
 @pytest.fixture
@@ -252,6 +235,7 @@ def test_errors_of_ones_own_get_the_reference(monkeypatch):
     assert found.recommend(error=1e-6).error <= 1e-6
 
 
+@pytest.mark.slow
 def test_a_small_budget_leaves_out_the_costly_and_says_so(monkeypatch):
     count_work(monkeypatch)
     found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=1.0)

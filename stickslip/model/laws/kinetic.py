@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -99,6 +100,18 @@ class Kinetic:
                 )
         return mu
 
+    def of_one(self, row: int, direction: int) -> Callable[[float], float]:
+        """Return the coefficient of one contact in one direction as a function of its speed, in plain floats."""
+        side = 1 if direction < 0 else 0
+        level, fall = float(self._level[side, row]), float(self._fall[side, row])
+        for place, curve in self._functions:
+            if place == row:
+                return curve.kinetic_at
+        if fall == 0:
+            return lambda speed: level
+        gone, velocity, exponent = (float(x[row]) for x in (self._gone, self._velocity, self.exponent))
+        return lambda speed: level + fall * math.exp(-((min(speed, gone) / velocity) ** exponent))
+
     def slope(self, w: Array) -> Array:
         """Return the derivatives with respect to speed at `w` (k,), as they help a solver.
 
@@ -157,6 +170,19 @@ class Slipping(Kernel):
         beyond = (speed < 0) & turned
         mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))
         return sign * np.where(beyond, 2 * self._mu(np.zeros_like(w)) - mu, mu) * normal
+
+    def of_one(self, row: int) -> Callable[[float, float], float]:
+        """Return the force of one contact as a function of relative velocity and normal force, in plain floats."""
+        sign, turned = float(self._sign[row]), bool(self._turned[row])
+        mu = self._mu.of_one(row, int(sign))
+
+        def force(w: float, normal: float) -> float:
+            speed = sign * w
+            if speed >= 0:
+                return sign * mu(speed) * normal
+            return sign * (2 * mu(0.0) - mu(-speed) if turned else mu(0.0)) * normal
+
+        return force
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives with respect to `w`."""

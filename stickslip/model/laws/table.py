@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,7 @@ class ActingForces:
 
     def __init__(self, laws: Sequence[Law], sign: NDArray[np.int8]) -> None:
         """Sort the contacts by how they act."""
+        self._count = sign.size
         slips = sign.nonzero()[0]
         kinds: dict[type[Kernel], list[int]] = {}
         for place in (sign == 0).nonzero()[0].tolist():
@@ -104,6 +105,15 @@ class ActingForces:
         for rows, own, kernel in self._parts:
             r[rows] = kernel.forces(w[rows], normal[rows], lag[rows], z[own])
         return r
+
+    def in_floats(self) -> list[Callable[[float, float], float]] | None:
+        """Return each force as a function of `w` and `normal` in plain floats, None where not all slip."""
+        if not self._parts:
+            return []
+        kernel = self._parts[0][2]
+        if len(self._parts) > 1 or not isinstance(kernel, Slipping):
+            return None
+        return [kernel.of_one(row) for row in range(self._count)]
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives (k,) of the forces with respect to `w`, at fixed states."""

@@ -1,0 +1,31 @@
+"""Clocks that tell the work done instead of the time, so that no study depends on how fast the machine is."""
+
+from __future__ import annotations
+
+import importlib
+from types import SimpleNamespace
+
+import pytest
+
+from stickslip import Result, Scene
+from stickslip.studies import work_precision
+from stickslip.studies.tradeoff_setups import Call
+
+# the package has a function of the same name
+tradeoff = importlib.import_module("stickslip.studies.tradeoff")
+
+
+def count_work(patch: pytest.MonkeyPatch) -> None:
+    """Let the clocks of both studies tell 10 us for each evaluation of the rates, and 1 ms for each run."""
+    now = 0.0
+    run = Call.run
+
+    def counted(self: Call, scene: Scene, span: tuple[float, float]) -> Result:
+        nonlocal now
+        result = run(self, scene, span)
+        now += 1e-3 + 1e-5 * result.stats["rate_calls"]
+        return result
+
+    patch.setattr(Call, "run", counted)
+    for timed in (tradeoff, work_precision):
+        patch.setattr(timed, "clock", SimpleNamespace(perf_counter=lambda: now))

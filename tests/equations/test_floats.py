@@ -1,0 +1,95 @@
+"""Small motions in plain floats give what arrays give, and bounds of guards hold over whole steps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, triangle
+from stickslip.equations.floats import evaluate, forces
+from stickslip.equations.guards import Guards
+from stickslip.equations.mode_equations import equations_in
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
+from stickslip.equations.system import System
+
+CURVES = {
+    "a function": DryFriction(0.5, 0.3, kinetic=lambda v: 0.2 + 0.3 / (1 + 3 * v)),
+    "Stribeck": DryFriction(0.5, 0.3, stribeck_velocity=0.1),
+    "Stribeck, vertical at rest": DryFriction(0.5, 0.3, stribeck_velocity=0.1, stribeck_exponent=0.5),
+    "two sides": DryFriction(
+        0.5, 0.3, stribeck_velocity=0.1, mu_static_backward=0.6, mu_coulomb_backward=0.2
+    ),
+    "Coulomb": DryFriction(0.5, 0.3, dwell=0.1),
+}
+
+
+def started(law: DryFriction, modes: tuple[int, int], uncertain: float = 0.0) -> tuple[Motion, Guards]:
+    """Two bodies in a row on springs, the first one on a belt."""
+    scene = Scene(
+        Drive("belt", velocity=0.2),
+        Body("a", inertia=1.0, velocity=0.5),
+        Body("b", inertia=2.0, velocity=0.4 if modes[1] else 0.5),
+        Contact("on belt", "a", "belt", law, normal=10.0 + triangle(0.0, 0.1, 0.3, slope=100.0)),
+        Contact("between", "a", "b", law, normal=5.0),
+        Spring("b", GROUND, stiffness=3.0, damping=0.1),
+    )
+    system = System(scene)
+    numbers = np.array(modes, dtype=np.int8)
+    stretch, since = system.loads(0.0, 1.0).after(0.0), np.zeros(system.m)
+    motion = Motion(equations_in(numbers, system), stretch, 0.0, system.at_start(), since)
+    none = np.zeros(2, dtype=bool)
+    return motion, Guards(motion, numbers, numbers == 0, none, uncertain)
+
+
+@pytest.mark.parametrize("law", CURVES.values(), ids=CURVES)
+@pytest.mark.parametrize("modes", [(1, 1), (1, -1), (-1, 1), (1, 0)])
+def test_rates_and_guards_in_floats_are_those_in_arrays(law: DryFriction, modes: tuple[int, int]) -> None:
+    motion, guards = started(law, modes, uncertain=1e-9)
+    assert motion.in_floats is not None
+    rates, acting = motion.in_floats
+    random = np.random.default_rng(1)
+    for tau in random.uniform(0.0, 0.1, 20).tolist():
+        y = random.normal(size=motion.y.size)
+        x = y.tolist()
+        found = evaluate(rates, tau, x + forces(acting, tau, x))
+        np.testing.assert_allclose(found, motion.rate(tau, y), rtol=1e-13, atol=1e-13)
+        if guards.in_floats is not None:
+            low = min(evaluate(guards.in_floats, tau, x + forces(acting, tau, x)))
+            assert low == pytest.approx(guards.values(tau, y, late=True).min(), rel=1e-12, abs=1e-12)
+    assert (guards.in_floats is None) == (law.dwell > 0 and 0 in modes)
+
+
+@pytest.mark.parametrize("law", CURVES.values(), ids=CURVES)
+@pytest.mark.parametrize("modes", [(1, 1), (-1, 1), (1, 0), (0, 0)])
+def test_no_guard_goes_below_its_bound(law: DryFriction, modes: tuple[int, int]) -> None:
+    motion, guards = started(law, modes)
+    random, steps, order = np.random.default_rng(2), 5, 5
+    taus = np.append(0.0, np.sort(random.uniform(0.0, 0.1, steps)))
+    values = motion.y + random.normal(scale=0.1, size=(steps, order + 1, motion.y.size))
+    path = Path(taus, from_nodes(order) @ values, values[-1, -1], False, True)
+    low = guards.lower_bounds(path)
+    s = np.linspace(0.0, 1.0, 50)[:-1]
+    for k in range(steps):
+        at = taus[k] + s * (taus[k + 1] - taus[k])
+        there = guards.raw(
+            motion.watched(at, states := motion.exact(at, path.at(at).T)), motion.inputs(at, states)
+        )
+        known = low[:, k] > -math.inf
+        stays = guards.order == np.iinfo(np.intp).max
+        some = known & ~stays
+        assert np.all(there[some].min(axis=1) >= low[some, k] - 1e-12)
+    # velocities are always known; forces where no curve acts on them
+    assert np.all(low[guards.is_velocity] > -math.inf)
+    assert np.isinf(low).any() == (modes == (1, 0) and law.curved)
+
+
+def test_a_bound_is_sharp_where_a_guard_hardly_changes() -> None:
+    motion, guards = started(CURVES["Coulomb"], (1, 1))
+    nodes = chebyshev_nodes(5)
+    path = Path(
+        np.array([0.0, 0.1]), from_nodes(5) @ (motion.y + 0 * nodes[:, None])[None], motion.y, False, True
+    )
+    np.testing.assert_allclose(guards.lower_bounds(path)[:, 0], [0.3, 0.1], rtol=1e-13)
