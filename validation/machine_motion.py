@@ -278,7 +278,10 @@ class Motion:
             force -= np.outer(m.G[j], self.push(j))
         self.force = force
         rate = m.inverse @ (m.Z.T @ (force - m.mass[:, None] * led))
-        pushes = np.abs(m.Z.T) @ (np.abs(force) @ np.abs(first) + m.mass * (np.abs(led) @ np.abs(first)))
+        self.size = np.abs(first)
+        """Sizes of the states: sines may be 0 for a moment."""
+        self.size[self._one + 2 :] = 1.0
+        pushes = np.abs(m.Z.T) @ (np.abs(force) @ self.size + m.mass * (np.abs(led) @ self.size))
         self.swift = float((np.abs(m.G @ m.Z) @ (np.abs(m.inverse) @ pushes)).max(initial=1e-9))
         """The size of what adds up in relative accelerations."""
         held = list(modes.held)

@@ -273,7 +273,7 @@ class _Run:
 
     def _scales(self, motion: Motion) -> Array:
         """Return the sizes of what is added up in each guard."""
-        size = np.abs(motion.y0)
+        size = motion.size.copy()
         size[: motion.machine.n] = np.maximum(size[: motion.machine.n], 1e-6)
         found = np.abs(motion.k) @ size
         for i, guard in enumerate(motion.guards):
@@ -453,7 +453,7 @@ class _Trial:
         least = 1e-9 * motion.swift
         still = [j for j in self._sided if abs(accelerations[j]) <= least]
         forces = motion.need @ motion.y0
-        force = 1e-7 * max(float(np.abs(motion.force @ motion.y0).max(initial=0.0)), 1e-9)
+        force = 1e-7 * max(float((np.abs(motion.force) @ motion.size).max(initial=0.0)), 1e-9)
         sure = [j for j in still if j in held and abs(forces[held.index(j)]) > force]
         unsure = [j for j in still if j not in sure]
         found = [motion.modes]
@@ -488,7 +488,7 @@ class _Trial:
     def _over(self, motion: Motion, eager: bool) -> dict[int, int]:
         """Return the contacts of the cuts loaded most beyond their level."""
         loads: dict[int, float] = {}
-        scale = 1e-10 * max(float(np.abs(motion.force @ motion.y0).max(initial=0.0)), 1e-9)
+        scale = 1e-10 * max(float((np.abs(motion.force) @ motion.size).max(initial=0.0)), 1e-9)
         for i, guard in enumerate(motion.guards):
             if not guard.levels:
                 continue
