@@ -577,13 +577,26 @@ class _Search:
         return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
-        """Let rows that were released, but stay at rest now that others move, be held again if they can."""
+        """Let rows that were released, but stay at rest now that others move, be held again if they can.
+
+        Where their share would be beyond their level, they carry their level if others can spare the rest.
+        """
         if guards.is_plain or not (idlers := guards.idle).size:
             return motion, guards
         trial = motion.equations.modes.copy()
         trial[idlers] = 0
-        again = self._build(trial)
-        return (motion, guards) if again[1].violated.any() else again
+        seen = set[bytes]()
+        while trial.tobytes() not in seen:
+            seen.add(trial.tobytes())
+            again = self._build(trial)
+            following = self._improved(trial, *again)
+            if following is None:
+                return again
+            if np.any((following != trial) & np.isin(following, (-1, 1, APART))):
+                # one more row would move
+                break
+            trial = following
+        return motion, guards
 
     def _enumerate(self) -> tuple[Motion, Guards]:
         """Try every combination where releasing one after another ran in a circle."""
