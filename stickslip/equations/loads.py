@@ -201,7 +201,9 @@ class Stretch:
 
     def sampled(self, times: Array) -> Array:
         """Return the inputs at many times, one column each."""
-        q = self.value[:, None] + np.multiply.outer(self.slope, times - self.start)
+        q = np.repeat(self.value[:, None], times.size, axis=1)
+        sloping = self.slope.nonzero()[0]
+        q[sloping] += np.multiply.outer(self.slope[sloping], times - self.start)
         if self.has_waves:
             angle = (
                 2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
