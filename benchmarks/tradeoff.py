@@ -1,10 +1,12 @@
-"""Error against time for every way of simulating a scene that `stickslip` offers, on four scenes.
+"""Error against time for every way of simulating a scene that `stickslip` offers, on five scenes.
 
     python -m benchmarks.tradeoff [--quick] [--figures DIR]
 
-The flywheel benchmark and four viscous flywheels are judged by exact answers, Leine's belt and a chain of 50
-blocks on a belt by converged event-exact runs. Then the comparison of Breedveld (2000, section 8) at fixed
-steps: the contact-force model against the pre-slip model. Ends with the tables as Markdown.
+The flywheel benchmark and four viscous flywheels are judged by exact answers, Leine's belt, a chain of 50
+blocks on a belt, and a servo that hunts by converged event-exact runs. For each method: the time to velocity errors
+from 1e-1 to 1e-9, how many of the events it finds, and how fast contacts creep that stick. Then the comparison of
+Breedveld (2000, section 8) at fixed steps: the contact-force model against the pre-slip model. The tables are Markdown;
+the last one, of all scenes, is the README's.
 """
 
 from __future__ import annotations
@@ -28,18 +30,44 @@ from stickslip import (
     Contact,
     Drive,
     DryFriction,
+    Force,
     Karnopp,
     LuGre,
     Result,
     Scene,
     Spring,
+    StateSpace,
+    output,
+    position,
     simulate,
+    velocity,
 )
+from stickslip.plots.style import COLOURS
 from stickslip.studies.tradeoff import Tradeoff, tradeoff
 from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from validation.exact import Story, reference, two_flywheels
 
 LEVELS = (1e-1, 1e-2, 1e-3, 1e-6, 1e-9)
+FLOOR = 1e-14
+"""Errors below are drawn there."""
+NEAR = 1e-2
+"""An event counts as found within this part of the span; beside an event nobody asks for creep."""
+NAMES = {
+    "Taylor series, the default": ("contact-force, series",),
+    "CVODE BDF": ("contact-force, BDF", "merged, BDF"),
+    "CVODE Adams": ("contact-force, Adams", "merged, Adams"),
+    "IDA, multipliers": ("multiplier, BDF",),
+    "RK4, exact laws": ("contact-force, RK4",),
+    "Euler, exact laws": ("contact-force, Euler",),
+    "LuGre, BDF": ("LuGre, BDF",),
+    "Karnopp, RK4": ("Karnopp, RK4",),
+    **{
+        f"pre-slip {shape}, {title}": tuple(f"pre-slip {shape}, {method}" for method in methods)
+        for shape in ("linear", "tanh", "arctan")
+        for title, methods in {"stiff solver": ("BDF",), "fixed steps": ("RK4", "Euler")}.items()
+    },
+}
+"""Families that share a line in the table of all scenes."""
 BANDS = (1e-1, 1e-2, 1e-3, 1e-4)
 """Dead bands and bristle velocities, as parts of the velocity scale, of the laws that `tradeoff` does not try."""
 STEPS = {"contact force": (1000, 3000, 10_000, 30_000, 100_000), "pre-slip": (30_000, 100_000, 300_000)}
@@ -76,6 +104,16 @@ def leines_belt() -> Scene:
     )
 
 
+def hunting_servo() -> Scene:
+    """Return the PID controller with stiction of Armstrong and Amin (1996), which hunts for ever."""
+    return Scene(
+        Body("servo", inertia=1.0, position=0.2),
+        Contact("friction", "servo", GROUND, DryFriction(1.5, 1.0), normal=1.0),
+        StateSpace("integral", 0.0, 1.0, 1.0, inputs=[position("servo")]),
+        Force("servo", -6.0 * velocity("servo") - 3.0 * position("servo") - 4.0 * output("integral")),
+    )
+
+
 def cases() -> list[Case]:
     """Return the scenes."""
     benchmark, viscous = two_flywheels(), reference("flywheels-4-viscous")
@@ -86,6 +124,7 @@ def cases() -> list[Case]:
         Case("viscous", "four viscous flywheels", viscous.scene, (0.0, viscous.stop), viscous, level=12.0),
         Case("leine", "Leine's belt", leines_belt(), (0.0, 40.0)),
         Case("blocks", "50 blocks on a belt", blocks(50), (0.0, 5.0), weight=3.0, level=1.75),
+        Case("hunting", "a servo that hunts", hunting_servo(), (0.0, 60.0), level=1.5, speed=0.1),
     ]
 
 
@@ -173,37 +212,124 @@ def advantage(work: WorkPrecision) -> list[str]:
 # -- tables -----------------------------------------------------------------------------------------------
 
 
-def families(work: WorkPrecision) -> dict[str, list[WorkRow]]:
-    """Return the rows that succeeded, by family."""
-    found: dict[str, list[WorkRow]] = {}
-    for row in work.rows:
-        if row.failure is None:
-            found.setdefault(row.family or row.name, []).append(row)
-    return found
+@dataclass(frozen=True)
+class Line:
+    """One family on one scene: its rows, the events found of all, and the creep in m/s or rad/s of what sticks."""
+
+    family: str
+    rows: tuple[WorkRow, ...]
+    found: int
+    events: int
+    creep: float
+
+    def time(self, error: float) -> str:
+        """Return the shortest time in ms within an error; or, in brackets, the smallest error reached."""
+        times = [row.median for row in self.rows if row.failure is None and row.error <= error]
+        if times:
+            return f"{1e3 * min(times):.3g}"
+        errors = [row.error for row in self.rows if row.failure is None]
+        return f"({min(errors):.0e})" if errors else "fails"
+
+    @property
+    def shown(self) -> str:
+        """Return the events found."""
+        return f"{self.found} of {self.events}" if math.isfinite(self.creep) else "-"
+
+    @property
+    def crept(self) -> str:
+        """Return the creep; what is below roundoff of the velocities is none."""
+        return ("0" if self.creep < 1e-12 else f"{self.creep:.0e}") if math.isfinite(self.creep) else "-"
 
 
-def time_for(rows: Sequence[WorkRow], error: float) -> str:
-    """Return the shortest time in ms within an error; or, in brackets, the smallest error reached."""
-    times = [row.median for row in rows if row.failure is None and row.error <= error]
-    if times:
-        return f"{1e3 * min(times):.3g}"
-    errors = [row.error for row in rows if row.failure is None]
-    return f"({min(errors):.0e})" if errors else "fails"
+def changes(result: Result) -> list[tuple[float, str, bool]]:
+    """Return time, contact, and whether it sticks from then on, of all events at which contacts stick or let go."""
+    return [(e.t, e.contact, e.after == 0) for e in result.events if (e.before == 0) != (e.after == 0)]
 
 
-def table(work: WorkPrecision) -> str:
-    """Return the times at some errors, one line per family, as Markdown.
+class Judge:
+    """Compares runs of a scene with an exact one."""
 
-    In brackets stands the smallest error of a family where it reaches no smaller one.
-    """
-    lines = ["| method | " + " | ".join(f"ms to {level:.0e}" for level in LEVELS) + " |"]
-    lines.append("|---" * (1 + len(LEVELS)) + "|")
+    def __init__(self, case: Case) -> None:
+        self._exact = simulate(case.scene, case.span, rtol=1e-11, atol=1e-13)
+        self._near = NEAR * (case.span[1] - case.span[0])
+        self.changes = changes(self._exact)
+        self._sample = self._exact.sample(np.linspace(*case.span, 1001))
+
+    def found(self, result: Result) -> int:
+        """Return how many of the changes a run has, too; each counts once."""
+        left, count = changes(result), 0
+        for t, contact, sticks in self.changes:
+            near = [c for c in left if c[1:] == (contact, sticks) and abs(c[0] - t) <= self._near]
+            if near:
+                left.remove(min(near, key=lambda c: abs(c[0] - t)))
+                count += 1
+        return count
+
+    def creep(self, result: Result) -> float:
+        """Return the largest relative velocity in m/s or rad/s while a contact sticks in the exact run."""
+        t, largest = self._sample.t, 0.0
+        values = result.sample(t)
+        for contact in self._exact.scene.contacts:
+            times = np.array([time for time, name, _ in self.changes if name == contact.name])
+            apart = np.abs(t[:, None] - times).min(axis=1, initial=math.inf) > self._near
+            stuck = apart & (self._sample.mode(contact.name) == 0)
+            if stuck.any():
+                largest = max(largest, float(np.abs(values.relative_velocity(contact.name)[stuck]).max()))
+        return largest
+
+
+def lines_of(case: Case, work: WorkPrecision, runs: dict[str, Callable[[], Result]]) -> list[Line]:
+    """Return a line for each family; events and creep are those of its quickest run within the second level."""
+    judge, lines = Judge(case), []
     grouped: dict[str, list[WorkRow]] = {}
     for row in work.rows:
         grouped.setdefault(row.family or row.name, []).append(row)
     for family, rows in grouped.items():
-        lines.append("| " + " | ".join([family, *(time_for(rows, level) for level in LEVELS)]) + " |")
-    return "\n".join(lines)
+        valid = [row for row in rows if row.failure is None]
+        found, creep = 0, math.nan
+        if valid:
+            good = [row for row in valid if row.error <= LEVELS[1]]
+            chosen = min(good, key=lambda row: row.median) if good else min(valid, key=lambda row: row.error)
+            if chosen.call is None:
+                result = runs[chosen.name]()
+            else:
+                result = eval(chosen.call, {"simulate": simulate, "scene": case.scene})
+            found, creep = judge.found(result), judge.creep(result)
+        lines.append(Line(family, tuple(rows), found, len(judge.changes), creep))
+    return lines
+
+
+def table(lines: Sequence[Line]) -> str:
+    """Return the times at some errors, one line per family, as Markdown.
+
+    In brackets stands the smallest error of a family where it reaches no smaller one.
+    """
+    heads = ["method", *(f"ms to {level:.0e}" for level in LEVELS), "events", "creep"]
+    text = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    text += [
+        "| " + " | ".join([x.family, *(x.time(level) for level in LEVELS), x.shown, x.crept]) + " |"
+        for x in lines
+    ]
+    return "\n".join(text)
+
+
+def overview(lines: dict[str, list[Line]]) -> str:
+    """Return one table of all scenes: the times in ms to errors of 1e-2 and 1e-6, and the worst of events and creep."""
+    heads = ["method", *lines, "events found", "creep"]
+    text = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for title, families in NAMES.items():
+        cells, shown = [], []
+        for of_scene in lines.values():
+            chosen = [line for line in of_scene if line.family in families]
+            rows = tuple(row for line in chosen for row in line.rows)
+            shown += chosen
+            both = Line(title, rows, 0, 0, 0.0)
+            cells.append(f"{both.time(1e-2)} / {both.time(1e-6)}" if rows else "does not apply")
+        part = [line.found / max(line.events, 1) for line in shown if math.isfinite(line.creep)]
+        creep = max((line.creep for line in shown if math.isfinite(line.creep)), default=math.nan)
+        worst = Line(title, (), 0, 0, creep).crept
+        text.append("| " + " | ".join([title, *cells, f"{min(part, default=0.0):.0%}", worst]) + " |")
+    return "\n".join(text)
 
 
 def failures(rows: Sequence[WorkRow]) -> list[str]:
@@ -215,8 +341,10 @@ def failures(rows: Sequence[WorkRow]) -> list[str]:
     return [f"{family} fails: {reason}" for family, reason in reasons.items() if reason]
 
 
-def other_laws(case: Case, found: Tradeoff, error: Callable[[Result], float]) -> WorkPrecision:
-    """Measure LuGre's bristles, and Karnopp's dead band where contacts allow it, by BDF and with fixed steps."""
+def other_laws(
+    case: Case, found: Tradeoff, error: Callable[[Result], float]
+) -> tuple[WorkPrecision, dict[str, Callable[[], Result]]]:
+    """Measure LuGre's bristles, and Karnopp's dead band where contacts allow it; return the runs by name, too."""
     setups = []
     for part in BANDS:
         velocity = part * case.speed
@@ -234,41 +362,41 @@ def other_laws(case: Case, found: Tradeoff, error: Callable[[Result], float]) ->
                 return simulate(scene, case.span, **options)
 
             setups.append(Setup(f"{family}, {velocity:.3g}, {options}", run, family=family))
-    return work_precision(setups, error=error, repeats=1, warmup=0, error_label=found.work.error_label)
+    measured = work_precision(setups, error=error, repeats=1, warmup=0, error_label=found.work.error_label)
+    return measured, {setup.name: setup.run for setup in setups}
 
 
-def panels(studies: dict[str, Tradeoff], others: dict[str, WorkPrecision], file: Path) -> None:
+def panels(lines: dict[str, list[Line]], limits: dict[str, float], file: Path) -> None:
     """Draw one small panel per scene: error against time; exact methods stand at the floor."""
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
-    figure, axes = plt.subplots(1, len(studies), figsize=(4 * len(studies), 4.2), sharey=True)
-    names: dict[str, int] = {}
-    for ax, (title, found) in zip(np.atleast_1d(axes), studies.items(), strict=True):
-        rows = [*found.work.rows, *others[title].rows]
-        for family, group in families(WorkPrecision(tuple(rows))).items():
-            number = names.setdefault(family, len(names))
-            front = WorkPrecision(tuple(group)).pareto()
-            ax.loglog(
+    figure = Figure(figsize=(11.0, 7.4), layout="constrained")
+    axes = figure.subplots(2, 3, sharey=True).ravel()
+    handles: dict[str, Any] = {}
+    for ax, (title, of_scene) in zip(axes, lines.items(), strict=False):
+        for number, (name, members) in enumerate(NAMES.items()):
+            rows = tuple(row for line in of_scene if line.family in members for row in line.rows)
+            front = WorkPrecision(rows).pareto()
+            if not front:
+                continue
+            handles[name] = ax.loglog(
                 [1e3 * row.median for row in front],
-                [min(max(row.error, 1e-14), 3.0) for row in front],
-                ["-", "--", ":"][number // 10 % 3],
-                marker="os^vD"[number % 5],
-                markersize=3.5,
-                linewidth=0.9,
-                color=f"C{number % 10}",
-                label=family,
-            )
-        ax.axhspan(1e-15, max(found.limit, 1e-14), color="0.9", zorder=0)
-        ax.set(title=title, xlabel="CPU time / ms", ylim=(3e-15, 4.0))
+                [min(max(row.error, FLOOR), 3.0) for row in front],
+                linestyle=["-", "--", ":"][number % 3],
+                marker="os^vDPX"[number % 7],
+                markersize=4.0,
+                linewidth=1.0,
+                color=COLOURS[number % len(COLOURS)],
+            )[0]
+        ax.axhspan(FLOOR / 3, max(limits[title], FLOOR), color="0.9", zorder=0)
+        ax.set(title=title, xlabel="time [ms]", ylim=(FLOOR / 3, 4.0))
         ax.grid(True, linewidth=0.3)
-    np.atleast_1d(axes)[0].set_ylabel("largest velocity error / (m/s or rad/s)")
-    handles = {}
-    for ax in np.atleast_1d(axes):
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), ncol=5, loc="lower center", fontsize=7, frameon=False)
-    figure.tight_layout(rect=(0, 0.2, 1, 1))
-    figure.savefig(file, dpi=110)
+    for ax in axes[::3]:
+        ax.set_ylabel("largest velocity error\n[m/s or rad/s]")
+    axes[-1].axis("off")
+    known = [name for name in NAMES if name in handles]
+    axes[-1].legend([handles[name] for name in known], known, loc="center", fontsize="small", frameon=False)
+    figure.savefig(file, dpi=150)
 
 
 def save(draw: Callable[[], object], folder: Path, name: str, title: str) -> None:
@@ -292,22 +420,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         matplotlib.use("Agg")
         options.figures.mkdir(parents=True, exist_ok=True)
-    studies: dict[str, Tradeoff] = {}
-    others: dict[str, WorkPrecision] = {}
+    lines: dict[str, list[Line]] = {}
+    limits: dict[str, float] = {}
     for case in cases():
         try:
             found = study(case, case.weight * (20.0 if options.quick else 60.0))
         except ValueError as too_slow:
             print(f"\n## {case.title}\n\n{too_slow}")
             continue
-        studies[case.title] = found
-        error = exact_error(case.story) if case.story else against(case)
-        others[case.title] = other_laws(case, found, error)
+        others, runs = other_laws(case, found, exact_error(case.story) if case.story else against(case))
+        both = WorkPrecision((*found.work.rows, *others.rows))
+        lines[case.title], limits[case.title] = lines_of(case, both, runs), found.limit
         judge = "exact answer" if case.story else f"reference converged to {found.limit:.1e}"
-        print(
-            f"\n## {case.title} ({judge})\n\n{table(WorkPrecision((*found.work.rows, *others[case.title].rows)))}\n"
-        )
-        print("\n".join(failures((*found.work.rows, *others[case.title].rows))))
+        print(f"\n## {case.title} ({judge})\n\n{table(lines[case.title])}\n")
+        print("\n".join(failures(both.rows)))
         for line in str(found).splitlines():
             if line.startswith("left out"):
                 print(line)
@@ -324,8 +450,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\n".join(advantage(work)))
     if options.figures:
         save(work.plot, options.figures, "tradeoff-fixed-steps", "flywheel benchmark, fixed steps")
+    print(f"\n## All scenes: ms to 1e-2 / 1e-6\n\n{overview(lines)}")
     if options.figures:
-        panels(studies, others, options.figures / "tradeoff-all.png")
+        panels(lines, limits, options.figures / "tradeoff.png")
     return 0
 
 

@@ -272,6 +272,11 @@ class Followed(Protocol):
         """Where the kind of the cycles changes."""
         ...
 
+    @property
+    def beyond(self) -> Any:
+        """The branch beyond a fold, or None."""
+        ...
+
     def amplitudes(self, body: str) -> np.ndarray:
         """Return half of the ranges of a body's position."""
         ...
@@ -281,7 +286,7 @@ def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) ->
     """Draw the bifurcation diagram of a branch of cycles, and return the axes.
 
     Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line; vertical lines mark where
-    the kind of the cycles changes.
+    the kind of the cycles changes. What comes beyond a fold is drawn, too.
 
     Parameters
     ----------
@@ -296,28 +301,54 @@ def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) ->
     ValueError
         If there is no such body.
     """
-    y = branch.periods if body is None else branch.amplitudes(body)
     ax = _axes(ax)
-    x, stable = np.asarray(branch.values), np.asarray(branch.stable)
-    for chosen, line, fill, label in ((stable, "-", "C0", "stable"), (~stable, "--", "white", "unstable")):
-        shown = np.where(chosen & np.isfinite(y), y, np.nan)
-        if np.isfinite(shown).any():
-            ax.plot(x, shown, line, marker="o", color="C0", markerfacecolor=fill, markersize=4, label=label)
-    kinds = list(dict.fromkeys(point.kind for point in branch.points))
-    for k, kind in enumerate(kinds):
-        for i, point in enumerate(p for p in branch.points if p.kind == kind):
-            ax.axvline(
-                point.value,
-                color="0.35",
-                linestyle=_LINES[1 + k % 3],
-                label=None if i else kind,
-                linewidth=1.0,
-            )
+    parts = _parts(branch, body)
+    for wanted, line, fill, label in ((True, "-", "C0", "stable"), (False, "--", "white", "unstable")):
+        chosen = [(x, np.where(stable == wanted, y, np.nan)) for x, y, stable in parts]
+        chosen = [one for one in chosen if np.isfinite(one[1]).any()]
+        for i, (x, shown) in enumerate(chosen):
+            look = {"color": "C0", "markerfacecolor": fill, "markersize": 4}
+            ax.plot(x, shown, line, marker="o", label=None if i else label, **look)
+    points = [point for one in _chain(branch) for point in one.points]
+    for k, kind in enumerate(dict.fromkeys(point.kind for point in points)):
+        values = dict.fromkeys(point.value for point in points if point.kind == kind)
+        for i, value in enumerate(values):
+            look = {"color": "0.35", "linestyle": _LINES[1 + k % 3], "linewidth": 1.0}
+            ax.axvline(value, label=None if i else kind, **look)
     ax.set(
         xlabel=branch.parameter, ylabel="period [s]" if body is None else f"amplitude of {body} [m or rad]"
     )
     _legend(ax)
     return ax
+
+
+def _chain(branch: Followed) -> list[Followed]:
+    """Return a branch and what comes beyond its folds."""
+    found, one = [], branch
+    while one is not None:
+        found.append(one)
+        one = one.beyond
+    return found
+
+
+def _parts(branch: Followed, body: str | None) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return values, heights and whether cycles are stable from fold to fold; two parts meet at each fold."""
+    found, first = [], None
+    for one in _chain(branch):
+        y = one.periods if body is None else one.amplitudes(body)
+        known = np.isfinite(y)
+        x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
+        fold = next((point for point in one.points if point.cycle is not None), None)
+        last = None
+        if fold is not None:
+            last = fold.value, fold.cycle.period if body is None else fold.cycle.amplitude(body)
+        for place, end in ((0, first), (x.size + (first is not None), last)):
+            if end is not None and stable.size:
+                x, y = np.insert(x, place, end[0]), np.insert(y, place, end[1])
+                stable = np.insert(stable, place, stable[0 if place == 0 else -1])
+        found.append((x, y, stable))
+        first = last
+    return found
 
 
 class Fitted(Protocol):

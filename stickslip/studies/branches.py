@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
+from stickslip.studies.arcs import ERRORS, Arc, Place
 from stickslip.studies.cycles import Cycle, CycleError, centred, closed_from, limit_cycle
 from stickslip.studies.parameters import Parameter, named_parameters
 
@@ -22,13 +23,12 @@ __all__ = ["Branch", "BranchPoint", "continue_cycle"]
 Array = NDArray[np.float64]
 
 _HALVINGS = 5
-_FAR = 0.35
-"""A cycle whose start or period lies further than this part of its size from what was foretold is another one."""
-
 _SHORT = 0.02
 """A phase shorter than this part of the period is about to vanish."""
 
-_FOLD = 0.2
+_FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
+"""First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed."""
+
 _BEFORE, _GRAZES = 1e-4, 0.3
 """A relative velocity that changes by less than this part of its range in a period, just before it is 0, grazes."""
 
@@ -42,15 +42,19 @@ class BranchPoint:
     value : float
         Of the parameter.
     kind : str
-        "fold" (a multiplier passes 1), "flip" (-1), "torus" (a pair of them passes the unit circle), "sequence" (other
-        changes of modes) or "end" (no cycle near by).
+        "fold" (two cycles meet, and the branch turns back), "crossing" (a multiplier passes 1, and the branch goes on:
+        a symmetry breaks, or another branch crosses), "flip" (a multiplier passes -1), "torus" (a pair of them passes
+        the unit circle), "sequence" (other changes of modes) or "end" (no cycle near by).
     message : str
         What happens, in words.
+    cycle : Cycle or None
+        At a fold the cycle there.
     """
 
     value: float
     kind: str
     message: str
+    cycle: Cycle | None = field(default=None, repr=False, compare=False)
 
     def __str__(self) -> str:
         return f"{self.value:.9g}  {self.kind}: {self.message}"
@@ -69,12 +73,15 @@ class Branch:
         One for each value, None beyond the end of the branch.
     points : tuple of BranchPoint
         Where the kind of the cycles changes.
+    beyond : Branch or None
+        The branch beyond a fold, back over the values; None where there is no fold.
     """
 
     parameter: str
     values: Array
     cycles: tuple[Cycle | None, ...] = field(repr=False)
     points: tuple[BranchPoint, ...]
+    beyond: Branch | None = field(default=None, repr=False)
 
     @cached_property
     def periods(self) -> Array:
@@ -128,10 +135,10 @@ class Branch:
                 lines.append(f"{value:16.9g}  {'-':>14}")
                 continue
             largest = float(np.abs(one.multipliers).max(initial=0.0))
-            lines.append(
-                f"{value:16.9g}  {one.period:14.9g}  {largest:.6g}{'' if one.stable else ' unstable'}"
-            )
-        return "\n".join([*lines, *map(str, self.points)])
+            kind = "" if one.stable else " neutral" if one.neutral else " unstable"
+            lines.append(f"{value:16.9g}  {one.period:14.9g}  {largest:.6g}{kind}")
+        lines += map(str, self.points)
+        return "\n".join(lines if self.beyond is None else [*lines, "beyond the fold", str(self.beyond)])
 
 
 def continue_cycle(
@@ -147,7 +154,8 @@ def continue_cycle(
 
     Each cycle begins the search for the next one, along the tangent of the branch; steps are halved where the search
     fails. Between two values it is found where a multiplier passes the unit circle, where the sequence of changes of
-    modes becomes another one, and where the branch ends.
+    modes becomes another one, and where the branch ends. At a fold the branch turns: from there it is followed back
+    over the values, by its arc length, and `Branch.beyond` holds what comes.
 
     Parameters
     ----------
@@ -198,34 +206,121 @@ def continue_cycle(
     return follower.along(centred(first), wanted)
 
 
+class _Turned(NamedTuple):
+    """A fold, and the place beyond it."""
+
+    fold: Place
+    place: Place
+    length: float
+
+
 class _Follower:
     """Follows cycles from value to value."""
 
     def __init__(
-        self, parameter: Parameter, period: float | Callable[[float], float] | None, accuracy: float
+        self,
+        parameter: Parameter,
+        period: float | Callable[[float], float] | None,
+        accuracy: float,
+        folds: int = _MOST_FOLDS,
     ) -> None:
-        self._parameter, self._period, self._accuracy = parameter, period, accuracy
+        self._parameter, self._period, self._accuracy, self._folds = parameter, period, accuracy, folds
         self._points: list[BranchPoint] = []
 
     def period(self, value: float) -> float | None:
         """Return the period of the loads at a value."""
         return float(self._period(value)) if callable(self._period) else self._period
 
-    def along(self, first: Cycle, values: Array) -> Branch:
-        """Return the branch that begins with a cycle at the first value."""
+    def along(self, first: Cycle, values: Array, every: Array | None = None) -> Branch:
+        """Return the branch that begins with a cycle at the first of some values.
+
+        Beyond a fold it goes back over `every` value, by default the same ones.
+        """
         cycles: list[Cycle | None] = [first]
+        beyond: Branch | None = None
         for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
             last = cycles[-1]
             assert last is not None
             try:
                 one = self.reach(last, before, value)
             except (CycleError, SimulationError) as error:
-                self._end(last, before, value, str(error))
-                break
+                arc = Arc(self._parameter, self._period if callable(self._period) else None, value - before)
+                turned = self._round(arc, last, before, value)
+                if turned is None:
+                    self._end(last, before, value, str(error))
+                    break
+                if isinstance(turned, _Turned):
+                    beyond = self._back(arc, turned, before, values if every is None else every)
+                    break
+                one = turned
             self._between(last, before, one, value)
             cycles.append(one)
         cycles += [None] * (values.size - len(cycles))
-        return Branch(self._parameter.name, values, tuple(cycles), tuple(self._points))
+        return Branch(self._parameter.name, values, tuple(cycles), tuple(self._points), beyond)
+
+    def _round(self, arc: Arc, last: Cycle, before: float, value: float) -> _Turned | Cycle | None:
+        """Follow the arc from a cycle on: to a fold, or all the way to the value; None where it ends."""
+        try:
+            place, length = arc.begin(last, before, value > before), _FIRST
+            for _ in range(_MOST_PLACES):
+                try:
+                    following = arc.step(place, length)
+                except ERRORS:
+                    length *= 0.5
+                    if length < _SHORTEST:
+                        return None
+                    continue
+                if following.pace * place.pace <= 0:
+                    return _Turned(arc.fold(place, length), following, length)
+                if (following.value - value) * (value - before) >= 0:
+                    return self.reach(following.cycle, following.value, value)
+                place, length = following, min(1.5 * length, 1.0)
+        except ERRORS:
+            return None
+        return None
+
+    def _back(self, arc: Arc, turned: _Turned, before: float, every: Array) -> Branch | None:
+        """Note a fold, and return the branch beyond it, back over the values."""
+        fold, place, length = turned
+        self._points.append(
+            BranchPoint(
+                fold.value,
+                "fold",
+                "a multiplier is 1: two cycles meet, and the branch turns back",
+                fold.cycle,
+            )
+        )
+        if self._folds <= 0:
+            return None
+        inner = every[(every <= before) if place.pace < 0 else (every >= before)]
+        back = np.sort(inner)[::-1] if place.pace < 0 else np.sort(inner)
+        follower = _Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
+        none = Branch(self._parameter.name, back, (None,) * back.size, ())
+        reached, why = place, ""
+        for _ in range(_MOST_PLACES):
+            if (place.value - before) * place.pace >= 0:
+                try:
+                    first = follower.reach(place.cycle, place.value, before)
+                except ERRORS as error:
+                    why = str(error)
+                    break
+                found = follower.along(centred(first), back, every)
+                follower = _Follower(self._parameter, self._period, self._accuracy)
+                follower._between(fold.cycle, fold.value, first, before)
+                return replace(found, points=(*follower._points, *found.points))
+            try:
+                following = arc.step(place, length)
+            except ERRORS as error:
+                length, why = 0.5 * length, str(error)
+                if length < _SHORTEST:
+                    break
+                continue
+            if following.pace * place.pace <= 0:
+                why = "the branch turns again: give values that lie closer to each other"
+                break
+            reached = place = following
+            length = min(1.5 * length, 1.0)
+        return replace(none, points=(BranchPoint(reached.value, "end", why),))
 
     def reach(self, cycle: Cycle, before: float, value: float) -> Cycle:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
@@ -247,7 +342,7 @@ class _Follower:
         longer = None
         if (given := self.period(value)) is not None:
             longer = given - cycle.period
-        return centred(closed_from(cycle, self._parameter, value - before, value, longer, _FAR))
+        return centred(closed_from(cycle, self._parameter, value - before, value, longer))
 
     # -- what changes between two values -----------------------------------------------------------------------
 
@@ -255,7 +350,7 @@ class _Follower:
         if _cyclic(a.sequence) != _cyclic(b.sequence):
             self._other_sequence(a, before, b, value)
             return
-        for kind, test in (("fold", _fold), ("flip", _flip), ("torus", _torus)):
+        for kind, test in (("crossing", _fold), ("flip", _flip), ("torus", _torus)):
             left, right = test(a), test(b)
             if left * right >= 0:
                 continue
@@ -270,7 +365,10 @@ class _Follower:
                 )
             except (CycleError, SimulationError):
                 found = 0.5 * (before + value)
-            said = {"fold": "a multiplier passes 1", "flip": "a multiplier passes -1: the period doubles"}
+            said = {
+                "crossing": "a multiplier passes 1: a symmetry breaks, or another branch crosses",
+                "flip": "a multiplier passes -1: the period doubles",
+            }
             self._points.append(
                 BranchPoint(found, kind, said.get(kind, "a pair of multipliers passes the unit circle"))
             )
@@ -286,7 +384,7 @@ class _Follower:
             one: Cycle | None = None
             for near, of in ((a, before), (b, value)):
                 try:
-                    one = self._step(near, of, middle)
+                    one = self.reach(near, of, middle)
                     break
                 except (CycleError, SimulationError):
                     continue
@@ -296,7 +394,10 @@ class _Follower:
                 a, before = one, middle
             else:
                 b, value = one, middle
-        self._points.append(BranchPoint(0.5 * (before + value), "sequence", _told(a, b)))
+        said = _told(a, b)
+        if abs(value - before) > smallest:
+            said += f"; somewhere between {before:.9g} and {value:.9g}"
+        self._points.append(BranchPoint(0.5 * (before + value), "sequence", said))
 
     def _end(self, last: Cycle, before: float, value: float, why: str) -> None:
         """Find by bisection how far the branch reaches."""
@@ -312,12 +413,14 @@ class _Follower:
                 value, why = middle, str(error)
         if _cyclic(a.sequence) != _cyclic(first.sequence):
             self._points.append(BranchPoint(before, "sequence", _told(first, a)))
-        near_one = float(np.abs(a.multipliers - 1.0).min(initial=np.inf))
-        if near_one < _FOLD:
-            said = "fold", "two cycles meet and vanish: a multiplier comes to 1"
-        else:
-            said = "end", "; ".join([*_vanishing(a), why])
-        self._points.append(BranchPoint(0.5 * (before + value), *said))
+        vanishing = _vanishing(a)
+        if vanishing:
+            why += (
+                ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
+                "of a scene that moves a little less"
+            )
+        said = "; ".join([*vanishing, why])
+        self._points.append(BranchPoint(0.5 * (before + value), "end", said))
 
 
 def _fold(cycle: Cycle) -> float:
@@ -370,7 +473,11 @@ def _vanishing(cycle: Cycle) -> list[str]:
         later = (k + 1) % len(events)
         if len(events) > 1 and (events[later].t - event.t) % cycle.period < _SHORT * cycle.period:
             found.append(f"the phase between '{said[k]}' and '{said[later]}' vanishes")
-        if event.cause == "relative velocity 0" or event.before * event.after < 0:
+        if event.cause == "impact":
+            speed = np.abs(cycle.result.sample([event.t, cycle.period]).relative_velocity(event.contact)[0])
+            if speed < _SHORT * np.ptp(cycle.result.relative_velocity(event.contact)):
+                found.append(f"the impact at {event.contact!r} comes to graze")
+        elif event.cause == "relative velocity 0" or event.before * event.after < 0:
             before = cycle.result.sample([max(event.t - _BEFORE * cycle.period, 0.0), cycle.period])
             pace = abs(before.relative_velocity(event.contact)[0]) / _BEFORE
             if pace < _GRAZES * np.ptp(cycle.result.relative_velocity(event.contact)):

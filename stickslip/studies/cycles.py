@@ -45,6 +45,10 @@ much."""
 _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
+_NEAR_BY, _FAR = 0.05, 0.5
+"""A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
+change, is another one."""
+
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _ZERO = 1e-9
 _NEUTRAL = 1e-6
@@ -76,7 +80,7 @@ class Cycle:
         Whether the loads set the period.
     closes : float
         By what part of its size the motion misses its start after one period.
-    shot : _Shot
+    shot : Shot
         How it was computed: the map over one period and its derivatives.
     """
 
@@ -87,7 +91,7 @@ class Cycle:
     sequence: tuple[str, ...]
     forced: bool
     closes: float
-    shot: _Shot = field(repr=False, compare=False)
+    shot: Shot = field(repr=False, compare=False)
 
     @property
     def stable(self) -> bool:
@@ -220,14 +224,14 @@ def limit_cycle(
         if transient != 0:
             periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
             start = _settled(scene, period, periods, options)
-        return _closed(_Shot(start, period, True, options))
+        return _closed(Shot(start, period, True, options))
     _check_constant(system)
     if transient == 0:
         if guess is None:
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
-        return _closed(_Shot(scene, float(guess), False, options))
+        return _closed(Shot(scene, float(guess), False, options))
     start, about = _returning(scene, guess, transient, options)
-    return _closed(_Shot(start, about, False, options))
+    return _closed(Shot(start, about, False, options))
 
 
 # -- the loads ---------------------------------------------------------------------------------------------------
@@ -361,7 +365,7 @@ class _Coordinates:
         return found
 
 
-class _Shot:
+class Shot:
     """One period of a motion from a scene's start, and by how much it misses its start.
 
     Parameters
@@ -378,6 +382,7 @@ class _Shot:
 
     def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
+        self._by_parameter: dict[str, tuple[Array, Array]] = {}
         self.result = simulated(scene, (0.0, period), **options)
         trajectory = self.result.trajectory
         self.system: System = trajectory.system
@@ -393,6 +398,11 @@ class _Shot:
         self.missed = np.concatenate([after - before, self.ages_after - self.ages])
         self.sizes = self.coordinates.sizes(self.result)
         self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
+
+    @property
+    def enough(self) -> float:
+        """Below which error it counts as closed."""
+        return _CLOSED if self.result.stats["engine"] == "Taylor series" else 1e3 * _CLOSED
 
     @property
     def _elsewhere(self) -> float:
@@ -474,7 +484,7 @@ class _Shot:
             )
         return found[:count] * sizes, float(found[count] * self.period) if free else 0.0
 
-    def moved(self, change: Array, longer: float, own: Scene | None = None, y: Array | None = None) -> _Shot:
+    def moved(self, change: Array, longer: float, own: Scene | None = None, y: Array | None = None) -> Shot:
         """Return the shot from another start, with another period."""
         if abs(longer) > 0.6 * self.period:
             raise CycleError("the period changes too much for one step")
@@ -484,18 +494,29 @@ class _Shot:
         ages = np.maximum(self.ages + change[count:], 0.0)
         modes = self.result.trajectory.pieces[0].modes
         own = self.scene if own is None else own
-        scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
-        return _Shot(scene, self.period + longer, self.forced, self.options)
+        try:
+            scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
+            return Shot(scene, self.period + longer, self.forced, self.options)
+        except ValueError as error:
+            raise CycleError(f"the search leads to where the scene cannot be: {error}") from None
+
+    def by_parameter(self, parameter: Parameter) -> tuple[Array, Array]:
+        """Return how what is missed, and the starting state, change with a parameter."""
+        if parameter.name not in self._by_parameter:
+            direction = along_parameter(self.scene, parameter, self.result.trajectory, "limit_cycle")
+            variation = Variation(self.result, [direction])
+            begin = variation.pieces[0].at(np.zeros(1))[:, 0]
+            aged = self.coordinates.aged
+            before = np.concatenate([self.coordinates.of(begin), -variation.pieces[0].since[aged]])
+            found = (self._after(variation) - before)[:, 0], begin[:, 0]
+            self._by_parameter[parameter.name] = found
+        return self._by_parameter[parameter.name]
 
     def along(self, parameter: Parameter) -> tuple[Array, float, Array]:
         """Return how start, period and starting state change with a parameter along the cycles."""
-        direction = along_parameter(self.scene, parameter, self.result.trajectory, "limit_cycle")
-        variation = Variation(self.result, [direction])
-        begin = variation.pieces[0].at(np.zeros(1))[:, 0]
-        aged = self.coordinates.aged
-        before = np.concatenate([self.coordinates.of(begin), -variation.pieces[0].since[aged]])
-        change, longer = self.solve(-(self._after(variation) - before)[:, 0])
-        return change, longer, begin[:, 0]
+        by_parameter, begin = self.by_parameter(parameter)
+        change, longer = self.solve(-by_parameter)
+        return change, longer, begin
 
     def multipliers(self) -> Complex:
         """Return the eigenvalues of the map over one period, along the motion left out where the period is free."""
@@ -572,16 +593,15 @@ def started(
 # -- the search --------------------------------------------------------------------------------------------------
 
 
-def _closed(shot: _Shot) -> Cycle:
+def _closed(shot: Shot) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot.
 
     Raises
     ------
     CycleError
     """
-    exact = shot.result.stats["engine"] == "Taylor series"
-    enough = _CLOSED if exact else 1e3 * _CLOSED
-    best: _Shot | None = None
+    enough = shot.enough
+    best: Shot | None = None
     errors: list[float] = []
     for _ in range(_MOST_STEPS):
         if best is not None and not shot.error < best.error and best.error <= enough:
@@ -602,19 +622,19 @@ def _closed(shot: _Shot) -> Cycle:
             f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "
             f"misses its start by {best.error:.2g} of its size; begin nearer to the cycle (transient=..., guess=...)"
         )
-    return _cycle(best)
+    return cycle_of(best)
 
 
-def _nearer(shot: _Shot, change: Array, longer: float) -> _Shot | None:
+def _nearer(shot: Shot, change: Array, longer: float) -> Shot | None:
     """Return the shot after a step of Newton's method, shortened until it misses less; None where that fails."""
     part = 1.0
     if not shot.forced and abs(longer) > 0.5 * shot.period:
         part = 0.5 * shot.period / abs(longer)
-    found: _Shot | None = None
+    found: Shot | None = None
     for _ in range(_MOST_HALVINGS):
         try:
             one = shot.moved(part * change, part * longer)
-        except SimulationError:
+        except (SimulationError, CycleError):
             part *= 0.5
             continue
         if found is None or one.error < found.error:
@@ -627,7 +647,14 @@ def _nearer(shot: _Shot, change: Array, longer: float) -> _Shot | None:
     return found
 
 
-def _cycle(shot: _Shot) -> Cycle:
+def cycle_of(shot: Shot) -> Cycle:
+    """Return the cycle that a shot which closes is.
+
+    Raises
+    ------
+    CycleError
+        If it does not move, or the map over one period has no derivative.
+    """
     _check_moves(shot)
     return Cycle(
         shot.period,
@@ -646,11 +673,11 @@ def centred(cycle: Cycle) -> Cycle:
     if cycle.forced:
         return cycle
     shot = cycle.shot
-    return _cycle(_Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
+    return cycle_of(Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
 
 
 def closed_from(
-    cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None, far: float
+    cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None
 ) -> Cycle:
     """Return the cycle near another one whose parameter has changed.
 
@@ -661,8 +688,6 @@ def closed_from(
         Has changed by `change` to `value`.
     longer : float or None
         By how much in s the given period of the loads has changed; None if it has not.
-    far : float
-        A cycle that differs from what was foretold by more than this part of its size is another one.
 
     Raises
     ------
@@ -676,16 +701,22 @@ def closed_from(
         _check_loads(compiled(scene), shot.period + period)
     foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
     found = _closed(foretold)
-    off = abs(found.period - foretold.period) / foretold.period
-    if foretold.coordinates.free.size == found.shot.coordinates.free.size:
-        start = foretold.coordinates.of(found.shot.start) - foretold.coordinates.of(foretold.start)
-        off = max(off, float(np.abs(start / foretold.sizes[: start.size]).max(initial=0.0)))
-    if off > far:
+    off = _apart(found.shot, foretold)
+    if off > max(_NEAR_BY, _FAR * _apart(foretold, shot)):
         raise CycleError("the search leads to a cycle far from the one before")
     return found
 
 
-def _check_moves(shot: _Shot) -> None:
+def _apart(one: Shot, other: Shot) -> float:
+    """Return by what part of their size two shots differ in start and period."""
+    off = abs(one.period - other.period) / other.period
+    if one.coordinates.free.size == other.coordinates.free.size:
+        start = other.coordinates.of(one.start) - other.coordinates.of(other.start)
+        off = max(off, float(np.abs(start / other.sizes[: start.size]).max(initial=0.0)))
+    return off
+
+
+def _check_moves(shot: Shot) -> None:
     """Refuse a state of rest for a cycle."""
     if shot.forced:
         return
@@ -729,7 +760,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
         for k in range(1, min(9, periods // 2))
     ]
     if apart and apart[0] > 1e-3 and min(apart) < 1e-2 * apart[0]:
-        k = 1 + int(np.argmin(apart))
+        k = 1 + next(i for i, one in enumerate(apart) if one < 1e-2 * apart[0])
         raise CycleError(
             f"the motion repeats only after {k} periods of {period:g} s; give period={k * period:.12g} for that cycle, "
             "or begin near another one with transient=0"

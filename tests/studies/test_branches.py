@@ -20,6 +20,7 @@ from stickslip import (
     Force,
     Scene,
     Spring,
+    Stop,
     continue_cycle,
     limit_cycle,
     sine,
@@ -112,6 +113,71 @@ def test_a_pair_of_multipliers_passes_the_unit_circle_where_no_damping_is_left()
     assert branch.stable.tolist() == [True, True, False]
     (point,) = branch.points
     assert point.kind == "torus" and point.value == pytest.approx(0.1, abs=1e-8)
+
+
+def hit(force: float, low: bool) -> Cycle:
+    """x'' + x = F sin(1.5 t), a stop at 0.2, e = 0.8: the cycles with one impact a period, in closed form.
+
+    From the impact on ``x = B (k cos t + sin t) + X sin(w t + phase)``, with k = cot(T / 2); it hits with V = q B. B is
+    a root of ``(k^2 + m^2) B^2 - 2 s k B + s^2 - X^2``, m = (1 + e q) / w: a fold where |X| = s m / sqrt(k^2 + m^2).
+    """
+    w, e, s = 1.5, 0.8, 0.2
+    period = 2 * math.pi / w
+    k = 1 / math.tan(0.5 * period)
+    q = (-k * math.sin(period) + math.cos(period) - 1) / (1 + e)
+    x, m = force / (1 - w * w), (1 + e * q) / w
+    roots = np.sort(np.roots([k * k + m * m, -2 * s * k, s * s - x * x]).real)
+    b = roots[1 if low else 0]
+    phase = math.atan2((s - k * b) / x, -b * m / x) % (2 * math.pi)
+    t = period - phase / w
+    place = b * (k * math.cos(t) + math.sin(t)) + x * math.sin(w * t + phase)
+    speed = b * (math.cos(t) - k * math.sin(t)) + x * w * math.cos(w * t + phase)
+    scene = Scene(
+        Body("m", inertia=1.0, position=place, velocity=speed),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("wall", "m", GROUND, upper=s, restitution=e),
+        Force("m", sine(force, w / (2 * math.pi))),
+    )
+    cycle = limit_cycle(scene, period=period, transient=0)
+    (event,) = cycle.result.events
+    assert cycle.result.sample([event.t]).velocity("m")[0] == pytest.approx(-e * q * b, abs=1e-10)
+    return cycle
+
+
+@pytest.mark.slow
+def test_a_branch_turns_at_a_fold() -> None:
+    """At F = 0.0318142381487888 both cycles of the impact oscillator meet; from there the unstable ones go back."""
+    branch = continue_cycle(hit(0.05, low=False), "forces[0].signal.amplitude", [0.05, 0.02])
+    (fold,) = branch.points
+    assert fold.kind == "fold" and fold.value == pytest.approx(0.0318142381487888, abs=1e-14)
+    assert fold.cycle is not None and fold.cycle.multipliers[0] == pytest.approx(1.0, abs=1e-6)
+    assert branch.cycles[1] is None and branch.beyond is not None
+    (back,) = branch.beyond.cycles
+    assert back is not None and not back.stable and branch.beyond.values.tolist() == [0.05]
+    other = hit(0.05, low=True)
+    assert back.multipliers == pytest.approx(other.multipliers, abs=1e-9)
+    lines = branch.plot("m").lines
+    assert [list(line.get_xdata()) for line in lines[:2]] == [[0.05, fold.value], [fold.value, 0.05]]
+    assert "beyond the fold" in str(branch)
+    plt.close("all")
+
+
+@pytest.mark.slow
+def test_a_period_doubles_at_a_flip() -> None:
+    """The same with the stop at 0: a multiplier is -1 at w = 2.65334772785524, by the trace of the impact map."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=-0.1),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("wall", "m", GROUND, upper=0.0, restitution=0.8),
+        Force("m", sine(1.0, 2.6 / (2 * math.pi))),
+    )
+    at = np.array([2.64, 2.67]) / (2 * math.pi)
+    branch = continue_cycle(scene, "forces[0].signal.frequency", at, period=lambda f: 1 / f)
+    (flip,) = branch.points
+    assert flip.kind == "flip" and 2 * math.pi * flip.value == pytest.approx(2.65334772785524, abs=1e-8)
+    assert branch.stable.tolist() == [True, False] and branch.cycles[1] is not None
+    doubled = limit_cycle(branch.cycles[1].scene.replace("m", position=-0.1), period=2 / at[1])
+    assert doubled.stable and len(doubled.sequence) == 2
 
 
 def test_a_cycle_is_a_start_too() -> None:

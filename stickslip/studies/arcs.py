@@ -1,0 +1,183 @@
+"""Branches of limit cycles round folds: the parameter is unknown, too, and the arc along the branch is given.
+
+With the coordinates z of the start, the period T and the parameter p, the cycles near one are the null vector of
+``[dz(T)/dz - 1, dz/dT, dz(T)/dp]``, in the scales of the cycle. A step goes along it, and Newton's method comes back to
+the branch across it (pseudo-arclength continuation: H. B. Keller 1977). At a fold the parameter turns: its part in the
+tangent passes 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.simulation.result import SimulationError
+from stickslip.studies.cycles import Cycle, CycleError, Shot, cycle_of
+from stickslip.studies.parameters import Parameter
+
+__all__ = ["ERRORS", "Arc", "Place"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 12
+_TURNED = 0.7
+"""Cosine of the angle by which the tangent may turn in a step."""
+
+_FAR = 0.5
+"""Part of its step by which a corrected place may lie off the predicted one."""
+
+ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
+"""What says that there is no cycle where it was looked for."""
+
+_SURE = 1e-2
+"""Part of what is enough at which no further step is taken."""
+
+_AT_FOLD = 1e-9
+
+
+@dataclass(frozen=True)
+class Place:
+    """A cycle on an arc.
+
+    Attributes
+    ----------
+    cycle : Cycle
+    value : float
+        Of the parameter.
+    tangent : array
+        Along the branch: start, period where it is free, parameter; each over its scale, of length 1.
+    """
+
+    cycle: Cycle
+    value: float
+    tangent: Array
+
+    @property
+    def pace(self) -> float:
+        """How the parameter changes along the arc."""
+        return float(self.tangent[-1])
+
+
+class Arc:
+    """Steps along a branch of cycles.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    period : callable, optional
+        The period of the loads in s by the value of the parameter; None where it is free or does not change.
+    scale : float
+        A change of the parameter that is neither small nor large.
+    """
+
+    def __init__(self, parameter: Parameter, period: Callable[[float], float] | None, scale: float) -> None:
+        self._parameter, self._period, self._scale = parameter, period, abs(scale)
+
+    def begin(self, cycle: Cycle, value: float, forward: bool) -> Place:
+        """Return the place of a cycle, from which the parameter rises or falls.
+
+        Raises
+        ------
+        CycleError
+            If the map over one period has no derivative.
+        """
+        _, _, tangent, _ = self._linear(cycle.shot, value)
+        return Place(cycle, value, tangent if (tangent[-1] > 0) == forward else -tangent)
+
+    def step(self, place: Place, length: float) -> Place:
+        """Return the place that lies some length further along the arc.
+
+        Raises
+        ------
+        CycleError, SimulationError
+            If there is none near the predicted one.
+        """
+        shot, value = self._moved(place.cycle.shot, place.value, length * place.tangent)
+        errors: list[float] = []
+        best = shot, value
+        for _ in range(_MOST_STEPS):
+            errors.append(shot.error)
+            if shot.error <= min(errors):
+                best = shot, value
+            elif min(errors) <= shot.enough:
+                break
+            if shot.error <= _SURE * shot.enough:
+                break
+            matrix, missed, _, _ = self._linear(shot, value)
+            bordered = np.vstack([matrix, place.tangent])
+            change = np.linalg.solve(bordered, np.append(-missed, 0.0))
+            if np.abs(change).max() > _FAR * abs(length):
+                raise CycleError("the branch bends too much for one step")
+            shot, value = self._moved(shot, value, change)
+        if min(errors) > shot.enough:
+            raise CycleError("no cycle was found along the branch")
+        shot, value = best
+        _, _, tangent, _ = self._linear(shot, value)
+        along = float(tangent @ place.tangent)
+        if abs(along) < _TURNED:
+            raise CycleError("the branch bends too much for one step")
+        return Place(cycle_of(shot), value, tangent if along > 0 else -tangent)
+
+    def fold(self, before: Place, length: float) -> Place:
+        """Return the place within a step where the parameter turns.
+
+        Raises
+        ------
+        CycleError, SimulationError
+            If it cannot be found.
+        """
+
+        def pace(part: float) -> float:
+            return self.step(before, part).pace
+
+        ends = before.pace, pace(length)
+        if ends[0] * ends[1] > 0:
+            raise CycleError("the parameter does not turn there")
+        found = scipy.optimize.brentq(
+            lambda part: before.pace if part == 0 else pace(part), 0.0, length, xtol=_AT_FOLD * abs(length)
+        )
+        return self.step(before, float(found))
+
+    def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array, Array]:
+        """Return the derivatives by start, period and parameter, what is missed, and the tangent; all in scales."""
+        sizes, count = shot.sizes, shot.coordinates.size
+        by_parameter, _ = shot.by_parameter(self._parameter.at(shot.scene))
+        if self._period is not None:
+            h = 1e-4 * self._scale
+            longer = (self._period(value + h) - self._period(value - h)) / (2 * h)
+            by_parameter = by_parameter + shot.rate_after * longer
+        columns = [(shot.monodromy - np.eye(count)) * sizes]
+        if not shot.forced:
+            columns.append((shot.rate_after * shot.period)[:, None])
+        columns.append((by_parameter * self._scale)[:, None])
+        matrix, missed = np.hstack(columns) / sizes[:, None], shot.missed / sizes
+        if not shot.forced:
+            # not along the motion itself
+            phase = np.zeros((1, count + 2))
+            phase[0, :count] = shot.rate_before / sizes * shot.period
+            matrix, missed = np.vstack([matrix, phase]), np.append(missed, 0.0)
+        _, parts, lines = np.linalg.svd(matrix)
+        if matrix.shape[0] and parts[-1] <= 1e-10 * parts[0]:
+            raise CycleError("branches of cycles cross here")
+        return matrix, missed, lines[-1], parts
+
+    def _moved(self, shot: Shot, value: float, change: Array) -> tuple[Shot, float]:
+        """Return the shot after a change of start, period and parameter in their scales."""
+        count = shot.coordinates.size
+        by = float(change[-1]) * self._scale
+        if self._period is not None:
+            longer = self._period(value + by) - shot.period
+        else:
+            longer = 0.0 if shot.forced else float(change[count]) * shot.period
+        own = self._parameter.at(shot.scene)
+        _, begin = shot.by_parameter(own)
+        try:
+            scene = own.set(shot.scene, value + by)
+        except (ValueError, TypeError) as error:
+            raise CycleError(f"the branch leaves the values that the parameter may have: {error}") from None
+        y = shot.start + begin * by
+        return shot.moved(change[:count] * shot.sizes, longer, scene, y), value + by
