@@ -497,10 +497,14 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
         if not count:
             out[:, chosen] = path.last[:, None]
             continue
-        step = np.clip(np.searchsorted(ends, local, side="right") - 1, 0, count - 1)
-        h = ends[step + 1] - ends[step]
-        places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
-        steps.append(step + first)
+        if count == 1 and ends[1] > 0:
+            places.append(local / ends[1])
+            steps.append(np.full(local.size, first))
+        else:
+            step = np.clip(ends.searchsorted(local, side="right") - 1, 0, count - 1)
+            h = ends[step + 1] - ends[step]
+            places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
+            steps.append(step + first)
         first += count
     if not steps:
         return
