@@ -21,6 +21,7 @@ try:
         exact,
         extremes,
         published,
+        random_machines,
         random_oracle,
         random_scenes,
     )
@@ -56,6 +57,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *continuation.rows(),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
+        *random_machines.rows(min(scenes, family)),
     ]
     return [row for row in rows if row.quick or not quick]
 

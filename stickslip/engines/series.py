@@ -142,7 +142,9 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = _GROWTH * h
+            if h < scale or scale < longest:
+                # a step that ends with the motion says nothing about longer ones
+                self._guess = _GROWTH * h
         self.work.rate_calls += order
         root, touched, guard, c = None, None, -1, expansion.y
         if watched.size < guards.size:

@@ -207,7 +207,9 @@ class Stretch:
                 if i == only:
                     one += amplitude * np.sin(2 * math.pi * np.fmod(frequency * times, 1.0) + phase)
             return np.asarray(one)
-        q = self.value[:, None] + np.multiply.outer(self.slope, times - self.start)
+        q = np.repeat(self.value[:, None], times.size, axis=1)
+        sloping = self.slope.nonzero()[0]
+        q[sloping] += np.multiply.outer(self.slope[sloping], times - self.start)
         if self.has_waves:
             angle = (
                 2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
