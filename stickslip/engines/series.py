@@ -111,8 +111,7 @@ class Series:
             return step
         if step.touched is not None:
             return None
-        dwell = float(motion.dwell_times.min()) if motion.dwell_times.size else 0.0
-        if step.root * step.h < _WORTH * max(dwell, motion.stretch.longest_period):
+        if step.root * step.h < _WORTH * max(motion.shortest_dwell, motion.stretch.longest_period):
             return None
         # up to there no guard is 0
         powers = np.arange(step.coefficients.shape[0])

@@ -349,6 +349,31 @@ class Guards:
         )
         return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
 
+    def sizes(self, tau: float, y: Array, largest: Array) -> Array:
+        """Return for each guard the size of what it compares from the start up to a state.
+
+        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
+
+        Parameters
+        ----------
+        tau : float
+            Local time in s.
+        y : array (size,)
+            State there.
+        largest : array (size,)
+            Bounds of the sizes of the states since the start.
+        """
+        motion, system = self.motion, self.motion.system
+        q = motion.inputs(tau, y)
+        speeds = system.abs_G @ largest[: system.n]
+        if system.drives:
+            speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
+        forces = self.levels(q) + np.abs(self._turn * motion.watched(tau, y, q)[self._source])
+        # guards of no row have the number -1
+        now = np.where(self.is_velocity, np.append(speeds, 0.0)[self.row], forces)
+        now[self.is_border] = 0.0
+        return np.asarray(np.maximum(np.maximum(self.scale, self.value_majorant), now))
+
     @cached_property
     def allowance(self) -> Array:
         """By how much sines can lower each guard, where they move nothing."""

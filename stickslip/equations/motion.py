@@ -196,6 +196,11 @@ class Motion:
         return tau < self._over
 
     @property
+    def shortest_dwell(self) -> float:
+        """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
+        return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
+
+    @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
@@ -427,7 +432,7 @@ class Motion:
     def _linear(self, tau: float | Array, y: Array, q: Array | None) -> Array:
         """Return ``A y + B q`` and ``E y + H q``."""
         found = self.equations.apply(y)
-        lines = None if isinstance(tau, np.ndarray) else self._lines
+        lines = None if q is not None or isinstance(tau, np.ndarray) else self._lines
         if lines is None:
             found += self.equations.respond(self.inputs(tau, y) if q is None else q)
         else:
