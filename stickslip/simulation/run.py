@@ -162,7 +162,8 @@ class Run:
             self._follow(now, self.local)
             return
         self._is_whole = False
-        path = self.engine.advance(motion, now.guards, motion.horizon)
+        horizon = motion.horizon if self._borders is None else self._borders.horizon(motion)
+        path = self.engine.advance(motion, now.guards, horizon)
         if self.system.clocked.size:
             # to the bit, also where a solver has integrated a rate of 0
             path.last[self.system.clocked] = motion.y[self.system.clocked]
