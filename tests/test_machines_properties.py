@@ -13,7 +13,7 @@ from stickslip import Gear, Result, Scene, Tie, simulate
 from validation.machine_scenes import FAMILIES
 from validation.random_machines import scene_of
 
-CASES = [(family, number) for family in ("gaps", "stops", "machines") for number in (3, 4, 6)]
+CASES = [(family, number) for family in ("gaps", "stops", "machines") for number in (2, 6, 10)]
 every_case = pytest.mark.parametrize(("family", "number"), CASES)
 
 
@@ -135,7 +135,9 @@ def test_energy_is_never_created(family: str, number: int) -> None:
     ledger = result.energy()
     assert ledger.relative_error < 1e-10
     size = max(np.abs(ledger.kinetic).max(), np.abs(ledger.stored).max(), 1e-6)
-    for heat in (*ledger.contacts.values(), *ledger.dampers.values(), *ledger.impacts.values()):
+    # rows that are struck together lose energy together
+    struck = sum(ledger.impacts.values(), np.zeros(result.t.size))
+    for heat in (*ledger.contacts.values(), *ledger.dampers.values(), struck):
         assert np.diff(heat).min() > -1e-11 * size
 
 

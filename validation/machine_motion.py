@@ -175,7 +175,7 @@ class Machine:
         """Return q after an impact, or after a jump of drives to the velocities `u`.
 
         Newton's law for all one-sided rows that take part, by trying all sets of rows that carry an impulse: ``0 <= P``
-        complementary to ``sep+ + e sep- >= 0``. A clutch that this turns forward takes part in a second one.
+        complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives against its limit does in a second one.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Machine:
         before = self.G @ v
         clutches = [j for j, kind in enumerate(self.kinds) if kind == "one-way"]
         wanted = {j: self.rows[j].get("e", 0.0) * max(at[j] * before[j], 0.0) for j in hit}
-        part = [*at, *(j for j in clutches if before[j] >= -1e-9 * size)]
+        part = [j for j in (*at, *clutches) if at.get(j, 1) * before[j] >= -1e-9 * size]
         q = self._nearest(v, u, part, at, wanted, size)
         after = self.G @ self.velocity(q, u)
         if any(at.get(j, 1) * after[j] > 1e-9 * size for j in (*at, *clutches)):
