@@ -111,8 +111,7 @@ class Series:
             return step
         if step.touched is not None:
             return None
-        dwell = float(motion.dwell_times.min()) if motion.dwell_times.size else 0.0
-        if step.root * step.h < _WORTH * max(dwell, motion.stretch.longest_period):
+        if step.root * step.h < _WORTH * max(motion.shortest_dwell, motion.stretch.longest_period):
             return None
         # up to there no guard is 0
         powers = np.arange(step.coefficients.shape[0])
@@ -143,7 +142,9 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = _GROWTH * h
+            if h < scale or scale < longest:
+                # a step that ends with the motion says nothing about longer ones
+                self._guess = _GROWTH * h
         self.work.rate_calls += order
         root, touched, guard, c = None, None, -1, expansion.y
         if watched.size < guards.size:

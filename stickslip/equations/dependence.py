@@ -454,6 +454,10 @@ class Dependence:
         found = [self._parts[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
+    def argument(self, number: int) -> Part:
+        """Return what a node is a function of, a table what it is looked up at."""
+        return self._parts[number]
+
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
         return int(np.searchsorted(self._corners[self.tables[number]], x, side="right"))
@@ -522,15 +526,16 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_series(self, q: Array, y: Array, regions: Regions, values: bool) -> None:
-        """Enter the Taylor coefficients of one order of what depends linearly on the state, in place.
+    def add_linear(self, q: Array, y: Array, regions: Regions) -> None:
+        """Enter what depends linearly on the state, in place; columns where `q` and `y` have columns.
 
-        With `values` it is the order 0, to which tables have an offset.
+        These may be values, rates, Taylor coefficients or maps: the last input is the constant 1, which offsets of
+        tables are multiples of.
         """
         for k in self.tables:
             x = self._parts[k].at(y, q)[0]
             offset, slope = self._line(k, x, regions)
-            q[self._ranges[k]] = slope * x + (offset if values else 0.0)
+            q[self._ranges[k]] = slope * x + offset * q[-1]
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 

@@ -181,8 +181,12 @@ class Guards:
         if expansion.g is not None:
             g = expansion.g
             if self._beside:
-                loose = expansion.z[:, self._source[-self._beside :]] * self._turn[-self._beside :]
-                g = np.concatenate([g, loose], axis=1)
+                own = slice(-self._beside, None)
+                beside = expansion.z[:, self._source[own]] * self._turn[own]
+                if self._mu[own].any():
+                    # normal forces that depend on the state: every order of the inputs is there
+                    beside += self._mu[own] * np.array(expansion.q)[:, self._row[own]]
+                g = np.concatenate([g, beside], axis=1)
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
             return g
@@ -344,6 +348,31 @@ class Guards:
             self._turn * self.motion.start.z[0][self._source]
         )
         return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
+
+    def sizes(self, tau: float, y: Array, largest: Array) -> Array:
+        """Return for each guard the size of what it compares from the start up to a state.
+
+        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
+
+        Parameters
+        ----------
+        tau : float
+            Local time in s.
+        y : array (size,)
+            State there.
+        largest : array (size,)
+            Bounds of the sizes of the states since the start.
+        """
+        motion, system = self.motion, self.motion.system
+        q = motion.inputs(tau, y)
+        speeds = system.abs_G @ largest[: system.n]
+        if system.drives:
+            speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
+        forces = self.levels(q) + np.abs(self._turn * motion.watched(tau, y, q)[self._source])
+        # guards of no row have the number -1
+        now = np.where(self.is_velocity, np.append(speeds, 0.0)[self.row], forces)
+        now[self.is_border] = 0.0
+        return np.asarray(np.maximum(np.maximum(self.scale, self.value_majorant), now))
 
     @cached_property
     def allowance(self) -> Array:

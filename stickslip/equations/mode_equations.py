@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ __all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "actin
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
+
+_MOST_MAPS = 50
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -95,7 +97,7 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._maps: dict[tuple[int, bool], TaylorMap | None] = {}
+        self._maps: dict[tuple[int, bool, tuple[int, ...] | None], TaylorMap | None] = {}
         self._guard_sizes: dict[int, Array | None] = {}
         if not system.sparse:
             self._assemble()
@@ -246,13 +248,15 @@ class ModeEquations:
         found[:, bodies] = rows @ dual
         return found
 
-    def locked(self, rows: Any) -> NDArray[np.bool_]:
-        """Tell which of some rows cannot move because held rows lock the same motion."""
+    def locked(self, rows: Any, but_by_drives: bool = False) -> NDArray[np.bool_]:
+        """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
         system, balance = self.system, self.balance
         G, D = system.G[rows], system.D[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
-        left = np.maximum(row_maxima(G @ balance.T), row_maxima(G @ balance.U + D))
+        left = row_maxima(G @ balance.T)
+        if not but_by_drives:
+            left = np.maximum(left, row_maxima(G @ balance.U + D))
         return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
 
     # -- the maps --------------------------------------------------------------------------------------------
@@ -278,15 +282,28 @@ class ModeEquations:
         self._of_states_all = np.vstack([self._AE, by_state])
         self._of_inputs_all = np.vstack([self._BH, by_input])
 
-    def taylor(self, order: int, frozen: bool) -> TaylorMap | None:
-        """Return the map to Taylor coefficients up to an order, None where it would be large."""
-        key = order, frozen
+    def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
+        """Return the map to Taylor coefficients up to an order, None where it would be large.
+
+        Parameters
+        ----------
+        order : int
+        frozen : bool
+            Whether static coefficients keep their values.
+        lines : tuple of int or None
+            The line that each table of the state follows.
+        """
+        key = order, frozen, lines
         if key not in self._maps:
-            found = None
-            if is_small(self.system, self.system.size + self.rows + self.guard_row.size, order):
-                found = TaylorMap(
-                    self.system, self._of_states_all, self._of_inputs_all, self.rows, self.consistent, *key
-                )
+            found, system = None, self.system
+            if is_small(system, system.size + self.rows + self.guard_row.size, order):
+                of, link = system.dependence, None
+                if of is not None:
+                    link = partial(of.add_linear, regions=lines)
+                maps = self._of_states_all, self._of_inputs_all
+                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link)
+            if len(self._maps) >= _MOST_MAPS:
+                self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found
         return self._maps[key]
 

@@ -96,7 +96,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            size = np.maximum(guards.scale, guards.value_majorant)
+            size = guards.sizes(tau, path.last, path.largest)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:

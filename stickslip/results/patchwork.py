@@ -310,6 +310,29 @@ class Patchwork:
             )
         return y[:, back]
 
+    def of_body(self, piece: Indices, t: Array, body: int, integrated: bool) -> Array:
+        """Return the velocity of one body at times of pieces, or its position."""
+        order, entry = self._entries_of(self.bodies, piece, t, body)
+        found = np.empty(t.size)
+        found[order] = (self._positions if integrated else self._velocities)(entry[None], t[order])[0]
+        return found
+
+    def of_row(self, piece: Indices, t: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
+        """Return of one row modes, those shown, since when it rests, and the force that holds it."""
+        order, entry = self._entries_of(self.rows, piece, t, row)
+        found = np.empty((4, t.size))
+        inner = self.rows.first[entry]
+        found[0, order], found[1, order] = inner, np.where(inner == OPEN, self.labels[row], inner)
+        found[2, order] = self.rows.second[entry]
+        found[3, order] = self.rows.values(entry, t[order], self.unit)
+        return found[0].astype(np.int8), found[1].astype(np.int8), found[2], found[3]
+
+    def _entries_of(self, series: Series, piece: Indices, t: Array, thing: int) -> tuple[Indices, Indices]:
+        """Return an order of times of pieces, and which entries of one thing hold there."""
+        ticks = self._ticks(piece, t)
+        order = np.argsort(ticks, kind="stable")
+        return order, series.entries(ticks[order], thing)
+
     def moved(self, piece: Indices, t: Array) -> Array:
         """Return how far the bodies have come since the start, a column for each time of a piece."""
         ticks = self._ticks(piece, t)

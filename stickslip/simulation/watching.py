@@ -146,6 +146,8 @@ class Borders:
         regions = self._loads.regions
         if path.taus.size < 2 or regions is None:
             return path
+        if self._stays_within(motion, path, regions):
+            return path
         curved = not self._dependence.read_for_tables.isdisjoint(motion.stretch.bent.tolist())
         # where no load bends what is looked up, this is nearly a polynomial as the state is
         nodes = chebyshev_nodes(_DEGREE if curved else min(_DEGREE, path.coefficients.shape[1] + _MORE))
@@ -166,6 +168,25 @@ class Borders:
         if first >= path.taus[-1]:
             return path
         return path.cut(first) if first > 0 else path.until(0)
+
+    def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
+        """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""
+        dependence, stretch = self._dependence, motion.stretch
+        if dependence.for_tables or not stretch.is_straight:
+            return False
+        steps = np.diff(path.taus)
+        for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
+            part = dependence.argument(number)
+            value = path.coefficients[:, :, part.columns] @ part.S[0]
+            drift = float(part.P[0] @ stretch.slope[part.places])
+            since = motion.t - stretch.start + path.taus[:-1]
+            first = value[:, 0] + part.P[0] @ stretch.value[part.places] + drift * since
+            strays = np.abs(value[:, 1:]).sum(axis=1) + abs(drift) * steps
+            low, high = dependence.borders(k, region)
+            if not (np.all(first - strays > low) and np.all(first + strays < high)):
+                return False
+            self._sizes[k] = max(self._sizes[k], float(np.abs(first).max()))
+        return True
 
     def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
         """Return the first local time at which a table is left over one border, inf if it is not."""
