@@ -175,7 +175,8 @@ class Machine:
         """Return q after an impact, or after a jump of drives to the velocities `u`.
 
         Newton's law for all one-sided rows that take part, by trying all sets of rows that carry an impulse: ``0 <= P``
-        complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives against its limit does in a second one.
+        complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives
+        against its limit does in a second impact.
 
         Parameters
         ----------
