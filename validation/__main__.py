@@ -20,6 +20,8 @@ try:
         endurance,
         exact,
         extremes,
+        forms,
+        impacts,
         published,
         random_machines,
         random_oracle,
@@ -55,9 +57,11 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *edges.ROWS,
         *endurance.ROWS,
         *continuation.rows(),
+        *forms.ROWS,
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
         *random_machines.rows(min(scenes, family)),
+        *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]
 
