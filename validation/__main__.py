@@ -21,6 +21,7 @@ try:
         engines,
         exact,
         extremes,
+        impacts,
         published,
         random_machines,
         random_oracle,
@@ -60,6 +61,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
         *random_machines.rows(min(scenes, family)),
+        *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]
 

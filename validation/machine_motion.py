@@ -109,6 +109,9 @@ class Machine:
             if self.driven and np.abs(self.C @ self.P).max() > 1e-9:
                 raise ValueError("ties that fix drives to each other")
         self.r = basis.shape[1]
+        self.J = self.G @ self.Z
+        """Relative velocities in the free coordinates; rows that ties lock are 0, not roundoff."""
+        self.J[np.abs(self.J) < 1e-12 * np.abs(self.G).max(initial=1.0)] = 0.0
         self.inverse = np.linalg.inv((self.Z.T * self.mass) @ self.Z)
         """Of the inertia in the free coordinates."""
 
@@ -172,7 +175,8 @@ class Machine:
         """Return q after an impact, or after a jump of drives to the velocities `u`.
 
         Newton's law for all one-sided rows that take part, by trying all sets of rows that carry an impulse: ``0 <= P``
-        complementary to ``sep+ + e sep- >= 0``. A clutch that this turns forward takes part in a second one.
+        complementary to ``sep+ + e sep- >= 0``. Rows that part do not take part; a clutch or stop that this drives
+        against its limit does in a second impact.
 
         Parameters
         ----------
@@ -187,7 +191,7 @@ class Machine:
         before = self.G @ v
         clutches = [j for j, kind in enumerate(self.kinds) if kind == "one-way"]
         wanted = {j: self.rows[j].get("e", 0.0) * max(at[j] * before[j], 0.0) for j in hit}
-        part = [*at, *(j for j in clutches if before[j] >= -1e-9 * size)]
+        part = [j for j in (*at, *clutches) if at.get(j, 1) * before[j] >= -1e-9 * size]
         q = self._nearest(v, u, part, at, wanted, size)
         after = self.G @ self.velocity(q, u)
         if any(at.get(j, 1) * after[j] > 1e-9 * size for j in (*at, *clutches)):
@@ -205,7 +209,7 @@ class Machine:
     ) -> Array:
         free = self.inverse @ ((self.Z.T * self.mass) @ (v - self.P @ u))
         turn = np.array([float(at.get(j, 1)) for j in part])
-        H = -turn[:, None] * (self.G[list(part)] @ self.Z) if part else np.zeros((0, self.r))
+        H = -turn[:, None] * self.J[list(part)] if part else np.zeros((0, self.r))
         led = -turn * (self.G[list(part)] @ self.P @ u) if part else np.zeros(0)
         short = np.array([wanted.get(j, 0.0) for j in part]) - led - H @ free
         least = 1e-9 * size * max(1.0, float(np.abs(self.G).max(initial=0.0)))
@@ -223,7 +227,7 @@ class Machine:
         """Return q with the relative velocities of some rows exactly 0, momentum conserved."""
         if not rest:
             return q
-        H = self.G[list(rest)] @ self.Z
+        H = self.J[list(rest)]
         w = H @ q + self.G[list(rest)] @ (self.P @ u)
         return np.asarray(q - self.inverse @ (H.T @ (np.linalg.pinv(H @ self.inverse @ H.T, rcond=RANK) @ w)))
 
@@ -282,10 +286,10 @@ class Motion:
         """Sizes of the states: sines may be 0 for a moment."""
         self.size[self._one + 2 :] = 1.0
         pushes = np.abs(m.Z.T) @ (np.abs(force) @ self.size + m.mass * (np.abs(led) @ self.size))
-        self.swift = float((np.abs(m.G @ m.Z) @ (np.abs(m.inverse) @ pushes)).max(initial=1e-9))
+        self.swift = float((np.abs(m.J) @ (np.abs(m.inverse) @ pushes)).max(initial=1e-9))
         """The size of what adds up in relative accelerations."""
         held = list(modes.held)
-        self.H = m.G[held] @ m.Z
+        self.H = m.J[held]
         self.need = np.zeros((len(held), size))
         """The forces of held rows: those of least norm where they are not unique."""
         if held:
@@ -299,7 +303,7 @@ class Motion:
         self.A = own
         self.A[:n] = self.V
         self.A[n : n + r] = rate
-        self.acceleration = m.G @ (m.Z @ rate + led)
+        self.acceleration = m.J @ rate + m.G @ led
         """Relative accelerations."""
         self.y0 = first
         self.guards = self._guards()

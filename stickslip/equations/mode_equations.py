@@ -248,13 +248,15 @@ class ModeEquations:
         found[:, bodies] = rows @ dual
         return found
 
-    def locked(self, rows: Any) -> NDArray[np.bool_]:
-        """Tell which of some rows cannot move because held rows lock the same motion."""
+    def locked(self, rows: Any, but_by_drives: bool = False) -> NDArray[np.bool_]:
+        """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
         system, balance = self.system, self.balance
         G, D = system.G[rows], system.D[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
-        left = np.maximum(row_maxima(G @ balance.T), row_maxima(G @ balance.U + D))
+        left = row_maxima(G @ balance.T)
+        if not but_by_drives:
+            left = np.maximum(left, row_maxima(G @ balance.U + D))
         return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
 
     # -- the maps --------------------------------------------------------------------------------------------

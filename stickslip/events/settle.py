@@ -488,9 +488,12 @@ class _Search:
             rest = motion.equations.is_held.copy()
             rest[rows] = False
             push = system.GT[:, rows] @ side
-            along = np.asarray(system.G[top] @ system.balance(rest.tobytes()).accelerations(push))
+            given = system.balance(rest.tobytes()).accelerations(push)
+            along = np.asarray(system.G[top] @ given)
             along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
-            least = _ALONG * np.abs(along).max()
+            # what others hold does not move along, but for roundoff
+            rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given)).max()
+            least = max(_ALONG * np.abs(along).max(), rough)
             following[top] = 0
             if np.any(along < -least):
                 following[top[along > least]] = trial[top[along > least]]

@@ -163,6 +163,10 @@ class Run:
             return
         self._is_whole = False
         path = self.engine.advance(motion, now.guards, motion.horizon)
+        if not np.isfinite(path.last).all():
+            raise ArithmeticError(
+                "positions or velocities are no longer finite; make forces, stiffnesses or the time smaller"
+            )
         if self.system.clocked.size:
             # to the bit, also where a solver has integrated a rate of 0
             path.last[self.system.clocked] = motion.y[self.system.clocked]

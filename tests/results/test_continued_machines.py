@@ -119,3 +119,13 @@ def test_scenes_that_differed(family: str, number: int, cut: float) -> None:
     """Rows that rigid ones lock slipped in place after the cut; a stop at rest was hit once more."""
     data = FAMILIES[family][0](number)
     check(scene_of(data, number), cut, data["t_end"], least=0)
+
+
+def test_a_cut_at_the_very_event_that_locks_a_clutch() -> None:
+    """What roundoff leaves of the velocity there does not turn the clutch forward, also where all else is at rest."""
+    data = FAMILIES["clutches"][0](4)
+    scene = scene_of(data, 4)
+    event = simulate(scene, (0.0, 0.1)).events[0]
+    rest = simulate(simulate(scene, (0.0, event.t)).final_scene(), (event.t, data["t_end"]))
+    assert rest.success
+    assert not [e for e in rest.events if e.t > event.t]
