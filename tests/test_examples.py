@@ -20,18 +20,24 @@ SCENES = sorted((ROOT / "examples" / "scenes").glob("*.*"))
 LARGEST_FIGURE = 400_000
 
 SAYS = {
+    "abs_wheel": r"ABS: 49\.9860\d+ m; 662 samples\nexact: locked 65\.530799 m",
     "belt_oscillator": r"from far out: 11 events, period 12\.0010310\d+ s",
     "clutch_engagement": r"locked at 1\.0880492\d+ s with 58\.88399\d rad/s",
+    "clutch_launch": r"judder at 110\.25 rad/s, by hand 110\.25 rad/s",
     "coupled_clutches": r"0\.7916623\d+ s  clutch1: FORWARD -> STUCK",
     "drill_string": r"the bit sticks 9 times",
+    "drum_brake": r"leading: stops at 4\.583333333333 s, exact 4\.583333333333 s",
+    "dry_pendulum": r"-1\.86328958\d rad; from the energy -1\.863289581 rad",
     "fit_friction": r"off by [01]\.\d standard errors at most",
     "earthquake_statistics": r"2\d\d\d changes of modes make 2\d\d events",
     "flywheel_brake": r"both wheels turn on with 0\.687838305726 rad/s",
     "four_flywheels": r"dry friction only: 11 events",
+    "pid_hunting": r"amplitude 0\.067240146921, exact 0\.067240146921",
     "relaxation": r"(?m)^18 s  floor: STUCK -> FORWARD \(breakaway\)",
     "speed_accuracy": r"for an error of 0\.001 rad/s: simulate\(scene, ",
     "spring_block_fault": r"\d+ slips of blocks make \d\d events",
     "stick_slip_map": r"sweep of 9 points: 0 failed, 0 pending",
+    "thermal_clutch": r"fade 70%: locks at 0\.45060021 s, exact 0\.45060021 s",
 }
 """What each example prints, among other lines."""
 QUICK = {"speed_accuracy", "stick_slip_map"}

@@ -333,3 +333,17 @@ def test_a_start_at_a_limit_that_goes_on_into_it_rebounds_at_once() -> None:
     result = simulate(scene, (0, 1))
     assert result.velocity("m")[0] == -1.0
     assert [(e.t, e.cause) for e in result.events] == [(0.0, "impact")]
+
+
+def test_a_stop_that_parts_as_another_is_hit_gives_no_energy() -> None:
+    """A comes to the wall with 1 m/s and back, into B that leaves it with 0.5: both go on with 0.75, by momentum."""
+    scene = Scene(
+        Body("A", inertia=1.0, velocity=1.0),
+        Body("B", inertia=1.0, velocity=-0.5),
+        Stop("wall", "A", GROUND, upper=0.0, restitution=1.0),
+        Stop("between", "A", "B", lower=0.0, restitution=1.0),
+    )
+    result = simulate(scene, (0, 1))
+    assert result.velocity("A")[0] == pytest.approx(-0.75, abs=1e-15)
+    assert result.velocity("B")[0] == pytest.approx(-0.75, abs=1e-15)
+    assert result.energy().kinetic[0] < 0.5 * (1.0 + 0.25)

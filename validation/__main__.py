@@ -19,9 +19,13 @@ try:
         continuation,
         edges,
         endurance,
+        engines,
         exact,
         extremes,
+        forms,
+        impacts,
         published,
+        random_machines,
         random_oracle,
         random_scenes,
     )
@@ -56,8 +60,12 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *endurance.ROWS,
         *analysis.rows(analysis.QUICK_SCENES if quick else analysis.SCENES),
         *continuation.rows(),
+        *forms.ROWS,
+        *engines.rows(family if quick else scenes, quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
+        *random_machines.rows(min(scenes, family)),
+        *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]
 

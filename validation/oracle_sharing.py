@@ -81,6 +81,8 @@ def shared(system: System, balance: Balance, time: float, since: dict[int, float
     some = np.abs(idle).max(axis=1, initial=0.0) > 1e-9
     rows = np.vstack([idle[some], -idle[some]])
     needed = np.concatenate([(low - least)[some], (least - high)[some]]) / scale
+    if needed.max(initial=0.0) <= 0:
+        return balance.held
     wide = np.vstack([rows.T, needed])
     target = np.zeros(wide.shape[0])
     target[-1] = 1.0

@@ -44,6 +44,9 @@ ABOUT = {
     "the package. Random scenes in families are compared with it: the events of each contact in order, their times "
     "(to 1e-7 of the span, 1e-6 in the multiplier formulation), friction forces where they are unique, and "
     "velocities. Where the model leaves more than one answer the oracle says so, and a scene is compared up to there.",
+    "Machines": "A third simulator, of ties, radii, one-way clutches, gaps and stops beside friction: ties are solved "
+    "once by a null space, one-sided rows by trying all sets of them, motion is a matrix exponential. Random machines "
+    "are compared with it as with the oracle, in the default engine to 1e-9 of the span.",
 }
 
 _STYLE = """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import comb
+from operator import ne
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,31 +116,33 @@ def _from(coefficients: Array, first: float) -> Array:
 
 def _first(coefficients: Array, floor: float) -> float | None:
     order = coefficients.size - 1
-    bernstein = _to_bernstein(order) @ coefficients
     left, right = _halves(order)
-    stack = [(bernstein, 0.0, 1.0, 0)]
+    # each part is a map of the coefficients of a wider one: most parts behind the first root are never asked for
+    stack = [(_to_bernstein(order), coefficients, 0.0, 1.0, 0)]
     noise = _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
     while stack:
-        b, low, high, depth = stack.pop()
-        if b.min() >= -noise:
+        part, of, low, high, depth = stack.pop()
+        b = part @ of
+        values = b.tolist()
+        if min(values) >= -noise:
             continue
-        if b[-1] < -noise and b[0] >= -noise and _changes(b, noise) == 1:
+        if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             return _bracketed(coefficients.tolist(), low, high)
-        if b[0] < -noise and depth:
+        if values[0] < -noise and depth:
             return low
         if depth >= _DEEPEST:
-            if b[-1] < -noise:
+            if values[-1] < -noise:
                 return high
             continue
         middle = 0.5 * (low + high)
-        stack.append((right @ b, middle, high, depth + 1))
-        stack.append((left @ b, low, middle, depth + 1))
+        stack.append((right, b, middle, high, depth + 1))
+        stack.append((left, b, low, middle, depth + 1))
     return None
 
 
-def _changes(b: Array, noise: float) -> int:
-    signs = np.sign(b[np.abs(b) > noise])
-    return int(np.count_nonzero(signs[1:] != signs[:-1]))
+def _changes(values: list[float], noise: float) -> int:
+    signs = [x > 0 for x in values if abs(x) > noise]
+    return sum(map(ne, signs, signs[1:]))
 
 
 def _bracketed(c: list[float], low: float, high: float) -> float:

@@ -31,6 +31,9 @@ _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
+_BEYOND = 1e100
+_GROWTH = 4.0
+"""How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
 _LISTED = 5
 
@@ -44,6 +47,7 @@ class _Step(NamedTuple):
     coefficients: Array
     h: float
     root: float | None
+    guard: int = -1
     touched: int | None = None
 
 
@@ -74,15 +78,18 @@ class Series:
                 step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
-                touched = step.touched
-                hit = step.root is not None and touched is None
-            s = 1.0 if step.root is None else step.root
-            c = step.coefficients * (s ** np.arange(step.coefficients.shape[0]))[:, None]
+            touched = step.touched
+            hit = step.root is not None and touched is None
+            s, c = 1.0 if step.root is None else step.root, step.coefficients
+            if s != 1.0:
+                c = c * (s ** np.arange(c.shape[0]))[:, None]
             tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
             self.work.steps += 1
             pieces.append(c)
             ends.append(tau)
             y = motion.exact(tau, c.sum(axis=0))
+            if not np.abs(y).max(initial=0.0) < _BEYOND:
+                raise ArithmeticError(f"the motion grows beyond {_BEYOND:g}: something feeds it without end")
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
         return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
@@ -102,10 +109,12 @@ class Series:
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
             return step
+        if guards.is_followed_frozen(step.guard):
+            # what rises or swings does not change this guard
+            return step
         if step.touched is not None:
             return None
-        dwell = float(motion.dwell_times.min()) if motion.dwell_times.size else 0.0
-        if step.root * step.h < _WORTH * max(dwell, motion.stretch.longest_period):
+        if step.root * step.h < _WORTH * max(motion.shortest_dwell, motion.stretch.longest_period):
             return None
         # up to there no guard is 0
         powers = np.arange(step.coefficients.shape[0])
@@ -136,24 +145,29 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards, motion.system.n)
-            self._guess = 1.5 * h
+            if h < scale or scale < longest:
+                # a step that ends with the motion says nothing about longer ones
+                self._guess = _GROWTH * h
         self.work.rate_calls += order
-        stretched = ((h / scale) ** np.arange(order + 1))[:, None]
-        root, touched = None, None
+        root, touched, guard, c = None, None, -1, expansion.y
+        if watched.size < guards.size:
+            g = g[:, watched]
+        if h != scale:
+            stretched = ((h / scale) ** np.arange(order + 1))[:, None]
+            g, c = g * stretched, c * stretched
         if watched.size:
-            g = g[:, watched] * stretched
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
-            root, which = self._first(
-                g, lambda: self._floor(motion, guards)[watched], guards.stick_at_touch[watched]
+            root, which, touches = self._first(
+                g, lambda: (self._floor(motion, guards)[watched], guards.stick_at_touch[watched])
             )
-            touched = None if which is None else int(guards.row[watched[which]])
-        c = expansion.y * stretched
+            guard = int(watched[which])
+            touched = int(guards.row[guard]) if touches else None
         if motion.stretch.is_straight:
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
-        return _Step(c, h, root, touched)
+        return _Step(c, h, root, guard, touched)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
@@ -199,16 +213,16 @@ class Series:
         return np.where(guards.is_velocity, speeds, guards.value_scale)
 
     def _first(
-        self, g: Array, floor_of: Callable[[], Array], touches: NDArray[np.bool_]
-    ) -> tuple[float | None, int | None]:
-        """Return the first root in (0, 1] of any column of power coefficients, and the column if it only touches 0."""
+        self, g: Array, floors: Callable[[], tuple[Array, NDArray[np.bool_]]]
+    ) -> tuple[float | None, int, bool]:
+        """Return the first root in (0, 1] of any column of power coefficients, its column, and if it only touches 0."""
         close = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
         found: float | None = None
-        which: int | None = None
+        which, touches_only = -1, False
         if not close.size:
-            return None, None
-        floor = floor_of().tolist()
+            return None, which, touches_only
+        floor, touches = (x.tolist() for x in floors())
         for i in close.tolist():
             c = g[:, i]
             if found is not None:
@@ -218,12 +232,14 @@ class Series:
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root
-                which = i if only else None
-        return found, which
+                which, touches_only = i, only
+        return found, which, touches_only
 
 
 def _padded(pieces: list[Array], size: int) -> Array:
     """Return the coefficients of all steps in one array."""
+    if len(pieces) == 1:
+        return pieces[0][None]
     order = max((c.shape[0] for c in pieces), default=1)
     found = np.zeros((len(pieces), order, size))
     for k, c in enumerate(pieces):

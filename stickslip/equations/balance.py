@@ -23,6 +23,9 @@ __all__ = ["Balance", "joined"]
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+_CANCELLED = 1e-14
+"""Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common."""
+
 _SMALL = 60
 """Connected rows up to which a component is eliminated densely."""
 
@@ -281,7 +284,7 @@ class _Component:
             others = work[:, column].nonzero()[0]
             others = others[others != done]
             if others.size:
-                work[others] -= work[others, column][:, None] * work[done]
+                work[others] = _difference(work[others], work[others, column][:, None] * work[done])
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
@@ -311,13 +314,23 @@ class _Component:
         unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)
         free = unit.T @ gram @ unit
-        self.S = self.S - (free @ (scale[:, None] * self.S)) / scale[:, None]
+        # a projection: loops that share no row have nothing to do with each other
+        free[np.abs(free) <= _CANCELLED] = 0.0
+        spread = np.abs(free) @ (scale[:, None] * np.abs(self.S)) / scale[:, None]
+        self.S = _difference(self.S, free @ (scale[:, None] * self.S) / scale[:, None], spread)
         if D.any():
             off = null @ D
             off[np.abs(off) <= _ZERO] = 0.0
             if off.any():
                 stiff = _RIGID * (float(inertia.sum()) or 1.0)
                 self.parting = stiff * (null.T @ gram @ off)
+
+
+def _difference(a: Array, b: Array, size: Array | None = None) -> Array:
+    """Return ``a - b``, exactly 0 where no more than roundoff of `size` is left, which is that of b unless given."""
+    found: Array = a - b
+    found[np.abs(found) <= _CANCELLED * (np.abs(b) if size is None else size)] = 0.0
+    return found
 
 
 class _Tree:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
 _HIGHEST = 8
+_FALSE = np.zeros(1, dtype=bool)
 
 
 class Guards:
@@ -85,7 +87,7 @@ class Guards:
         uncertain: float = 0.0,
     ) -> None:
         # guards of no row have the number -1
-        self.motion, self.at_rest, self.uncertain = motion, np.append(at_rest, False), uncertain
+        self.motion, self.at_rest, self.uncertain = motion, np.concatenate([at_rest, _FALSE]), uncertain
         equations = motion.equations
         loose = equations.open
         if loose.size:
@@ -96,24 +98,31 @@ class Guards:
         self._has_levels = equations.has_levels
         self.is_velocity, self.direction = equations.is_velocity, equations.direction
         self.is_border = equations.is_border
-        self._rising, self._rise = equations.rising, equations.guard_rise[equations.rising]
-        self._dwell = equations.guard_dwell[equations.rising]
+        self._rising, self._rise = equations.rising, equations.rise_of_rising
+        self._dwell = equations.dwell_of_rising
+        self._is_force, self.is_normal = equations.is_force, equations.is_normal
         if equations.has_threshold:
             self._constant = self._constant.copy()
             slips = equations.slips
             self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
             self._has_constant = bool(self._constant.any())
         if loose.size:
-            none = np.zeros(loose.size)
-            self._row, self._source = (np.append(x, loose) for x in (self._row, self._source))
-            self._turn = np.append(self._turn, labels[loose])
+            none, no = np.zeros(loose.size), np.zeros(loose.size, dtype=bool)
+            self._row, self._source = (np.concatenate([x, loose]) for x in (self._row, self._source))
+            self._turn = np.concatenate([self._turn, labels[loose]])
             self._mu, self._constant, self.direction = (
-                np.append(x, none) for x in (self._mu, self._constant, self.direction)
+                np.concatenate([x, none]) for x in (self._mu, self._constant, self.direction)
             )
-            self.is_velocity = np.append(self.is_velocity, none == 0)
-            self.is_border = np.append(self.is_border, none != 0)
+            self.is_velocity = np.concatenate([self.is_velocity, ~no])
+            self.is_border, self._is_force, self.is_normal = (
+                np.concatenate([x, no]) for x in (self.is_border, self._is_force, self.is_normal)
+            )
         pressed = equations.pressed
-        self._watch_normals(pressed)
+        # functions of the state act on forces; of the others only normal forces may read them
+        self._wanted: Any = () if equations.only_velocities else None
+        if pressed.size:
+            self._watch_normals(pressed)
+        self._beside = self._row.size - equations.guard_row.size
         self.row, self._loose = self._row, loose.size
         self.size = self._row.size
         self.violated = np.zeros(self.size, dtype=bool)
@@ -133,26 +142,19 @@ class Guards:
     def _watch_normals(self, pressed: Indices) -> None:
         """Add the guards of normal forces that depend on the state: N while closed, -N while open."""
         motion, equations = self.motion, self.motion.equations
-        self.is_normal = np.zeros(self._row.size, dtype=bool)
-        if pressed.size:
-            none = np.zeros(pressed.size)
-            self._row = np.append(self._row, pressed)
-            self._source = np.append(self._source, none.astype(np.intp))
-            self._turn, self._constant, self.direction = (
-                np.append(x, none) for x in (self._turn, self._constant, self.direction)
-            )
-            self.is_border = np.append(self.is_border, none > 0)
-            self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
-            self.is_velocity, self.is_normal = (
-                np.append(self.is_velocity, none > 0),
-                np.append(self.is_normal, none == 0),
-            )
-        self._beside = self._row.size - equations.guard_row.size
-        if pressed.size:
-            self._has_levels = True
-        # functions of the state act on forces; of the others only normal forces may read them
-        only_normals = bool((self.is_velocity | self.is_normal).all())
-        self._wanted = motion.for_normals if only_normals and pressed.size else () if only_normals else None
+        none = np.zeros(pressed.size)
+        self._row = np.append(self._row, pressed)
+        self._source = np.append(self._source, none.astype(np.intp))
+        self._turn, self._constant, self.direction = (
+            np.append(x, none) for x in (self._turn, self._constant, self.direction)
+        )
+        self.is_border = np.append(self.is_border, none > 0)
+        self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
+        self.is_velocity = np.append(self.is_velocity, none > 0)
+        self.is_normal, self._is_force = (np.append(x, none == 0) for x in (self.is_normal, self._is_force))
+        self._has_levels = True
+        if self._wanted is not None:
+            self._wanted = motion.for_normals
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -179,8 +181,12 @@ class Guards:
         if expansion.g is not None:
             g = expansion.g
             if self._beside:
-                loose = expansion.z[:, self._source[-self._beside :]] * self._turn[-self._beside :]
-                g = np.concatenate([g, loose], axis=1)
+                own = slice(-self._beside, None)
+                beside = expansion.z[:, self._source[own]] * self._turn[own]
+                if self._mu[own].any():
+                    # normal forces that depend on the state: every order of the inputs is there
+                    beside += self._mu[own] * np.array(expansion.q)[:, self._row[own]]
+                g = np.concatenate([g, beside], axis=1)
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
             return g
@@ -215,13 +221,13 @@ class Guards:
         g0 = self.start[0]
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         near: Array | float = 0.0
-        held = ~(self.is_velocity | self.is_border)
+        held = self._is_force
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if held.any():
             near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
         if self._has_constant:
             near = near + _NEAR * self._constant
-        if self.is_border.any():
+        if self.motion.equations.borders.size:
             size = self.motion.equations.border_magnitudes(
                 np.abs(self.motion.y), np.abs(self.motion.start_inputs)
             )
@@ -235,7 +241,7 @@ class Guards:
             self._look_closer(rows, fired)
 
     def _look_closer(self, rows: Indices, fired: Mask) -> None:
-        coefficients, majorant = self.start, self.majorant
+        coefficients, majorant, adds_up = self.start, self.majorant, self._adds_up
         size, has_fired = self.scale, np.append(fired, False)
         functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
         of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
@@ -251,7 +257,10 @@ class Guards:
                     # nothing but roundoff is uncertain where no force can hold it
                     limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
                 else:
-                    limits = [closeness * majorant[1, i], AT_LIMIT * majorant[2, i]]
+                    limits = [
+                        closeness * adds_up[1, i] + ROUNDOFF * majorant[1, i],
+                        AT_LIMIT * adds_up[2, i] + ROUNDOFF * majorant[2, i],
+                    ]
             else:
                 at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
                 # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
@@ -278,10 +287,10 @@ class Guards:
         if not self.motion.is_linear:
             return NEVER
         # higher orders, which only springs and oscillating loads have
-        coefficients, majorant = self._higher
+        coefficients, adds_up, majorant = self._higher
         for k in range(3, _HIGHEST + 1):
             value = coefficients[k, i]
-            if abs(value) > 10 * AT_LIMIT * majorant[k, i]:
+            if abs(value) > 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i]):
                 return k if value > 0 else _DOWN
         return NEVER
 
@@ -294,31 +303,41 @@ class Guards:
         return never
 
     @cached_property
-    def _higher(self) -> tuple[Array, Array]:
-        expansion = self.motion.expand(0.0, self.motion.y, _HIGHEST)
-        return self.series(expansion), self._majorant(_HIGHEST)
+    def _higher(self) -> tuple[Array, Array, Array]:
+        expansion, adds_up = self.motion.expand(0.0, self.motion.y, _HIGHEST), self._sizes(_HIGHEST)
+        return self.series(expansion), adds_up, self._with_time(adds_up)
 
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        return self._majorant(2)
+        return self._with_time(self._adds_up)
 
     @cached_property
     def value_majorant(self) -> Array:
         """The same of the guards themselves."""
-        return np.asarray(self._majorant(0)[0])
+        return np.asarray(self._with_time(self._sizes(0))[0])
 
-    def _majorant(self, order: int) -> Array:
-        found = np.zeros((order + 2, self.size))
-        for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
-            found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
-            if self._rising.size:
-                found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
-        # the roundoff of the time is one of all that changes
+    @cached_property
+    def _adds_up(self) -> Array:
+        """What adds up in the Taylor coefficients of the guards, orders 0 to 3, at exactly this time."""
+        return self._sizes(2)
+
+    def _sizes(self, order: int) -> Array:
+        """Return what adds up in the Taylor coefficients of the guards, up to one order more."""
+        found = None if self._beside else self.motion.guard_magnitudes(order + 1)
+        if found is None:
+            found = np.zeros((order + 2, self.size))
+            for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
+                found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
+                if self._rising.size:
+                    found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
+        return np.asarray(found)
+
+    def _with_time(self, sizes: Array) -> Array:
+        """Return what adds up with the roundoff of the time: it is one of all that changes."""
         late = _TIME / ROUNDOFF * abs(self.motion.t)
-        for k in range(order + 1):
-            found[k] += late * (k + 1) * found[k + 1]
-        return found[:-1]
+        orders = np.arange(1.0, sizes.shape[0])[:, None]
+        return np.asarray(sizes[:-1] + late * orders * sizes[1:])
 
     @cached_property
     def scale(self) -> Array:
@@ -341,6 +360,31 @@ class Guards:
         )
         return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
 
+    def sizes(self, tau: float, y: Array, largest: Array) -> Array:
+        """Return for each guard the size of what it compares from the start up to a state.
+
+        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
+
+        Parameters
+        ----------
+        tau : float
+            Local time in s.
+        y : array (size,)
+            State there.
+        largest : array (size,)
+            Bounds of the sizes of the states since the start.
+        """
+        motion, system = self.motion, self.motion.system
+        q = motion.inputs(tau, y)
+        speeds = system.abs_G @ largest[: system.n]
+        if system.drives:
+            speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
+        forces = self.levels(q) + np.abs(self._turn * motion.watched(tau, y, q)[self._source])
+        # guards of no row have the number -1
+        now = np.where(self.is_velocity, np.append(speeds, 0.0)[self.row], forces)
+        now[self.is_border] = 0.0
+        return np.asarray(np.maximum(np.maximum(self.scale, self.value_majorant), now))
+
     @cached_property
     def allowance(self) -> Array:
         """By how much sines can lower each guard, where they move nothing."""
@@ -353,6 +397,10 @@ class Guards:
             z = motion.equations.respond(q)[system.size :]
             found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
         return found
+
+    def is_followed_frozen(self, i: int) -> bool:
+        """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
+        return not (self._rising == i).any() and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
 
     @property
     def idle(self) -> Indices:

@@ -177,7 +177,7 @@ class Stretch:
         self.has_waves, self.has_functions = bool(waves), bool(functions)
         self.is_straight = not waves and not functions
         self._before_stop = math.nextafter(stop, -math.inf)
-        self._functions = functions
+        self._functions, self._waves = functions, waves
         if waves:
             entries, amplitude, frequency, phase = zip(*waves, strict=True)
             self._entry = np.array(entries, dtype=np.intp)
@@ -199,9 +199,17 @@ class Stretch:
                 q[i] += function(min(t, self._before_stop))
         return q
 
-    def sampled(self, times: Array) -> Array:
-        """Return the inputs at many times, one column each."""
-        q = self.value[:, None] + np.multiply.outer(self.slope, times - self.start)
+    def sampled(self, times: Array, only: int | None = None) -> Array:
+        """Return the inputs at many times, one column each, or only one of those that are no functions."""
+        if only is not None:
+            one = self.value[only] + self.slope[only] * (times - self.start)
+            for i, amplitude, frequency, phase in self._waves:
+                if i == only:
+                    one += amplitude * np.sin(2 * math.pi * np.fmod(frequency * times, 1.0) + phase)
+            return np.asarray(one)
+        q = np.repeat(self.value[:, None], times.size, axis=1)
+        sloping = self.slope.nonzero()[0]
+        q[sloping] += np.multiply.outer(self.slope[sloping], times - self.start)
         if self.has_waves:
             angle = (
                 2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]

@@ -22,4 +22,7 @@ def row_maxima(matrix: Any) -> Array:
     """Return the largest absolute value in each row (k,)."""
     if not matrix.shape[0] or not matrix.shape[1]:
         return np.zeros(matrix.shape[0])
+    if isinstance(matrix, np.ndarray):
+        found: Array = np.abs(matrix).max(axis=1)
+        return found
     return dense(abs(matrix).max(axis=1)).ravel()

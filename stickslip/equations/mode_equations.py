@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_small
+from stickslip.equations.taylor import TaylorMap, is_small, is_small_map
 from stickslip.model.laws.table import ActingForces
 
 __all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
+
+_MOST_MAPS = 50
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -95,7 +97,8 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._maps: dict[tuple[int, bool], TaylorMap | None] = {}
+        self._maps: dict[tuple[int, bool, tuple[int, ...] | None], TaylorMap | None] = {}
+        self._guard_sizes: dict[int, Array | None] = {}
         if not system.sparse:
             self._assemble()
 
@@ -207,12 +210,18 @@ class ModeEquations:
         dwell_place = np.append(system.dwell_place, -1)
         self.guard_dwell = system.inputs + dwell_place[self.guard_row]
         self.rising = (self.guard_rise != 0).nonzero()[0]
+        self.rise_of_rising, self.dwell_of_rising = (
+            self.guard_rise[self.rising],
+            self.guard_dwell[self.rising],
+        )
         self.threshold = -c.rests_below[self.slip]
         self.has_threshold = bool(self.threshold.any())
         sizes = np.cumsum([0, *(x.size for x in contacts)])
         self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
         self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
         self.is_border = self.guard_row < 0
+        self.is_force, self.is_normal = ~(self.is_velocity | self.is_border), np.zeros(sizes[-1], dtype=bool)
+        self.only_velocities = bool(self.is_velocity.all())
         self.direction = np.concatenate(
             [none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5], 0 * ones[6]]
         )
@@ -239,13 +248,15 @@ class ModeEquations:
         found[:, bodies] = rows @ dual
         return found
 
-    def locked(self, rows: Any) -> NDArray[np.bool_]:
-        """Tell which of some rows cannot move because held rows lock the same motion."""
+    def locked(self, rows: Any, but_by_drives: bool = False) -> NDArray[np.bool_]:
+        """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
         system, balance = self.system, self.balance
         G, D = system.G[rows], system.D[rows]
         if not self.held.size:
             return np.zeros(G.shape[0], dtype=bool)
-        left = np.maximum(row_maxima(G @ balance.T), row_maxima(G @ balance.U + D))
+        left = row_maxima(G @ balance.T)
+        if not but_by_drives:
+            left = np.maximum(left, row_maxima(G @ balance.U + D))
         return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
 
     # -- the maps --------------------------------------------------------------------------------------------
@@ -271,15 +282,28 @@ class ModeEquations:
         self._of_states_all = np.vstack([self._AE, by_state])
         self._of_inputs_all = np.vstack([self._BH, by_input])
 
-    def taylor(self, order: int, frozen: bool) -> TaylorMap | None:
-        """Return the map to Taylor coefficients up to an order, None where it would be large."""
-        key = order, frozen
+    def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
+        """Return the map to Taylor coefficients up to an order, None where it would be large.
+
+        Parameters
+        ----------
+        order : int
+        frozen : bool
+            Whether static coefficients keep their values.
+        lines : tuple of int or None
+            The line that each table of the state follows.
+        """
+        key = order, frozen, lines
         if key not in self._maps:
-            found = None
-            if is_small(self.system, self.system.size + self.rows + self.guard_row.size, order):
-                found = TaylorMap(
-                    self.system, self._of_states_all, self._of_inputs_all, self.rows, self.consistent, *key
-                )
+            found, system = None, self.system
+            if is_small(system, system.size + self.rows + self.guard_row.size, order):
+                of, link = system.dependence, None
+                if of is not None:
+                    link = partial(of.add_linear, regions=lines)
+                maps = self._of_states_all, self._of_inputs_all
+                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link)
+            if len(self._maps) >= _MOST_MAPS:
+                self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found
         return self._maps[key]
 
@@ -450,6 +474,29 @@ class ModeEquations:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
         units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
+
+    def guard_sizes(self, order: int) -> Array | None:
+        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
+
+        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
+        """
+        if order not in self._guard_sizes:
+            size, width = self.system.size, self.system.inputs + self.system.dwelling.size
+            columns = size + (order + 1) * width
+            found = None
+            if is_small_map(self.system, columns, self.guard_row.size * (order + 1)):
+                found = np.zeros((order + 1, self.guard_row.size, columns))
+                y = np.eye(size, columns)
+                turn, mu = np.abs(self.guard_turn)[:, None], np.abs(self.guard_mu)[:, None]
+                for k in range(order + 1):
+                    q = np.eye(width, columns, size + k * width)
+                    rate, z = self.magnitudes(y, q)
+                    found[k] = turn * z[self.guard_source] + mu * q[self.guard_row]
+                    found[k, self.rising] += np.abs(self.rise_of_rising)[:, None] * q[self.dwell_of_rising]
+                    y = rate / (k + 1)
+                found = found.reshape(-1, columns)
+            self._guard_sizes[order] = found
+        return self._guard_sizes[order]
 
     def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance

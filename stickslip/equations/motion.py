@@ -96,7 +96,7 @@ class _Linked:
         if loads is not None:
             full[:inputs] = loads
         assert motion.dependence is not None
-        motion.dependence.add_series(full[:inputs], y, motion.regions, k == 0)
+        motion.dependence.add_linear(full[:inputs], y, motion.regions)
         self.q.append(full)
         self._known.append(full)
         if self._decay is not None:
@@ -196,6 +196,11 @@ class Motion:
         return tau < self._over
 
     @property
+    def shortest_dwell(self) -> float:
+        """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
+        return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
+
+    @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
         return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
@@ -286,7 +291,7 @@ class Motion:
         dependence = self.dependence
         assert dependence is not None
         if dependence.is_linear:
-            dependence.add_series(rate, y_rate, self.regions, False)
+            dependence.add_linear(rate, y_rate, self.regions)
             return
         d, count = self.difference_step, rate.size
         now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
@@ -427,7 +432,7 @@ class Motion:
     def _linear(self, tau: float | Array, y: Array, q: Array | None) -> Array:
         """Return ``A y + B q`` and ``E y + H q``."""
         found = self.equations.apply(y)
-        lines = None if isinstance(tau, np.ndarray) else self._lines
+        lines = None if q is not None or isinstance(tau, np.ndarray) else self._lines
         if lines is None:
             found += self.equations.respond(self.inputs(tau, y) if q is None else q)
         else:
@@ -576,11 +581,11 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        if self.dependence is None and (not self.stretch.has_waves or (frozen and self.waves_rest)):
-            taylor = equations.taylor(order, frozen)
+        if (not self.stretch.has_waves or (frozen and self.waves_rest)) and not self._rises_with_state:
+            taylor = equations.taylor(order, frozen, self.regions)
             if taylor is not None and taylor.reaches(scale):
                 y, z, g = taylor(self._extended(tau, y), scale)
-                return Expansion(y, lambda: self._input_series(tau, order, scale, frozen), z, g)
+                return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
         linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
@@ -607,6 +612,23 @@ class Motion:
             finite = linked is None and not following.any()
         return Expansion(ys, q, zs)
 
+    @cached_property
+    def _rises_with_state(self) -> bool:
+        """Whether a level rises whose normal force depends on the state."""
+        if self.dependence is None or not (self._dwelling.size and self._rising.size):
+            return False
+        return bool(np.isin(self._dwelling[self._rising], self.dependence.rows).any())
+
+    def _all_series(self, tau: float, y: Array, scale: float, frozen: bool) -> list[Array | None]:
+        """Return the Taylor coefficients of inputs and dwells, from those of the states."""
+        found = self._input_series(tau, y.shape[0] - 1, scale, frozen)
+        if self.dependence is None:
+            return found
+        size = self.system.inputs + self._dwelling.size
+        orders = np.array([np.zeros(size) if part is None else part for part in found])
+        self.dependence.add_linear(orders.T[: self.system.inputs], y.T, self.regions)
+        return list(orders)
+
     def _extended(self, tau: float, y: Array) -> Array:
         """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
         stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
@@ -631,22 +653,36 @@ class Motion:
 
         Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
         """
-        size = self.system.inputs + self._dwelling.size
         y, found = np.abs(self.y), []
-        parts = self.stretch.magnitudes(self.t, order)
-        for k in range(order + 1):
-            q = np.zeros(size)
-            q[: self.system.inputs] = parts[k]
-            if self._dwelling.size and self._rising.size:
-                rows = self._dwelling[self._rising]
-                fall = [self._rate**i / math.factorial(i) for i in range(k + 1)]
-                q[self.system.inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        for k, q in enumerate(self._input_magnitudes(order)):
             if self.dependence is not None:
                 self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
             found.append((q, z))
             y = rate / (k + 1)
         return found
+
+    def guard_magnitudes(self, order: int) -> Array | None:
+        """Return the same of the guards of a small motion, an order per row, None where it has no map for them."""
+        sizes = None if self.dependence is not None else self.equations.guard_sizes(order)
+        if sizes is None:
+            return None
+        found: Array = sizes @ np.concatenate([np.abs(self.y), *self._input_magnitudes(order)])
+        return found.reshape(order + 1, -1)
+
+    def _input_magnitudes(self, order: int) -> list[Array]:
+        """Return what adds up in inputs and dwells at the start, but for what depends on the state."""
+        parts = self.stretch.magnitudes(self.t, order)
+        if not self._dwelling.size:
+            return parts
+        inputs, found = self.system.inputs, np.zeros((order + 1, self.system.inputs + self._dwelling.size))
+        found[:, :inputs] = parts
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            fall = [self._rate**i / math.factorial(i) for i in range(order + 1)]
+            for k in range(order + 1):
+                found[k, inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
+        return list(found)
 
     # -- starts ----------------------------------------------------------------------------------------------
 

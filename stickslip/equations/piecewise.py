@@ -15,6 +15,8 @@ from stickslip.model.scene import GROUND
 __all__ = ["PiecewiseMatrices", "Regions", "Triplets"]
 
 Array = NDArray[np.float64]
+
+_NONE = np.empty(0, dtype=np.int16)
 Indices = NDArray[np.intp]
 Regions = NDArray[np.int16]
 
@@ -133,6 +135,8 @@ class PiecewiseMatrices:
             States and inputs.
         regions : array (p,) or None
         """
+        if not self.count:
+            return _NONE
         q = q[: self.border_q.shape[1]]
         depth = self.border_y @ y + self.border_q @ q
         size = self.abs_border_y @ np.abs(y) + self.abs_border_q @ np.abs(q)

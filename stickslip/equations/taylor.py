@@ -5,7 +5,7 @@ Between two breaks the inputs are lines, and dwells are exponentials times lines
     x = (y, q, q', e, e'),    y' = A y + B (q, e),    e = exp(-age / dwell) N,
 
 they obey ``x' = N x`` with a constant matrix N. The coefficient of order k is ``N^k x / k!``: one matrix gives all of
-them, for every motion in the same modes.
+them, for every motion in the same modes. Inputs that depend linearly on the state are part of N.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.system import System
 
-__all__ = ["TaylorMap", "is_small"]
+__all__ = ["TaylorMap", "is_small", "is_small_map"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,12 @@ _FASTEST = 1e12
 def is_small(system: System, rows: int, order: int) -> bool:
     """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
     columns = system.size + 2 * system.inputs + 2 * system.dwelling.size
-    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
+    return is_small_map(system, columns, rows * (order + 1))
+
+
+def is_small_map(system: System, columns: int, rows: int) -> bool:
+    """Tell whether a matrix of a system with so many columns and rows is worth keeping."""
+    return not system.sparse and columns * rows <= _MOST_ENTRIES
 
 
 class TaylorMap:
@@ -48,6 +53,8 @@ class TaylorMap:
         Highest order.
     frozen : bool
         Whether static coefficients keep their values.
+    link : callable or None
+        Enters the inputs that depend linearly on the state into columns of inputs, from columns of states.
     """
 
     def __init__(
@@ -59,12 +66,18 @@ class TaylorMap:
         consistent: Callable[[Array, Array], Array],
         order: int,
         frozen: bool,
+        link: Callable[[Array, Array], None] | None,
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
         dwells = dwelling.size
         self._size, self._watched, self._order = size, size + watched, order
         # time is counted in units in which no coefficient grows
-        fastest = float(np.abs(of_states[:size]).sum(axis=1).max(initial=0.0))
+        rates = np.array(of_states[:size])
+        if link is not None:
+            linked = np.zeros((inputs, size))
+            link(linked, np.eye(size))
+            rates += of_inputs[:size, :inputs] @ linked
+        fastest = float(np.abs(rates).sum(axis=1).max(initial=0.0))
         if dwells and not frozen:
             fastest = max(fastest, float((1.0 / system.dwell[dwelling]).max()))
         self._pace = fastest if fastest > 0 else 1.0
@@ -88,6 +101,8 @@ class TaylorMap:
             q[place, dwell], q[place, dwell_slope] = decay, before / self._pace
             if k:
                 y = consistent(y, system.drive_velocities(q))
+            if link is not None:
+                link(q[:inputs], y)
             found = of_states @ y + of_inputs @ q
             blocks.append(np.concatenate([y, found[size:]]))
             y = found[:size] / ((k + 1) * self._pace)

@@ -85,9 +85,10 @@ class Jump(NamedTuple):
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
-    touching, fired = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+    touching, fired = np.zeros((2, m), dtype=bool)
     let_go = None
-    touching[relaxed_ones] = fired[relaxed_ones] = True
+    if relaxed_ones:
+        touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.touched is not None:
         touching[path.touched] = fired[path.touched] = True
     if path.hit:
@@ -95,7 +96,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            size = np.maximum(guards.scale, guards.value_majorant)
+            size = guards.sizes(tau, path.last, path.largest)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:
@@ -166,6 +167,9 @@ def jumped(
     rebound with less than `margin` stay.
     """
     system, y, n = motion.system, path.last, motion.system.n
+    if not (system.drives or system.has_stops):
+        none = np.zeros(system.m, dtype=bool)
+        return Jump(none, y, np.zeros(system.m, dtype=np.int8), none, None)
     q = loads.after(t).at(t)
     before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
     after = system.drive_velocities(q)

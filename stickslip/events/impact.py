@@ -59,8 +59,8 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, 
     """Return the velocities after impacts, and after jumps of drives.
 
     First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
-    that turns a free one-way clutch forward, or drives a stop into its limit again, these and all others take part in a
-    second impact without restitution. So no impact makes energy.
+    that turns a free one-way clutch forward, or drives a stop into its limit that just parted or parts from it, these
+    and all others take part in a second impact without restitution. So no impact makes energy.
 
     Parameters
     ----------
@@ -84,7 +84,8 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, 
     turn = np.where(system.is_one_way, 1, sides).astype(float)
     w = _relative(system, v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
-    taking_part = (sides != 0) | system.is_one_way & (w >= -least)
+    # what parts carries no impulse yet: it would give energy
+    taking_part = ((sides != 0) | system.is_one_way) & (turn * w >= -least)
     found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)
     # what must not be passed in the end
     every = (sides != 0) | system.is_one_way

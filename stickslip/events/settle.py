@@ -176,7 +176,7 @@ def settle(
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
-    closed = _closed(system, stretch.rate(now.t), q)
+    closed = _closed(system, stretch, now.t, q)
     tried = set[bytes]()
     while True:
         found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
@@ -211,7 +211,7 @@ def _settled(
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
     if now.labels is not None and (uncertain or not all_closed):
-        named, resting = _directions(now, w, closed, resting, uncertain)
+        named, resting = _directions(now, w, rough, closed, resting, uncertain)
     candidates = closed & resting
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
@@ -265,12 +265,13 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
 
 
 def _directions(
-    now: Situation, w: Array, closed: Mask, resting: Mask, uncertain: float
+    now: Situation, w: Array, rough: Array, closed: Mask, resting: Mask, uncertain: float
 ) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
-    # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there
+    # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
+    kept &= now.labels * w > -np.maximum(rough, uncertain)
     resting = resting & ~kept
     if uncertain:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
@@ -304,10 +305,12 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
-def _closed(system: System, rate: Array, q: Array) -> Mask:
+def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
-    # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-    presses = (q[: system.m] > 0) | (rate[: system.m] > 0) & ~system.pressed
+    presses = q[: system.m] > 0
+    if not presses.all():
+        # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
+        presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
@@ -396,6 +399,8 @@ class _Search:
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
             guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
             seen.add(self._regions.tobytes())
+            if not equations.borders.size:
+                return motion, guards
             over = (guards.violated & guards.is_border)[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
             if not over.any():
@@ -414,9 +419,9 @@ class _Search:
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        violated = guards.violated & ~guards.is_border
         if not guards.violated.any():
             return None
+        violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
             return again
         if not violated.any():
@@ -483,9 +488,12 @@ class _Search:
             rest = motion.equations.is_held.copy()
             rest[rows] = False
             push = system.GT[:, rows] @ side
-            along = np.asarray(system.G[top] @ system.balance(rest.tobytes()).accelerations(push))
+            given = system.balance(rest.tobytes()).accelerations(push)
+            along = np.asarray(system.G[top] @ given)
             along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
-            least = _ALONG * np.abs(along).max()
+            # what others hold does not move along, but for roundoff
+            rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given)).max()
+            least = max(_ALONG * np.abs(along).max(), rough)
             following[top] = 0
             if np.any(along < -least):
                 following[top[along > least]] = trial[top[along > least]]
@@ -572,14 +580,26 @@ class _Search:
         return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
-        """Let rows that were released, but stay at rest now that others move, be held again if they can."""
-        idlers = guards.idle
-        if not idlers.size:
+        """Let rows that were released, but stay at rest now that others move, be held again if they can.
+
+        Where their share would be beyond their level, they carry their level if others can spare the rest.
+        """
+        if guards.is_plain or not (idlers := guards.idle).size:
             return motion, guards
         trial = motion.equations.modes.copy()
         trial[idlers] = 0
-        again = self._build(trial)
-        return (motion, guards) if again[1].violated.any() else again
+        seen = set[bytes]()
+        while trial.tobytes() not in seen:
+            seen.add(trial.tobytes())
+            again = self._build(trial)
+            following = self._improved(trial, *again)
+            if following is None:
+                return again
+            if np.any((following != trial) & np.isin(following, (-1, 1, APART))):
+                # one more row would move
+                break
+            trial = following
+        return motion, guards
 
     def _enumerate(self) -> tuple[Motion, Guards]:
         """Try every combination where releasing one after another ran in a circle."""

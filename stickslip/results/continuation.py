@@ -38,11 +38,12 @@ def final_scene(trajectory: Trajectory) -> Scene:
     end, stop = trajectory.ends[-1:], float(trajectory.stops[-1])
     at = Samples.at_local(trajectory, number, end)
     inner, shown, since = (table[:, 0] for table in trajectory.modes(number, end))
+    velocities = _velocities(at)
     elements: list[Element] = []
     for element in system.scene.elements:
         match element:
             case Body(name=name):
-                velocity, position = float(at.velocity(name)[0]), float(at.position(name)[0])
+                velocity, position = velocities[name], float(at.position(name)[0])
                 elements.append(replace(element, velocity=velocity, position=position))
             case Drive(name=name):
                 elements.append(replace(element, position=float(at.position(name)[0])))
@@ -68,3 +69,15 @@ def final_scene(trajectory: Trajectory) -> Scene:
             case _:
                 elements.append(element)
     return Scene(*elements, motion=system.scene.motion)
+
+
+def _velocities(at: Samples) -> dict[str, float]:
+    """Return the velocities of the bodies at the one time of `at`; no one-way clutch turns forward, not by roundoff."""
+    system = at.system
+    v = at.y[: system.n, 0]
+    if (clutches := system.is_one_way).any() and (
+        forward := clutches & (at.relative_velocities[:, 0] > 0)
+    ).any():
+        u = at.drive_velocities[:, 0] if system.drives else np.empty(0)
+        v = system.balance((forward | system.is_tie).tobytes()).project(v, u)
+    return dict(zip(system.names, v.tolist(), strict=True))

@@ -310,6 +310,29 @@ class Patchwork:
             )
         return y[:, back]
 
+    def of_body(self, piece: Indices, t: Array, body: int, integrated: bool) -> Array:
+        """Return the velocity of one body at times of pieces, or its position."""
+        order, entry = self._entries_of(self.bodies, piece, t, body)
+        found = np.empty(t.size)
+        found[order] = (self._positions if integrated else self._velocities)(entry[None], t[order])[0]
+        return found
+
+    def of_row(self, piece: Indices, t: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
+        """Return of one row modes, those shown, since when it rests, and the force that holds it."""
+        order, entry = self._entries_of(self.rows, piece, t, row)
+        found = np.empty((4, t.size))
+        inner = self.rows.first[entry]
+        found[0, order], found[1, order] = inner, np.where(inner == OPEN, self.labels[row], inner)
+        found[2, order] = self.rows.second[entry]
+        found[3, order] = self.rows.values(entry, t[order], self.unit)
+        return found[0].astype(np.int8), found[1].astype(np.int8), found[2], found[3]
+
+    def _entries_of(self, series: Series, piece: Indices, t: Array, thing: int) -> tuple[Indices, Indices]:
+        """Return an order of times of pieces, and which entries of one thing hold there."""
+        ticks = self._ticks(piece, t)
+        order = np.argsort(ticks, kind="stable")
+        return order, series.entries(ticks[order], thing)
+
     def moved(self, piece: Indices, t: Array) -> Array:
         """Return how far the bodies have come since the start, a column for each time of a piece."""
         ticks = self._ticks(piece, t)
@@ -384,25 +407,21 @@ class Patchwork:
         begins = self.ticks[self.bodies.tick.astype(np.intp)]
         return np.where(last, self.stop, np.append(begins[1:], self.stop))
 
+    @cached_property
     def ranges(self) -> tuple[Array, Array]:
-        """Return the least and the largest velocities of all bodies, and with them how far each has come."""
+        """The least and the largest velocities of all bodies, and with them how far each has come."""
         series, n = self.bodies, self.system.n
-        entry = np.arange(series.thing.size)
         begins = self.ticks[series.tick.astype(np.intp)]
         low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
         thing = series.thing.astype(np.intp)
-        for part in (0.0, 0.25, 0.5, 0.75, 1.0):
-            t = begins + part * (self._lasts - begins)
-            for k, values in enumerate(
-                (
-                    self._velocities(entry[:, None], t[:, None])[:, 0]
-                    if not self.drives[1].size
-                    else series.values(entry, t, self.unit),
-                    series.values(entry, t, self.unit, integrated=True) + series.first,
-                )
-            ):
-                np.minimum.at(low[k], thing, values)
-                np.maximum.at(high[k], thing, values)
+        t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts - begins)[:, None]
+        entry = np.repeat(np.arange(thing.size), t.shape[1])
+        for k in (0, 1):
+            values = series.values(entry, t.ravel(), self.unit, integrated=k == 1).reshape(t.shape)
+            if k:
+                values += series.first[:, None]
+            np.minimum.at(low[k], thing, values.min(axis=1))
+            np.maximum.at(high[k], thing, values.max(axis=1))
         return low, high
 
     def worst(self, speed: Array, distance: Array) -> Array:

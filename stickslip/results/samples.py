@@ -33,6 +33,9 @@ Modes = NDArray[np.int8]
 _MOST_ENTRIES = 20_000_000
 """Tables larger than this are not kept, but computed block by block for each name asked for."""
 
+_WIDE = 2_000_000
+"""States at all times, from so many on, are read by name where that costs no more than what is read."""
+
 _AT_ONCE = 1_000_000
 _PER_PERIOD = 8
 _MOST_NODES = 10
@@ -73,22 +76,23 @@ class Samples:
     trajectory : Trajectory
     t : array (k,)
         Times in s.
-    y : array (size, k)
-        States there.
+    kept : array (size, k) or None
+        States there; None where they are read when they are needed.
     piece_of : array (k,) of int
         The piece that each time belongs to: at an event there is one before and one after.
     """
 
     trajectory: Trajectory = field(repr=False)
     t: Array = field(repr=False)
-    y: Array = field(repr=False)
+    kept: Array | None = field(repr=False)
     piece_of: Indices = field(repr=False)
 
     @classmethod
     def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
         """Return a trajectory at local times in s of its pieces."""
         t = np.minimum(trajectory.starts[piece_of] + taus, trajectory.stops[piece_of])
-        return cls(trajectory, t, trajectory.states(piece_of, taus), piece_of)
+        kept = None if _is_wide(trajectory, t) else trajectory.states(piece_of, taus)
+        return cls(trajectory, t, kept, piece_of)
 
     @classmethod
     def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
@@ -100,9 +104,10 @@ class Samples:
             If a time lies outside, or only the requested outputs were kept.
         """
         piece_of = trajectory.places(times)
-        return cls(
-            trajectory, times, trajectory.states(piece_of, trajectory.local(piece_of, times)), piece_of
-        )
+        found = cls(trajectory, times, None, piece_of)
+        if not _is_wide(trajectory, times):
+            found.y  # noqa: B018  (errors are to come now, not when a quantity is read)
+        return found
 
     @property
     def system(self) -> System:
@@ -113,6 +118,16 @@ class Samples:
     def scene(self) -> Scene:
         """The simulated scene."""
         return self.system.scene
+
+    @cached_property
+    def y(self) -> Array:
+        """States, a column for each time."""
+        return self.trajectory.states(self.piece_of, self.taus) if self.kept is None else self.kept
+
+    @property
+    def _by_name(self) -> bool:
+        """Whether quantities are read one by one: there are many, and nothing has been computed for all."""
+        return "y" not in self.__dict__ and self.kept is None and _is_wide(self.trajectory, self.t)
 
     @cached_property
     def taus(self) -> Array:
@@ -147,7 +162,12 @@ class Samples:
         return np.zeros_like(self.t) if body == GROUND else self._velocity(i)
 
     def _velocity(self, i: int) -> Array:
-        found: Array = self.y[i] if i < self.system.n else self.drive_velocities[i - self.system.n]
+        if i >= self.system.n:
+            driven: Array = self.drive_velocities[i - self.system.n]
+            return driven
+        if self._by_name:
+            return self.trajectory.of_body(self.piece_of, self.taus, i)
+        found: Array = self.y[i]
         return found
 
     def position(self, body: str) -> Array:
@@ -155,6 +175,8 @@ class Samples:
         i = self.body(body)
         state = self.system.position_state.get(i)
         if state is not None:
+            if self._by_name and i < self.system.n:
+                return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)
             found: Array = self.y[state]
             return found
         if body == GROUND:
@@ -236,6 +258,8 @@ class Samples:
 
     def _read(self, j: int, table: Callable[[Tables], NDArray[Any]]) -> NDArray[Any]:
         system = self.system
+        if self._by_name:
+            return np.asarray(table(self._of_row(j))[0])
         if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
             return np.asarray(table(self.tables)[j])
         parts = [np.array(table(block.computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
@@ -244,6 +268,17 @@ class Samples:
     def _blocks(self, count: int) -> list[Samples]:
         cuts = [slice(first, first + count) for first in range(0, self.t.size, count)]
         return [Samples(self.trajectory, self.t[c], self.y[:, c], self.piece_of[c]) for c in cuts]
+
+    def _of_row(self, j: int) -> Tables:
+        """Return the quantities of one row of a scene that is followed part by part: a contact without a curve."""
+        system, trajectory = self.system, self.trajectory
+        own = np.array([j])
+        normal = np.maximum(trajectory.load_at(j, self.piece_of, self.taus), 0.0)[None]
+        inner, shown, since, force = trajectory.of_row(self.piece_of, self.taus, j)
+        upper, lower = self._levels(normal, shown, (system.dwell[own] > 0).nonzero()[0], since, own)
+        coulomb = np.where(inner < 0, system.mu_c[1, j], system.mu_c[0, j])
+        force = np.where(inner == 0, force, np.where(np.abs(inner) == 1, inner * coulomb * normal, 0.0))
+        return Tables(force, upper, lower, normal, shown, np.empty((0, self.t.size)))
 
     @cached_property
     def tables(self) -> Tables:
@@ -340,13 +375,19 @@ class Samples:
             else:
                 forces[rows[:, None], chosen] = rest
 
-    def _levels(self, normals: Array, modes: Modes, slow: Indices, since: Array) -> tuple[Array, Array]:
-        """Return the breakaway levels: static coefficients less what their dwell has not yet raised."""
+    def _levels(
+        self, normals: Array, modes: Modes, slow: Indices, since: Array, rows: Indices | slice = slice(None)
+    ) -> tuple[Array, Array]:
+        """Return the breakaway levels of some rows: static coefficients less what their dwell has not yet raised.
+
+        Those of the rows that `slow` numbers have a dwell, and since when each of them rests is given.
+        """
         system = self.system
-        levels = system.mu_s[:, :, None] * normals
+        mu_s = system.mu_s[:, rows]
+        levels = mu_s[:, :, None] * normals
         if slow.size:
-            static, least = system.mu_s[:, slow, None], system.least[:, slow, None]
-            lag = np.exp(-(self.t - since) / system.dwell[slow, None])
+            static, least = mu_s[:, slow, None], system.least[:, rows][:, slow, None]
+            lag = np.exp(-(self.t - since) / system.dwell[rows][slow, None])
             risen = static - (static - least) * lag
             levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
         if system.has_stops:
@@ -354,7 +395,7 @@ class Samples:
             levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
             levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
         # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
-        levels[:, system.is_tie | system.is_gap] = levels[0, system.is_one_way] = np.inf
+        levels[:, (system.is_tie | system.is_gap)[rows]] = levels[0, system.is_one_way[rows]] = np.inf
         return levels[0], levels[1]
 
     @cached_property
@@ -397,6 +438,11 @@ class Samples:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+
+
+def _is_wide(trajectory: Trajectory, t: Array) -> bool:
+    """Tell whether states are many, and each is known by itself."""
+    return trajectory.system.size * t.size > _WIDE and trajectory.is_patchwork
 
 
 def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:

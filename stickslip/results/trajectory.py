@@ -175,6 +175,11 @@ class Trajectory:
         return np.concatenate([np.empty(0), *found])
 
     @cached_property
+    def is_patchwork(self) -> bool:
+        """Whether all of it is known part by part."""
+        return bool(self.parts) and all(isinstance(part, Patchwork) for part in self.parts)
+
+    @cached_property
     def is_dense(self) -> bool:
         """Whether the states are known at all times."""
         parts = self.parts
@@ -371,6 +376,38 @@ class Trajectory:
             base = base + part.moved(last, np.array([part.stop]))[:, 0]
         return found
 
+    def of_body(self, piece_of: Indices, taus: Array, body: int, integrated: bool = False) -> Array:
+        """Return the velocity of one body at local times, or its position where that is a state.
+
+        Only of what is known part by part.
+        """
+        found = np.empty(taus.size)
+        for part, some, own in self.by_part(piece_of):
+            found[some] = part.of_body(own, part.starts[own] + taus[some], body, integrated)
+        return found
+
+    def of_row(self, piece_of: Indices, taus: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
+        """Return of one row what `modes` returns of all, and its force where it is held: a line each.
+
+        Only of what is known part by part.
+        """
+        inner, shown = np.empty((2, 1, taus.size), dtype=np.int8)
+        since, force = np.empty((2, 1, taus.size))
+        for part, some, own in self.by_part(piece_of):
+            found = part.of_row(own, part.starts[own] + taus[some], row)
+            inner[0, some], shown[0, some], since[0, some], force[0, some] = found
+        return inner, shown, since, force
+
+    def load_at(self, i: int, piece_of: Indices, taus: Array) -> Array:
+        """Return one input that is a load at local times."""
+        number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
+        found = np.empty(taus.size)
+        for _, chosen in by_piece(number):
+            pieces = piece_of[chosen]
+            stretch = self.loads.after(self.starts[pieces[0]])
+            found[chosen] = stretch.sampled(self.starts[pieces] + taus[chosen], i)
+        return found
+
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
         """Write the velocities that depend on others through them, in place."""
         held = list(self.by_held(piece_of))
@@ -497,10 +534,14 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
         if not count:
             out[:, chosen] = path.last[:, None]
             continue
-        step = np.clip(np.searchsorted(ends, local, side="right") - 1, 0, count - 1)
-        h = ends[step + 1] - ends[step]
-        places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
-        steps.append(step + first)
+        if count == 1 and ends[1] > 0:
+            places.append(local / ends[1])
+            steps.append(np.full(local.size, first))
+        else:
+            step = np.clip(ends.searchsorted(local, side="right") - 1, 0, count - 1)
+            h = ends[step + 1] - ends[step]
+            places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
+            steps.append(step + first)
         first += count
     if not steps:
         return

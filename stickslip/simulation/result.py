@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
 
+_MOST_TIMES = 100_000_000
+
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
 
@@ -344,6 +346,8 @@ class Result:
         if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
             if times < 2:
                 raise ValueError(f"sample: give at least 2 times, got {times}")
+            if times > _MOST_TIMES:
+                raise ValueError(f"sample: give at most {_MOST_TIMES} times, or times of your own choice")
             if not self.trajectory.pieces:
                 raise ValueError("sample: nothing was computed")
             times = np.linspace(self.trajectory.starts[0], self.trajectory.stops[-1], int(times))

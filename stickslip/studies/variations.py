@@ -718,7 +718,8 @@ class Variation:
 
     def _sizes(self, guards: Guards, path: Path) -> tuple[Array, Array]:
         """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
-        size, slopes = np.maximum(guards.scale, guards.majorant[0]), guards.majorant[1]
+        size = guards.sizes(float(path.taus[-1]), path.last, path.largest)
+        slopes = guards.majorant[1]
         if guards.is_border.any():
             system, equations = self.system, guards.motion.equations
             largest, q = np.abs(path.largest), np.abs(guards.motion.start_inputs)

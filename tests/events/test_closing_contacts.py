@@ -4,7 +4,19 @@ import math
 
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    Signal,
+    Spring,
+    piecewise_linear,
+    simulate,
+    sine,
+)
 
 
 @pytest.mark.parametrize("method", ["auto", "BDF", "RK4"])
@@ -25,3 +37,39 @@ def test_a_contact_pressed_by_a_sine_closes_in_every_period(method: str, periods
     exact = periods + math.acos(1 - 0.5 * math.pi) / (2 * math.pi)
     assert event.t == pytest.approx(exact, abs={"auto": 1e-13, "BDF": 1e-6, "RK4": 2e-3}[method])
     assert result.velocity("a")[-1] == 0.0
+
+
+def ramp(first: float, second: float) -> Signal:
+    return piecewise_linear([1.0, 2.0, 2.5, 3.0], [0.0, first, 0.0, second])
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 1e-25])
+def test_a_block_slips_on_when_another_one_comes_to_rest(amplitude: float) -> None:
+    """All begin at rest, without forces: what the velocities are small beside is what they become, not what they were.
+
+    The lone block is pushed back by 2.1 - 0.16 3.6 = 1.524 N a second until 2 s, which dies away until 2.5 s; then it
+    is pushed forward by 2 (1.05 + 0.576) N a second until 3 s, and by 1.626 N from then on. So it turns at
+    3 s + (0.762 + 0.381 - 0.4065) / 1.626 s, whatever the others do.
+    """
+    scene = Scene(
+        Body("first", inertia=1.6),
+        Body("top", inertia=3.0),
+        Body("second", inertia=0.69),
+        Body("lone", inertia=2.41),
+        Contact("c1", "first", GROUND, DryFriction(0.65, 0.26), normal=ramp(6.0, 6.0)),
+        Contact("c2", "second", GROUND, DryFriction(0.767, 0.59), normal=ramp(4.4, 4.4)),
+        Contact("c3", "top", "second", DryFriction(0.091, 0.07), normal=ramp(8.1, 8.1)),
+        Contact("c4", "lone", GROUND, DryFriction(0.208, 0.16), normal=ramp(3.6, 3.6)),
+        Spring("first", "second", stiffness=10.3, damping=0.5),
+        Force("first", ramp(-5.6, 2.8)),
+        Force("second", ramp(3.1, -1.55)),
+        Force("second", sine(amplitude, 0.35)),
+        Force("top", ramp(7.1, -3.55)),
+        Force("lone", ramp(-2.1, 1.05)),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    # in the same stretch another block has come to rest
+    assert any(e.contact == "c2" and 1.5 < e.t < 1.6 for e in result.events)
+    start, turn = [e for e in result.events if e.contact == "c4"]
+    assert (start.t, int(start.after), int(turn.after)) == (1.0, -1, 1)
+    assert turn.t == pytest.approx(3 + 0.7365 / 1.626, abs=1e-12)

@@ -11,6 +11,7 @@ from stickslip import (
     Body,
     Contact,
     Damper,
+    Drive,
     DryFriction,
     Force,
     Result,
@@ -251,3 +252,43 @@ def test_it_is_named_after_a_motion_that_starts_slowly(formulation: str) -> None
     result = simulate(scene, (0.0, 0.9), t_eval=[0.0, 0.4, 0.8], formulation=formulation)
     assert not result.events
     assert result.mode("open").tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_it_turns_with_a_drive_that_jumps(formulation: str) -> None:
+    """a at 0.8 m/s, b at 0.2: friction of 2 N between them; the drive leaps from 1.4 to -0.8 m/s, past both."""
+    scene = Scene(
+        Body("a", inertia=10.0, velocity=0.8),
+        Body("b", inertia=10.0, velocity=0.2),
+        Body("c", inertia=10.0, velocity=0.8),
+        Drive("drive", velocity=piecewise_linear([0.5, 0.5], [1.4, -0.8])),
+        Contact("rub", "b", "a", DRY, normal=10.0),
+        Contact("held", "c", "a", DRY, normal=10.0),
+        Contact("open", "a", "drive", DRY, normal=0.0),
+    )
+    result = simulate(scene, (0.0, 1.0), formulation=formulation)
+    assert told(result) == [("open", -1, 1)]
+    assert result.events[0].t == 0.5
+    # 2 N brake a and c together, and drive b
+    assert result.velocity("a")[-1] == result.velocity("c")[-1] == pytest.approx(0.7, abs=1e-12)
+    assert result.velocity("b")[-1] == pytest.approx(0.4, abs=1e-12)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("held", [["driven"], ["driven", "floor"], ["floor", "driven"]])
+def test_it_stops_and_goes_on_with_the_drive_that_its_body_is_held_to(
+    held: list[str], formulation: str
+) -> None:
+    """2 or 4 N of friction stop 1 kg at 1 m/s after 0.5 or 0.25 s; the drive stands still until 2 s."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0),
+        Drive("drive", velocity=piecewise_linear([2.0, 3.0], [0.0, 1.0])),
+        *(Contact(name, "b", "drive" if name == "driven" else GROUND, DRY, normal=10.0) for name in held),
+        Contact("open", "b", GROUND, DRY, normal=0.0),
+    )
+    result = simulate(scene, (0.0, 2.2), formulation=formulation)
+    events = [(e.t, int(e.after)) for e in result.events if e.contact == "open"]
+    assert events[0] == (pytest.approx(0.5 / len(held), abs=1e-9), 0)
+    if held == ["driven"]:
+        # the 1 m/s2 of the drive need 1 N of 3
+        assert events[1:] == [(2.0, 1)]

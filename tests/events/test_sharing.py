@@ -111,7 +111,7 @@ def test_networks_share_as_bounded_least_squares_says(seed: int) -> None:
     loops = [j for j in range(len(ends)) if np.linalg.matrix_rank(np.delete(rows, j, 0)) == len(pushes)]
     at_limit = {j: float(np.sign(wanted[j])) for j in loops if abs(abs(wanted[j]) - levels[j]) < 1e-6}
     assert found is not None
-    alone = np.abs(np.linalg.lstsq(rows.T, pushes)[0]) > levels
+    alone = np.abs(np.linalg.lstsq(rows.T, pushes, rcond=None)[0]) > levels
     if not holds and any(alone[j] for j in range(len(ends)) if j not in loops):
         # the loops may well hold where a contact outside them does not
         return

@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from bad_elements import ELEMENTS, LAWS, NAN, SIGNALS, A, Case, contact
+from bad_machines import MACHINES
 from bad_scenes import ARGUMENTS, DATA, SCENES
 
 from stickslip import GROUND, Drive, DryFriction, Force, Scene, SimulationError, signal, simulate
@@ -17,6 +18,7 @@ TABLES: dict[str, list[Case]] = {
     "signals": SIGNALS,
     "laws": LAWS,
     "elements": ELEMENTS,
+    "machines": MACHINES,
     "scenes": SCENES,
     "scene-files": DATA,
     "arguments": ARGUMENTS,

@@ -228,6 +228,10 @@ class Radii(Link):
         """Check the limits of a stretch: in order, and at least one of them finite."""
         lower, upper = (getattr(self, name) for name in ("lower", "upper"))
         for name, limit, none in (("lower", lower, -math.inf), ("upper", upper, math.inf)):
+            if isinstance(limit, (int, float)) and limit == -none:
+                raise ValueError(
+                    f"{self.label}: {name} must be a number or {none:g}, got {limit:g}; leave it out for no limit"
+                )
             if not (isinstance(limit, (int, float)) and limit == none):
                 self._number(name)
         if lower == -math.inf and upper == math.inf:

@@ -1,0 +1,131 @@
+"""A run of gaps, stops, clutches and dwelling contacts that is cut in the middle of a contact is the run not cut."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Gap,
+    Gear,
+    Mode,
+    OneWay,
+    Result,
+    Scene,
+    Stop,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+from validation.machine_scenes import FAMILIES
+from validation.random_machines import scene_of
+
+
+def told(result: Result, after: float) -> list[tuple[str, int, int, float]]:
+    """The events after a time, by row: those of different rows may come in any order."""
+    events = [(e.contact, int(e.before), int(e.after), e.t) for e in result.events if e.t > after]
+    return sorted(events, key=lambda event: (event[0], event[3]))
+
+
+def check(scene: Scene, cut: float, stop: float, least: int = 1) -> tuple[Result, Result]:
+    """Compare the events after a cut with those of the whole run, to 1e-12 of it."""
+    whole = simulate(scene, (0.0, stop))
+    first = simulate(scene, (0.0, cut))
+    rest = simulate(first.final_scene(), (cut, stop))
+    wanted, found = told(whole, cut), told(rest, -1.0)
+    assert [event[:3] for event in found] == [event[:3] for event in wanted]
+    assert len(wanted) >= least
+    for have, want in zip(found, wanted, strict=True):
+        assert have[3] == pytest.approx(want[3], abs=1e-12 * stop)
+    for row in scene.rows:
+        assert rest.mode(row.name)[0] == first.mode(row.name)[-1]
+        assert rest.force(row.name)[0] == pytest.approx(first.force(row.name)[-1], abs=1e-9)
+    return first, rest
+
+
+BALL = Scene(
+    Body("ball", inertia=1.0, position=2.0),
+    Gap("walls", "ball", GROUND, lower=-0.5, upper=0.5, stiffness=10.0, damping=1.5),
+)
+
+
+@pytest.mark.parametrize("cut", [0.2, 0.5, 1.0, 1.3, 1.8, 2.2, 3.0, 4.0])
+def test_within_a_damped_gap(cut: float) -> None:
+    """Cuts in every region of the law: pushing in, in between, clipped to nothing, and in flight."""
+    check(BALL, cut, 5.0)
+
+
+@pytest.mark.parametrize("cut", [0.3, 1.5, 2.6])
+def test_at_rest_at_a_stop_with_friction(cut: float) -> None:
+    """A slider comes to its stop without rebound, is pressed on, and lifted off once the load beats its friction.
+
+    x = 1 is reached after sqrt(2 / (2 - 0.5)) s; the load 2 - 2 (t - 1) falls through -0.5 at 2.25 s.
+    """
+    scene = Scene(
+        Body("slider", inertia=1.0),
+        Contact("dry", "slider", GROUND, DryFriction(0.5, 0.5), normal=1.0),
+        Stop("end", "slider", GROUND, upper=1.0),
+        Force("slider", piecewise_linear([1.0, 4.0], [2.0, -4.0])),
+    )
+    whole = simulate(scene, (0.0, 4.0))
+    lift = next(event for event in whole.events if event.contact == "end" and event.before == Mode.FORWARD)
+    assert lift.t == pytest.approx(2.25, abs=1e-12)
+    first, _ = check(scene, cut, 4.0, least=0 if cut > 2.5 else 1)
+    if cut == 1.5:
+        assert first.mode("end")[-1] == Mode.FORWARD
+
+
+@pytest.mark.parametrize("cut", [0.4, 1.0])
+def test_a_dwelling_contact_behind_a_gear_remembers_how_long_it_has_rested(cut: float) -> None:
+    """Held since 0, its level is 5 - 3 exp(-t / 0.7) at the brake; the load 2 t of the motor counts twice there."""
+    scene = Scene(
+        Body("motor", inertia=0.1),
+        Body("drum", inertia=1.0),
+        Gear("teeth", "motor", "drum", ratio=2.0),
+        Contact("brake", "drum", GROUND, DryFriction(0.5, 0.2, dwell=0.7), normal=10.0),
+        Force("motor", piecewise_linear([0.0, 3.0], [0.0, 6.0])),
+    )
+    _, rest = check(scene, cut, 2.0)
+    t = rest.events[0].t
+    # the contact that rests from the start has dwelt for no time then
+    assert 4.0 * t == pytest.approx(5.0 - 3.0 * math.exp(-t / 0.7), abs=1e-11)
+
+
+@pytest.mark.parametrize("cut", [0.1, 0.35, 0.7, 1.2])
+def test_a_locked_clutch_and_a_contact_beside_it(cut: float) -> None:
+    scene = Scene(
+        Body("in", inertia=1.0, velocity=-0.5),
+        Body("out", inertia=1.0),
+        OneWay("free", "in", "out"),
+        Contact("pad", "in", "out", DryFriction(0.5, 0.3, dwell=0.1), normal=3.0),
+        Stop("end", "out", GROUND, lower=-0.4, upper=0.4, restitution=0.5),
+        Force("in", sine(10.0, frequency=3.0)),
+    )
+    check(scene, cut, 2.0, least=3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("family", "number", "cut"),
+    [("machines", 1, 0.512), ("machines", 9, 1.7), ("stops", 10, 3.3), ("stops", 2, 0.13512985572453703)],
+)
+def test_scenes_that_differed(family: str, number: int, cut: float) -> None:
+    """Rows that rigid ones lock slipped in place after the cut; a stop at rest was hit once more."""
+    data = FAMILIES[family][0](number)
+    check(scene_of(data, number), cut, data["t_end"], least=0)
+
+
+def test_a_cut_at_the_very_event_that_locks_a_clutch() -> None:
+    """What roundoff leaves of the velocity there does not turn the clutch forward, also where all else is at rest."""
+    data = FAMILIES["clutches"][0](4)
+    scene = scene_of(data, 4)
+    event = simulate(scene, (0.0, 0.1)).events[0]
+    rest = simulate(simulate(scene, (0.0, event.t)).final_scene(), (event.t, data["t_end"]))
+    assert rest.success
+    assert not [e for e in rest.events if e.t > event.t]

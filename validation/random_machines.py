@@ -1,0 +1,231 @@
+"""Rows against the oracle of machines: random ties, clutches, gaps and stops, event by event, in every engine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from random import Random
+from typing import Any
+
+import numpy as np
+
+from stickslip import (
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Gap,
+    OneWay,
+    Result,
+    Scene,
+    Signal,
+    Spring,
+    Stop,
+    Tie,
+    piecewise_linear,
+    simulate,
+    sine,
+)
+from validation.machine_oracle import Event, solve
+from validation.machine_scenes import FAMILIES
+from validation.rows import Array, Row, Wrong, require
+from validation.tried import Tried, try_each
+
+machine_row = partial(Row, "Machines")
+GROUPS: dict[str, dict[str, Any]] = {
+    "auto": {},
+    "BDF": {"method": "BDF", "rtol": 1e-10, "atol": 1e-13},
+    "merged": {"formulation": "merged", "method": "Adams", "rtol": 1e-10, "atol": 1e-13},
+    "multiplier": {"formulation": "multiplier", "rtol": 1e-9, "atol": 1e-12},
+}
+"""What is run of each family: the default, and every formulation."""
+TIMES = {"auto": 1e-9, "BDF": 1e-7, "merged": 1e-7, "multiplier": 1e-6}
+"""Largest errors of event times over the span."""
+BOUNDS = {"auto": 1e-9, "BDF": 1e-6, "merged": 1e-6, "multiplier": 1e-5}
+"""Largest errors of velocities over the largest."""
+FORCES = {"auto": 1e-7}
+FORCE = 1e-4
+"""Largest errors of forces over the largest: they follow stiff springs."""
+BEFORE, POINTS, PATIENCE = 0.9995, 60, 60.0
+"""Part of the time up to which the answer is unique; how many times are compared; after how many s a scene hangs."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is compared of a machine: up to `stop`, at times `t`; `doubt` says why that is not the whole scene.
+
+    Parameters
+    ----------
+    stop : float
+        Time in s.
+    events : list of Event
+        Before that.
+    t : array
+        Times in s away from events and breaks of loads.
+    velocities : array
+        A row per time, a column per body.
+    forces : list of dict
+        Of each time, by name of the row; nan where one is not unique.
+    doubt : str
+        Empty where the answer is unique to the end.
+    """
+
+    stop: float
+    events: list[Event]
+    t: Array
+    velocities: Array
+    forces: list[dict[str, float]]
+    doubt: str
+
+
+@cache
+def truth(family: str, number: int) -> Truth:
+    """Return what the oracle finds."""
+    data = FAMILIES[family][0](number)
+    found = solve(data)
+    stop = BEFORE * found.known if found.doubt else found.known
+    events = [event for event in found.events if event[0] < stop * (1 - 2e-7)]
+    t = stop * (np.arange(POINTS) + 0.37) / POINTS
+    jumps = np.array([*found.machine.breaks, *(event[0] for event in events)])
+    t = t[[bool(np.abs(jumps - s).min() > 1e-5 * data["t_end"]) for s in t]]
+    if stop < 1e-6 * data["t_end"]:
+        t = t[:0]
+    velocities = np.array([found.velocity(s) for s in t]).reshape(t.size, found.machine.n)
+    return Truth(stop, events, t, velocities, [found.forces(s) for s in t], found.doubt)
+
+
+# The same machine for the package
+
+
+def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
+    """Return a scene of plain data, its elements in an order of their own for each number."""
+    elements: list[Any] = []
+    for body in data["bodies"]:
+        if body["inertia"] is None:
+            elements.append(Drive(body["name"], velocity=_signal(body["velocity"])))
+        else:
+            elements.append(Body(**body))
+    elements += [_element(row) for row in data["rows"]]
+    for s in data["springs"]:
+        a, b, radii = _ends(s["on"])
+        if s["k"]:
+            elements.append(Spring(a, b, stiffness=s["k"], damping=s["c"], **radii))
+        else:
+            elements.append(Damper(a, b, damping=s["c"], **radii))
+    elements += [Force(force["body"], _signal(force["load"])) for force in data["forces"]]
+    Random(order).shuffle(elements)
+    return Scene(*elements)
+
+
+def _ends(on: Mapping[str, float]) -> tuple[str, str, dict[str, float]]:
+    (a, radius_a), (b, radius_b) = on.items()
+    return a, b, {"radius_a": radius_a, "radius_b": -radius_b}
+
+
+def _element(row: Mapping[str, Any]) -> Any:
+    name, kind = row["name"], row["kind"]
+    if kind == "tie":
+        return Tie(name, row["on"])
+    a, b, radii = _ends(row["on"])
+    limits = {key: row[key] for key in ("lower", "upper") if key in row}
+    if kind == "one-way":
+        return OneWay(name, a, b, **radii)
+    if kind == "gap":
+        return Gap(name, a, b, stiffness=row["k"], damping=row["c"], **limits, **radii)
+    if kind == "stop":
+        return Stop(name, a, b, restitution=row["e"], **limits, **radii)
+    more: dict[str, Any] = {}
+    if "mu_s_back" in row:
+        more = {"mu_static_backward": row["mu_s_back"], "mu_coulomb_backward": row["mu_c_back"]}
+    law = DryFriction(row["mu_s"], row["mu_c"], dwell=row["tau"], **more)
+    return Contact(name, a, b, law, normal=_signal(row["normal"]), rested=row.get("rested", 0.0), **radii)
+
+
+def _signal(data: Any) -> Signal | float:
+    if isinstance(data, Mapping):
+        return sine(**data)
+    if isinstance(data, (int, float)):
+        return float(data)
+    return piecewise_linear(*zip(*data, strict=True))
+
+
+# Comparison
+
+
+def difference(family: str, group: str, number: int) -> float:
+    """Return the largest error of velocities over the largest; events and forces that differ are wrong."""
+    right, data = truth(family, number), FAMILIES[family][0](number)
+    scene = scene_of(data, order=number + list(GROUPS).index(group))
+    result = simulate(scene, (0.0, right.stop), t_eval=right.t, **GROUPS[group])
+    _compare_events(right, result, TIMES[group])
+    largest = float(np.abs(right.velocities).max(initial=1e-3))
+    error = 0.0
+    for k, body in enumerate(data["bodies"]):
+        off = np.abs(result.velocity(body["name"]) - right.velocities[:, k]) / largest
+        error = max(error, float(off.max(initial=0.0)))
+    _compare_forces(right, result, [row["name"] for row in data["rows"]], FORCES.get(group, FORCE))
+    return error
+
+
+def _compare_events(right: Truth, result: Result, tolerance: float) -> None:
+    """Compare the events of each row, in order; those of different rows may come in any order."""
+    last = right.stop * (1 - 2e-7)
+    found = [(e.t, e.contact, int(e.before), int(e.after)) for e in result.events if e.t < last]
+    for name in sorted({event[1] for event in [*right.events, *found]}):
+        wanted = [event for event in right.events if event[1] == name]
+        have = [event for event in found if event[1] == name]
+        told = f"{name} has {_story(have)} instead of {_story(wanted)}"
+        require([e[2:] for e in have] == [e[2:] for e in wanted], told)
+        for a, b in zip(have, wanted, strict=True):
+            late = abs(a[0] - b[0]) / right.stop
+            require(late <= tolerance, f"{name}: time {a[0]:.12g} s instead of {b[0]:.12g} s")
+
+
+def _compare_forces(right: Truth, result: Result, names: list[str], bound: float) -> None:
+    """Compare the forces of rows where they are unique."""
+    found = {name: result.force(name) for name in names}
+    largest = max([1e-9, *(abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f))])
+    for k, forces in enumerate(right.forces):
+        for name, wanted in forces.items():
+            have = found[name][k]
+            if not math.isnan(wanted) and not abs(have - wanted) <= bound * largest:
+                raise Wrong(f"{name}: force {have:.9g} instead of {wanted:.9g} at t = {right.t[k]:.6g} s")
+
+
+def _story(events: list[Event]) -> str:
+    return "[" + ", ".join(f"{t:.9g} s {before:+d}>{after:+d}" for t, _, before, after in events[:6]) + "]"
+
+
+def over_family(family: str, group: str, count: int) -> Tried:
+    """Return the worst of scenes 1 to `count` of a family; where the oracle has no answer, nothing is compared."""
+    numbers = [n for n in range(1, count + 1) if truth(family, n).t.size]
+    tried = try_each(((f"{family} {n}", partial(difference, family, group, n)) for n in numbers), PATIENCE)
+    events = sum(len(truth(family, n).events) for n in numbers)
+    truncated = sum(bool(truth(family, n).doubt) for n in numbers)
+    remark = f"{tried.remark}; {events} events"
+    if truncated:
+        remark += f"; {truncated} scenes up to where the answer is no longer unique"
+    if len(numbers) < count:
+        remark += f", {count - len(numbers)} left out where it never is"
+    return replace(tried, remark=remark)
+
+
+def rows(count: int) -> list[Row]:
+    """Return the rows: `count` scenes of each family in each engine."""
+    return [
+        machine_row(
+            f"machines-{family}/{group}",
+            f"{count} scenes of {what}: events, forces; velocities over the largest ({group})",
+            "an independent simulator of the model; validation.machine_oracle",
+            partial(over_family, family, group, count),
+            BOUNDS[group],
+            limit=60.0 + 10.0 * count,
+            tries="runs against the oracle of machines",
+        )
+        for family, (_, what) in FAMILIES.items()
+        for group in GROUPS
+    ]
