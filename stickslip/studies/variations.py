@@ -329,7 +329,8 @@ class Variation:
             self._size[group] = size[group].max(initial=0.0) or 1.0
         rising = self.system.dwell[self.system.dwell > 0]
         self._dwell = float(rising.min(initial=np.inf))
-        speeds = [getattr(law, "law", law).stribeck_velocity for law in self.system.laws.laws]
+        laws: list[Any] = [getattr(law, "law", law) for law in self.system.laws.laws]
+        speeds = [law.stribeck_velocity for law in laws]
         finest = float(self.system.laws.resolution.min(initial=np.inf))
         # speed within which friction forces bend
         self._bend = min([*(one for one in speeds if one is not None), finest])
