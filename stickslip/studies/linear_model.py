@@ -166,6 +166,11 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     t = between("t", t, -np.inf, np.inf) if t else 0.0
     probes = [Force(body.name, 0.0) for body in scene.bodies]
     probed = Scene(*scene.elements, *probes, motion=scene.motion)
+    if scene.sampled:
+        raise ValueError(
+            f"linearize: sampled block {scene.sampled[0].name!r} changes at its samples only, so that it has no linear "
+            "model here; give its counterpart in continuous time, or the scene without it for the model of the plant"
+        )
     result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)
     trajectory = result.trajectory
     motion, system = trajectory.motion(0), trajectory.system
@@ -201,7 +206,11 @@ def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, NDA
     names = [f"velocity({bodies[i].name})" for i in free.nonzero()[0]]
     names += [f"position({bodies[i].name})" for i in system.placed]
     by_state = {state: row for row, state in system.bristle_state.items()}
-    names += [f"deflection({system.rows[by_state[k]].name})" for k in range(system.first_bristle, size)]
+    bristles = range(system.first_bristle, system.first_block)
+    names += [f"deflection({system.rows[by_state[k]].name})" for k in bristles]
+    for place in system.blocks.values():
+        several = place.states > 1
+        names += [f"state({place.block.name}{f', {k}' if several else ''})" for k in range(place.states)]
     return tuple(names), to_states, chosen
 
 
