@@ -407,25 +407,21 @@ class Patchwork:
         begins = self.ticks[self.bodies.tick.astype(np.intp)]
         return np.where(last, self.stop, np.append(begins[1:], self.stop))
 
+    @cached_property
     def ranges(self) -> tuple[Array, Array]:
-        """Return the least and the largest velocities of all bodies, and with them how far each has come."""
+        """The least and the largest velocities of all bodies, and with them how far each has come."""
         series, n = self.bodies, self.system.n
-        entry = np.arange(series.thing.size)
         begins = self.ticks[series.tick.astype(np.intp)]
         low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
         thing = series.thing.astype(np.intp)
-        for part in (0.0, 0.25, 0.5, 0.75, 1.0):
-            t = begins + part * (self._lasts - begins)
-            for k, values in enumerate(
-                (
-                    self._velocities(entry[:, None], t[:, None])[:, 0]
-                    if not self.drives[1].size
-                    else series.values(entry, t, self.unit),
-                    series.values(entry, t, self.unit, integrated=True) + series.first,
-                )
-            ):
-                np.minimum.at(low[k], thing, values)
-                np.maximum.at(high[k], thing, values)
+        t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts - begins)[:, None]
+        entry = np.repeat(np.arange(thing.size), t.shape[1])
+        for k in (0, 1):
+            values = series.values(entry, t.ravel(), self.unit, integrated=k == 1).reshape(t.shape)
+            if k:
+                values += series.first[:, None]
+            np.minimum.at(low[k], thing, values.min(axis=1))
+            np.maximum.at(high[k], thing, values.max(axis=1))
         return low, high
 
     def worst(self, speed: Array, distance: Array) -> Array:

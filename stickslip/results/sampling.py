@@ -144,7 +144,7 @@ def _bends(
         bends[steps, :size] = sizes[:, 0]
         bends[steps, size:] = sizes[:, 1, :n] * h
     for part in patchworks:
-        (slow, near), (fast, far) = part.ranges()
+        (slow, near), (fast, far) = part.ranges
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
         low[system.moved_state] = np.minimum(low[system.moved_state], near[system.moved])
         high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
@@ -163,7 +163,7 @@ def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: In
     found, base, done = [np.zeros((1, n))], np.zeros(n), 0
     for part in stored:
         if isinstance(part, Patchwork):
-            (_, near), (_, far) = part.ranges()
+            (_, near), (_, far) = part.ranges
             found.append(base + np.array([near - part.begin, far - part.begin]))
             base = base + part.moved(np.array([part.starts.size - 1]), np.array([part.stop]))[:, 0]
         else:

@@ -512,6 +512,14 @@ def test_units_with_springs_need_an_absolute_tolerance_to_match(length: float) -
     np.testing.assert_allclose(times(scaled), times(first), rtol=0, atol=2e-8)
 
 
+@pytest.mark.parametrize("velocity", [1e-9, -1e-9])
+def test_default_tolerances_suit_what_moves_slowly_in_either_direction(velocity: float) -> None:
+    """v = v0 exp(-t), for any v0."""
+    scene = Scene(Body("b", inertia=1.0, velocity=velocity), Damper("b", GROUND, damping=1.0))
+    result = simulate(scene, (0.0, 3.0), method="BDF")
+    assert result.velocity("b")[-1] == pytest.approx(velocity * math.exp(-3), rel=1e-6)
+
+
 def test_default_tolerances_suit_small_units() -> None:
     first, scaled = (simulate(two_on_springs(length), (0.0, 20.0)) for length in (1.0, 1e-9))
     assert told(first) == told(scaled)
