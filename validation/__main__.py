@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        analysis,
         between,
         conservation,
         continuation,
@@ -21,6 +22,7 @@ try:
         engines,
         exact,
         extremes,
+        forms,
         impacts,
         published,
         random_machines,
@@ -56,7 +58,9 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
+        *analysis.rows(analysis.QUICK_SCENES if quick else analysis.SCENES),
         *continuation.rows(),
+        *forms.ROWS,
         *engines.rows(family if quick else scenes, quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),

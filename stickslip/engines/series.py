@@ -31,6 +31,7 @@ _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
+_BEYOND = 1e100
 _GROWTH = 4.0
 """How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
@@ -87,6 +88,8 @@ class Series:
             pieces.append(c)
             ends.append(tau)
             y = motion.exact(tau, c.sum(axis=0))
+            if not np.abs(y).max(initial=0.0) < _BEYOND:
+                raise ArithmeticError(f"the motion grows beyond {_BEYOND:g}: something feeds it without end")
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
         return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)

@@ -181,6 +181,8 @@ def _law(contact: Contact, unit: str) -> str:
     text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
     if core.dwell:
         text += f", dwell {core.dwell:g} s"
+        if core.stribeck_velocity is not None:
+            text += " (without effect beside a Stribeck curve)"
     if core.curved:
         text += ", kinetic curve"
     if width := max(character.slips_beyond, character.rests_below):
