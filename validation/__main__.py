@@ -13,13 +13,16 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        analysis,
         between,
         conservation,
         continuation,
         edges,
         endurance,
+        engines,
         exact,
         extremes,
+        forms,
         impacts,
         published,
         random_machines,
@@ -55,7 +58,10 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
+        *analysis.rows(analysis.QUICK_SCENES if quick else analysis.SCENES),
         *continuation.rows(),
+        *forms.ROWS,
+        *engines.rows(family if quick else scenes, quick),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
         *random_machines.rows(min(scenes, family)),

@@ -218,6 +218,10 @@ class _Run:
         modes = [
             self._to_come(j, states, speed) if mode is None else mode for j, mode in sorted(settled.items())
         ]
+        if closing := self._closing(settled, modes, stuck):
+            # what presses it starts at 0, but it presses from now on
+            self._move({**settled, **closing}, stop)
+            return
         self._note(modes)
         self._since = {j: t for j, t in self._since.items() if modes[j] == 0}
         while True:
@@ -232,6 +236,24 @@ class _Run:
         self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since, opened))
         self._x, self._v = (part.copy() for part in motion.at(tau))
         self._t = end
+
+    def _closing(
+        self, settled: Mapping[int, int | None], modes: Sequence[int], stuck: Sequence[int]
+    ) -> dict[int, int]:
+        """Return the modes of contacts that leave rest, and whose normal force rises from 0 more slowly than a line."""
+        system = self._system
+        found = {
+            j: modes[j] for j in system.pressed if settled[j] is None and j not in self._opened and modes[j]
+        }
+        if found:
+            slipping = {j: mode for j, mode in settled.items() if mode}
+            a = system.balance(self._t, 0.0, self._x, self._v, slipping, stuck, self._opened).acceleration
+            if any(
+                abs(system.incidence[j] @ a) < 1e-9 * system.force_scale * system.mobility.max()
+                for j in found
+            ):
+                raise Doubt(self._t, "a contact at rest whose force and level both start at 0")
+        return found
 
     def _to_come(self, j: int, states: Sequence[State], speed: float) -> int:
         """Return the mode of an open contact at rest: where it goes next."""

@@ -50,7 +50,7 @@ BOUNDS = {"auto": 1e-9, "BDF": 1e-6, "merged": 1e-6, "multiplier": 1e-5}
 FORCES = {"auto": 1e-7}
 FORCE = 1e-4
 """Largest errors of forces over the largest: they follow stiff springs."""
-BEFORE, POINTS, PATIENCE = 0.9995, 60, 60.0
+BEFORE, POINTS, PATIENCE = 0.99, 60, 60.0
 """Part of the time up to which the answer is unique; how many times are compared; after how many s a scene hangs."""
 
 

@@ -31,6 +31,7 @@ _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _WORTH = 0.3
+_BEYOND = 1e100
 _GROWTH = 4.0
 """How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
@@ -87,6 +88,8 @@ class Series:
             pieces.append(c)
             ends.append(tau)
             y = motion.exact(tau, c.sum(axis=0))
+            if not np.abs(y).max(initial=0.0) < _BEYOND:
+                raise ArithmeticError(f"the motion grows beyond {_BEYOND:g}: something feeds it without end")
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
         return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
@@ -266,7 +269,9 @@ def why_no_series(system: System, loads: Loads) -> str | None:
             listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
             return f"the force of {listed} depends on velocity ({what})"
     if system.dependence is not None and not system.dependence.is_linear:
-        return f"{system.dependence.nodes[0].label} depends on the state, of which no Taylor series is known"
+        # tables have one in each region
+        label = next(node.label for node in system.dependence.nodes if node.table is None).rstrip(":")
+        return f"{label} depends on the state, of which no Taylor series is known"
     if loads.has_functions:
         return "a load is a function, of which no Taylor series is known"
     return None

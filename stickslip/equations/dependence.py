@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.book import Book
@@ -473,6 +474,26 @@ class Dependence:
         if regions is not None:
             return np.asarray(self._lines[k][regions[self.tables.index(k)]])
         return np.asarray(self._lines[k][np.searchsorted(self._corners[k], x, side="right")].T)
+
+    def steepest(self, inputs: int, size: int) -> Any:
+        """Return how strongly states can change inputs at most by tables and sums, as a sparse matrix of sizes."""
+        rows: dict[int, dict[int, float]] = {}
+
+        def enter(place: int, part: Part, line: int, slope: float) -> None:
+            found = rows.setdefault(place, {})
+            for column, c in zip(part.columns.tolist(), np.abs(part.S[line]).tolist(), strict=True):
+                found[column] = found.get(column, 0.0) + slope * c
+            for other, c in zip(part.places.tolist(), np.abs(part.P[line]).tolist(), strict=True):
+                for column, of_other in rows.get(other, {}).items():
+                    found[column] = found.get(column, 0.0) + slope * c * of_other
+
+        for k in self.tables:
+            enter(self._ranges[k].start, self._parts[k], 0, float(np.abs(self._lines[k][:, 1]).max()))
+        for line, row in enumerate(self.rows.tolist()):
+            enter(row, self._normals, line, 1.0)
+        entries = [(place, column, c) for place, row in rows.items() for column, c in row.items()]
+        places, columns, values = zip(*entries, strict=True) if entries else ((), (), ())
+        return scipy.sparse.csr_array((values, (places, columns)), shape=(inputs, size))
 
     def pattern(self, inputs: int) -> Array:
         """Return numbers in place of the derivatives, none of which cancel: where these may differ from 0."""

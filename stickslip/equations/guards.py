@@ -241,7 +241,7 @@ class Guards:
             self._look_closer(rows, fired)
 
     def _look_closer(self, rows: Indices, fired: Mask) -> None:
-        coefficients, majorant = self.start, self.majorant
+        coefficients, majorant, adds_up = self.start, self.majorant, self._adds_up
         size, has_fired = self.scale, np.append(fired, False)
         functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
         of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
@@ -257,7 +257,10 @@ class Guards:
                     # nothing but roundoff is uncertain where no force can hold it
                     limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
                 else:
-                    limits = [closeness * majorant[1, i], AT_LIMIT * majorant[2, i]]
+                    limits = [
+                        closeness * adds_up[1, i] + ROUNDOFF * majorant[1, i],
+                        AT_LIMIT * adds_up[2, i] + ROUNDOFF * majorant[2, i],
+                    ]
             else:
                 at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
                 # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
@@ -284,10 +287,10 @@ class Guards:
         if not self.motion.is_linear:
             return NEVER
         # higher orders, which only springs and oscillating loads have
-        coefficients, majorant = self._higher
+        coefficients, adds_up, majorant = self._higher
         for k in range(3, _HIGHEST + 1):
             value = coefficients[k, i]
-            if abs(value) > 10 * AT_LIMIT * majorant[k, i]:
+            if abs(value) > 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i]):
                 return k if value > 0 else _DOWN
         return NEVER
 
@@ -300,21 +303,27 @@ class Guards:
         return never
 
     @cached_property
-    def _higher(self) -> tuple[Array, Array]:
-        expansion = self.motion.expand(0.0, self.motion.y, _HIGHEST)
-        return self.series(expansion), self._majorant(_HIGHEST)
+    def _higher(self) -> tuple[Array, Array, Array]:
+        expansion, adds_up = self.motion.expand(0.0, self.motion.y, _HIGHEST), self._sizes(_HIGHEST)
+        return self.series(expansion), adds_up, self._with_time(adds_up)
 
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        return self._majorant(2)
+        return self._with_time(self._adds_up)
 
     @cached_property
     def value_majorant(self) -> Array:
         """The same of the guards themselves."""
-        return np.asarray(self._majorant(0)[0])
+        return np.asarray(self._with_time(self._sizes(0))[0])
 
-    def _majorant(self, order: int) -> Array:
+    @cached_property
+    def _adds_up(self) -> Array:
+        """What adds up in the Taylor coefficients of the guards, orders 0 to 3, at exactly this time."""
+        return self._sizes(2)
+
+    def _sizes(self, order: int) -> Array:
+        """Return what adds up in the Taylor coefficients of the guards, up to one order more."""
         found = None if self._beside else self.motion.guard_magnitudes(order + 1)
         if found is None:
             found = np.zeros((order + 2, self.size))
@@ -322,11 +331,13 @@ class Guards:
                 found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
                 if self._rising.size:
                     found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
-        # the roundoff of the time is one of all that changes
+        return np.asarray(found)
+
+    def _with_time(self, sizes: Array) -> Array:
+        """Return what adds up with the roundoff of the time: it is one of all that changes."""
         late = _TIME / ROUNDOFF * abs(self.motion.t)
-        for k in range(order + 1):
-            found[k] += late * (k + 1) * found[k + 1]
-        return found[:-1]
+        orders = np.arange(1.0, sizes.shape[0])[:, None]
+        return np.asarray(sizes[:-1] + late * orders * sizes[1:])
 
     @cached_property
     def scale(self) -> Array:

@@ -71,8 +71,8 @@ class Jump(NamedTuple):
         +1 where a stop rests at its upper limit then, -1 at its lower one.
     hit : array (m,) of bool
         Stops that have been hit.
-    impulses : array (m,) or None
-        Of the rows, None for none.
+    impulses : array (2, m) or None
+        Of the rows, and the energy in J that each took; None for none.
     """
 
     parted: Mask
@@ -190,7 +190,7 @@ def jumped(
     y[:n] = found.v
     # rebounds slower than the margin do not happen
     sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
-    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found.impulses)
+    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, np.array([found.impulses, found.lost]))
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

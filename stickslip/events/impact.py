@@ -49,10 +49,22 @@ class Jammed(Exception):
 
 
 class Struck(NamedTuple):
-    """Velocities of the bodies after an instant, and the impulses of all rows, which act with ``-c_i r`` on body i."""
+    """What an impact does.
+
+    Attributes
+    ----------
+    v : array (n,)
+        Velocities of the bodies after it.
+    impulses : array (m,)
+        Of all rows; they act with ``-c_i r`` on body i.
+    lost : array (m,)
+        The energy in J that each row took: over an impulse r its relative velocity goes from w- to w+, and the work is
+        ``r (w- + w+) / 2``.
+    """
 
     v: Array
     impulses: Array
+    lost: Array
 
 
 def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, hit: Mask) -> Struck:
@@ -87,16 +99,19 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, 
     # what parts carries no impulse yet: it would give energy
     taking_part = ((sides != 0) | system.is_one_way) & (turn * w >= -least)
     found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)
+    between = _relative(system, found, after)
+    lost = 0.5 * impulses * (w + between)
     # what must not be passed in the end
     every = (sides != 0) | system.is_one_way
-    if np.any(every & (turn * _relative(system, found, after) > least)):
+    if np.any(every & (turn * between > least)):
         found, more = _nearest(system, found, after, every, turn, np.zeros(system.m), least)
         impulses += more
+        lost += 0.5 * more * (between + _relative(system, found, after))
     ties = system.is_tie.nonzero()[0]
     if ties.size:
         balance = system.balance(system.is_tie.tobytes())
         impulses[ties] = balance.held_forces(-(system.GT @ impulses), found - v)
-    return Struck(found, impulses)
+    return Struck(found, impulses, lost)
 
 
 def _relative(system: System, v: Array, u: Array) -> Array:

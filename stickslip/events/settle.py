@@ -58,8 +58,8 @@ class Settled:
         The mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is.
     motion : Motion
     guards : Guards
-    impulses : array (m,) or None
-        With which the motion began, None for none.
+    impulses : array (2, m) or None
+        With which the motion began, and the energy in J that each row took; None for none.
     """
 
     labels: Modes
@@ -93,8 +93,8 @@ class Situation:
         The regions of the piecewise-linear functions before, None at the start.
     sides : array (m,), optional
         +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
-    impulses : array (m,) or None
-        Of the rows, just before.
+    impulses : array (2, m) or None
+        Of the rows, just before, and the energy in J that each took.
     touched : int or None
         The row whose relative velocity only touches 0.
     """

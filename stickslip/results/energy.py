@@ -130,7 +130,8 @@ def energy(result: Outcome) -> EnergyLedger:
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     """Return what impulses of rows took from drives, and what got lost at stops and one-way clutches.
 
-    Over an impulse r the relative velocity goes from w- to w+: its work is ``r (w- + w+) / 2``.
+    What rows took is known. Kinetic energy changes by the work of all impulses, ``r (w- + w+) / 2``: the rest is the
+    drives'.
     """
     trajectory, system = samples.trajectory, samples.system
     rows = (system.is_stop | system.is_one_way).nonzero()[0]
@@ -143,12 +144,16 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
         ends = np.array([trajectory.pieces[k - 1].end for k in struck])
         before = Samples.at_local(trajectory, numbers - 1, ends)
         after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
-        impulses = np.array([trajectory.pieces[k].impulses for k in struck], dtype=float).T
-        middle = 0.5 * (before.relative_velocities + after.relative_velocities)
-        taken[:, numbers] = (impulses * middle)[rows]
+        impulses, lost = np.array([trajectory.pieces[k].impulses for k in struck], dtype=float).transpose(
+            1, 2, 0
+        )
+        taken[:, numbers] = lost[rows]
         if system.drives:
             moved = 0.5 * (before.drive_velocities + after.drive_velocities)
+            middle = 0.5 * (before.relative_velocities + after.relative_velocities)
             given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
+            # where one impact follows another at the same instant, drives have their new velocity in the second
+            given[numbers] += lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
     total = np.cumsum(taken, axis=1)[:, samples.piece_of]
     lost = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
     return np.cumsum(given)[samples.piece_of], lost

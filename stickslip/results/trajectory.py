@@ -52,8 +52,8 @@ class Piece:
         When each row last became held, in s.
     regions : array (p,) of int16
         The region of each piecewise-linear function.
-    impulses : array (m,) or None
-        Of the rows, with which the motion began; None for none.
+    impulses : array (2, m) or None
+        Of the rows, with which the motion began, and the energy in J that each row took; None for none.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """

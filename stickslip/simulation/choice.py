@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import scipy
+
 from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
@@ -54,9 +56,13 @@ def choose(
 
 
 def _why_stiff(system: System, duration: float) -> str | None:
-    """Return that a scene is stiff, from the dampers and springs at each body."""
+    """Return that a scene is stiff, from the dampers, springs, tables and normal forces at each body."""
     heavy = (system.inertia > 0).nonzero()[0]
     widest = system.piecewise.widest(system.C)
+    if system.dependence is not None:
+        steepest = system.dependence.steepest(system.inputs, system.size)
+        pressed = scipy.sparse.diags_array(system.largest_coefficient) @ steepest[: system.m]
+        widest = widest + abs(system.Q) @ steepest + system.abs_GT @ pressed
     damping = widest.diagonal()[heavy] / system.inertia[heavy]
     fastest = float(damping.max(initial=0.0))
     stiffness = [
@@ -68,5 +74,6 @@ def _why_stiff(system: System, duration: float) -> str | None:
     if system.size > system.first_block:
         fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
     if fastest * duration > _LONG and fastest > _STIFF * turn:
-        return f"dampers let velocities decay in {1 / fastest:.3g} s: the scene is stiff"
+        by = "dampers" if system.dependence is None else "dampers and feedback"
+        return f"{by} let velocities decay in {1 / fastest:.3g} s: the scene is stiff"
     return None

@@ -162,7 +162,8 @@ class Run:
             self._follow(now, self.local)
             return
         self._is_whole = False
-        path = self.engine.advance(motion, now.guards, motion.horizon)
+        horizon = motion.horizon if self._borders is None else self._borders.horizon(motion)
+        path = self.engine.advance(motion, now.guards, horizon)
         if not np.isfinite(path.last).all():
             raise ArithmeticError(
                 "positions or velocities are no longer finite; make forces, stiffnesses or the time smaller"
@@ -233,7 +234,9 @@ class Run:
             return
         self.restarts += 1
         system, held = self.system, self._sampled(motion, path, t)
-        if not (path.has_event or ones) and self.loads.goes_on(t):
+        # where tables are, a motion may have been followed only so far
+        paused = t < motion.stretch.stop and self.loads.regions == motion.regions
+        if not (path.has_event or ones) and (paused or self.loads.goes_on(t)):
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)

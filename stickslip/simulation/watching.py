@@ -36,6 +36,8 @@ _ROUGH = 1e-11
 """Part of what adds up in a quantity below which it is 0 at the start."""
 
 _TINY = 1e-14
+_AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
+"""A motion is followed so many times longer than the one before took to a border, and ever further where none comes."""
 
 
 class Crossing(NamedTuple):
@@ -126,6 +128,7 @@ class Borders:
         self._system, self._loads, self._dependence = system, loads, system.dependence
         # the largest values so far: what comes to a border has their roundoff
         self._sizes = np.zeros(len(system.dependence.tables))
+        self._reach = math.inf
 
     def place(self, y: Array, t: float) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
@@ -141,8 +144,21 @@ class Borders:
             found.append(region if inside else self._dependence.region(k, x))
         self._loads.regions = tuple(found)
 
+    def horizon(self, motion: Motion) -> float:
+        """Return up to which local time to follow a motion: not much further than to the border that comes next."""
+        return min(motion.horizon, self._reach)
+
     def cut(self, motion: Motion, path: Path) -> Path:
         """Return a path up to the first border; the regions are those beyond it."""
+        found = self._cut(motion, path)
+        length, whole = float(found.taus[-1]), float(path.taus[-1])
+        if length < whole:
+            self._reach = max(_AHEAD * length, _LEAST * motion.horizon)
+        elif length >= self._reach:
+            self._reach = _GROWTH * length
+        return found
+
+    def _cut(self, motion: Motion, path: Path) -> Path:
         regions = self._loads.regions
         if path.taus.size < 2 or regions is None:
             return path
@@ -191,7 +207,8 @@ class Borders:
     def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
         """Return the first local time at which a table is left over one border, inf if it is not."""
         size = float(np.abs(depths).max()) + abs(border)
-        rough, noise = _ROUGH * size, _TINY * size
+        # what has just come to a border has the roundoff of what it was before
+        rough, noise = max(_ROUGH * size, _TINY * float(self._sizes[k])), _TINY * size
 
         def depth(tau: float) -> float:
             return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))

@@ -13,7 +13,6 @@ from stickslip import (
     TIME,
     Body,
     Contact,
-    Damper,
     Drive,
     DryFriction,
     Force,
@@ -27,14 +26,11 @@ from stickslip import (
     feedback,
     position,
     power,
-    relative_velocity,
     saturate,
     simulate,
-    sine,
-    stretch,
-    triangle,
     velocity,
 )
+from validation.forms import difference, random_scene
 
 WAYS: list[dict[str, Any]] = [
     {},
@@ -97,45 +93,6 @@ def test_an_untouched_pendulum_in_fixed_steps() -> None:
     assert abs(result.position("bob")[-1] - exact.position("bob")[-1]) < 1e-9
 
 
-def random_scene(number: int, form: str) -> Scene:
-    """Two blocks on a drive with dry friction; springs and dampers as elements, as sums of quantities, or as code."""
-    rng = np.random.default_rng(number)
-    k1, k2, c1, c2, inertia1, inertia2 = rng.uniform(0.5, 4.0, 6).tolist()
-    radius = float(rng.uniform(0.5, 2.0))
-    law = DryFriction(0.5, 0.3, dwell=float(rng.choice([0.0, 0.2])))
-    base: list[Any] = [
-        Body("a", inertia=inertia1, position=float(rng.uniform(-2, 2))),
-        Body("b", inertia=inertia2, velocity=float(rng.uniform(-1, 1))),
-        Drive("belt", velocity=0.3 + sine(0.2, 0.31)),
-        Contact("ca", "a", "belt", law, normal=float(rng.uniform(0.5, 3.0))),
-        Contact("cb", "b", "a", law, normal=float(rng.uniform(0.5, 2.0)), radius_b=radius),
-    ]
-    load = triangle(1.0, 2.0, 4.0, slope=1.5)
-    if form == "elements":
-        return Scene(
-            *base,
-            Spring("a", GROUND, stiffness=k1),
-            Damper("a", GROUND, damping=0.1 * c1),
-            Spring("b", "a", stiffness=k2, damping=0.1 * c2, radius_b=radius),
-            Force("b", load),
-        )
-    if form == "sums":
-        pull = k2 * stretch("cb") + 0.1 * c2 * relative_velocity("cb")
-        return Scene(
-            *base,
-            Force("a", -k1 * position("a") - 0.1 * c1 * velocity("a") + radius * pull),
-            Force("b", load - pull),
-        )
-    link = feedback(lambda s, w: k2 * s + 0.1 * c2 * w, stretch("cb"), relative_velocity("cb"))
-    return Scene(
-        *base,
-        Force(
-            "a", feedback(lambda x, v: -k1 * x - 0.1 * c1 * v, position("a"), velocity("a")) + radius * link
-        ),
-        Force("b", load - link),
-    )
-
-
 @pytest.mark.parametrize("number", range(12))
 def test_sums_of_quantities_are_springs_and_dampers(number: int) -> None:
     one, two = (simulate(random_scene(number, form), (0.0, 8.0)) for form in ("elements", "sums"))
@@ -152,14 +109,7 @@ def test_sums_of_quantities_are_springs_and_dampers(number: int) -> None:
     "number", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 40))]
 )
 def test_code_and_sums_agree(number: int) -> None:
-    one = simulate(random_scene(number, "sums"), (0.0, 8.0))
-    two = simulate(random_scene(number, "code"), (0.0, 8.0), rtol=1e-9, atol=1e-11)
-    assert two.stats["engine"] == "CVODE BDF"
-    assert [str(e.after) + e.contact for e in one.events] == [str(e.after) + e.contact for e in two.events]
-    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-5)
-    for body in "ab":
-        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-6
-    assert two.energy().relative_error < 1e-6
+    assert difference(number) < 1e-5
 
 
 @pytest.mark.parametrize("way", WAYS)

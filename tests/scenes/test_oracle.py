@@ -203,6 +203,16 @@ def test_a_block_that_another_one_unloads(lifter: dict[str, Any], pressed_by: li
     assert [found.velocity(s)[0] for s in (4.0, 5.0)] == pytest.approx([1.2, 2.2], abs=1e-13)
 
 
+def test_a_block_that_presses_itself_on_as_it_goes() -> None:
+    """From rest at x = 0 under -1 N, N = -2 x: x'' = -1 - x, so x = cos t - 1, and it stays where it stops, at pi."""
+    law = {"mu_s": 0.5, "mu_c": 0.5, "pressed_by": [["position", "block", -2.0]]}
+    found = solve(block(-1.0, normal=0.0, stop=5.0, **law))
+    assert found.initial == (-1,) and not found.doubt
+    ((t, *modes),) = found.events
+    assert t == pytest.approx(math.pi, abs=1e-13) and modes == ["floor", -1, 0]
+    assert found.velocity(1.0) == pytest.approx([-math.sin(1.0)], abs=1e-13)
+
+
 def test_a_block_at_rest_that_is_pressed_from_0_on() -> None:
     """N = t - 1: nothing holds up to 1 s, and nothing pushes; 1 N from 1.5 s on finds a level of 0.25 N."""
     law = {"mu_s": 0.5, "mu_c": 0.4, "pressed_by": [["velocity", "lifter", 1.0]]}

@@ -98,6 +98,12 @@ def test_formulations_agree(group: str) -> None:
     assert difference("machines", group, 2) < 1e-6
 
 
+@pytest.mark.parametrize("number", [27, 31])
+def test_scenes_that_differed(number: int) -> None:
+    """A clutch beside a loop counted as at rest while it turned; roundoff between two loops was taken for a force."""
+    assert difference("clutches", "auto", number) < 1e-11
+
+
 def test_differences_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     right = truth("gaps", 2)
     assert right.t.size

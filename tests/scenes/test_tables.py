@@ -17,6 +17,7 @@ from stickslip import (
     Force,
     Sampled,
     Scene,
+    SimulationError,
     Spring,
     StateSpace,
     explain,
@@ -183,6 +184,51 @@ def test_unloading_by_the_state_breaks_a_contact_loose(way: dict[str, Any]) -> N
     assert abs(result.events[0].t - 2.0) < exact(result)
     # a = 3 - 0.5 (10 - 2 t) = t - 2 up to t = 5, then 3
     assert abs(result.velocity("m")[-1] - (4.5 + 6.0)) < 10 * exact(result)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_block_that_presses_itself_on_as_it_goes(way: dict[str, Any]) -> None:
+    """From rest at x = 0 under -1 N, N = -2 x: x'' = -1 - x, so x = cos t - 1, and it stays where it stops, at pi."""
+    rub = Contact("rub", "m", GROUND, DryFriction(0.5, 0.5), normal=-2 * position("m"))
+    result = simulate(Scene(Body("m", inertia=1.0), rub, Force("m", -1.0)), (0.0, 5.0), rtol=1e-9, **way)
+    (event,) = result.events
+    assert (event.before, event.after) == (-1, 0)
+    assert abs(event.t - math.pi) < 10 * exact(result)
+    assert abs(result.position("m")[-1] + 2.0) < 10 * exact(result)
+
+
+def test_a_stiff_spring_between_limits_is_followed_from_border_to_border() -> None:
+    """F = -clip(1e4 x, -1e4, 1e4) from x = 0 at 200 m/s: a sine inside, a parabola outside."""
+    spring = Force("m", -saturate(1e4 * position("m"), -1e4, 1e4))
+    result = simulate(Scene(Body("m", inertia=1.0, velocity=200.0), spring), (0.0, 1.0))
+    # inside x = 2 sin(100 t) up to asin(1/2) = pi/6; outside it falls from 200 cos(pi/6) to minus that with 1e4 m/s^2
+    half = 2 * math.pi / 600 + 2 * 200 * math.cos(math.pi / 6) / 1e4
+    turns = int(1.0 / half)
+    at = result.sample([k * half for k in range(1, turns + 1)])
+    np.testing.assert_allclose(at.position("m"), 0.0, atol=1e-10)
+    # to the end of the span from each border it would be many times as many
+    assert result.stats["engine"] == "Taylor series"
+    assert result.stats["steps"] < 20 * turns
+
+
+def test_steep_tables_and_normal_forces_are_stiff() -> None:
+    """A limit of 1 N on -1e6 v: v falls with 1 m/s^2 to 1e-6 m/s; the implicit method follows what then decays."""
+    for scene in (
+        Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -saturate(1e6 * velocity("m"), -1.0, 1.0))),
+        Scene(
+            Body("m", inertia=1.0, velocity=1.0), Force("m", -table(velocity("m"), [0.0, 1e-6], [0.0, 1.0]))
+        ),
+    ):
+        result = simulate(scene, (0.0, 3.0))
+        assert result.stats["engine"] == "CVODE BDF"
+        assert abs(result.sample([0.5]).velocity("m")[0] - 0.5) < 1e-6
+        assert abs(result.velocity("m")[-1]) < 1e-8
+
+
+@pytest.mark.parametrize("load", [100 * velocity("m"), 10 * position("m")])
+def test_what_grows_without_end_is_an_error(load: Any) -> None:
+    with pytest.raises(SimulationError, match="the motion grows beyond"):
+        simulate(Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", load)), (0.0, 99.0), method="series")
 
 
 def test_leading_shoe_of_a_drum_brake() -> None:

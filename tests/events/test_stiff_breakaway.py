@@ -1,0 +1,40 @@
+"""A light body on a stiff damper: what adds up in its force is large, and breakaway is told all the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Scene, Spring, simulate
+
+LAW = DryFriction(0.35, 0.2)
+
+
+def scene(rate: float) -> Scene:
+    """A block on a belt; the light body's velocity comes to that of the block with `rate` in 1/s."""
+    return Scene(
+        Drive("belt", velocity=0.3),
+        Body("block", inertia=1.0, velocity=0.3, position=0.5),
+        Body("light", inertia=0.1, velocity=0.3, position=0.5),
+        Contact("c", "block", "belt", LAW, normal=5.0),
+        Spring("block", GROUND, stiffness=4.0, damping=0.05),
+        Spring("light", GROUND, stiffness=0.5),
+        Damper("light", "block", damping=0.1 * rate),
+    )
+
+
+def rigid() -> Scene:
+    """The same with both bodies in one: the limit of a stiff damper."""
+    return Scene(
+        Drive("belt", velocity=0.3),
+        Body("block", inertia=1.1, velocity=0.3, position=0.5),
+        Contact("c", "block", "belt", LAW, normal=5.0),
+        Spring("block", GROUND, stiffness=4.5, damping=0.05),
+    )
+
+
+@pytest.mark.parametrize("rate", [3.3e4, 5e4, 7.5e4, 1.1e5])
+def test_a_stiff_damper_is_nearly_a_rigid_joint(rate: float) -> None:
+    exact = simulate(rigid(), (0.0, 10.0)).events
+    found = simulate(scene(rate), (0.0, 10.0)).events
+    assert [(e.before, e.after, e.cause) for e in found] == [(e.before, e.after, e.cause) for e in exact]
+    assert [e.t for e in found] == pytest.approx([e.t for e in exact], abs=5 / rate)
