@@ -93,10 +93,10 @@ class AnyBlock(Named):
         enough = numbers.ndim == 1 and (numbers.size == count if exactly else numbers.size >= count)
         if not enough:
             raise ValueError(
-                f"{name} returned {found!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
+                f"{name} returned {found.tolist()!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
             )
         if not np.isfinite(numbers).all():
-            raise ValueError(f"{name} returned {found!r}")
+            raise ValueError(f"{name} returned {found.tolist()!r}")
         return numbers[:count]
 
 
@@ -191,6 +191,11 @@ class StateSpace(AnyBlock):
     inputs: tuple[Expression, ...] = ()
     states: Numbers | None = None
     limits: tuple[tuple[float, float], ...] | None = None
+
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return "state space"
 
     def __post_init__(self) -> None:
         """Check the fields."""
@@ -328,6 +333,11 @@ class Sampled(AnyBlock):
     outputs: int | None = None
     first: float | None = None
     held: Numbers = ()
+
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return "sampled block"
 
     def __post_init__(self) -> None:
         """Check the fields."""
