@@ -167,6 +167,12 @@ def test_broad_lines_run_where_a_contact_holds(wheels):
         assert t.min() == 0.0
 
 
+@pytest.mark.parametrize("name", ["wheel1", "wheel2"])
+def test_broad_lines_run_under_both_bodies_that_a_contact_holds(wheels, name):
+    ax = plots.velocities(wheels, [name])
+    assert [line for line in ax.get_lines() if line.get_linewidth() > 5 and line.get_xdata().size]
+
+
 def test_broad_lines_end_where_the_contact_lets_go(wheels):
     ax = plots.velocities(wheels, ["wheel1"])
     ax.set_xlim(0.5, 0.7)

@@ -258,6 +258,10 @@ def test_loops_through_states_and_samples_run() -> None:
         (lambda: StateSpace("s", math.nan, 1, 1, inputs=[1]), "block 's': A must be finite"),
         (lambda: StateSpace("s", "A", 1, 1, inputs=[1]), "block 's': A must be a matrix, got 'A'"),
         (lambda: StateSpace("s", 1, 1, 1, inputs=[1], limits=[(1, 0)]), "the low limit 1 must be below"),
+        (
+            lambda: StateSpace("s", 1, 1, [[1], [1]], inputs=[1], limits=[(0, 1), (3, 2)]),
+            "the low limit 3 must be below",
+        ),
         (lambda: StateSpace("s", 1, 1, 1, inputs=[1], limits=[]), "0 pairs of limits for 1 outputs"),
         (lambda: loop(load=output("b")), "force on 'm': no block is called 'b'; known are none"),
         (
