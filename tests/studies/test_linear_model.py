@@ -10,6 +10,7 @@ from scipy.signal import lsim
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -25,6 +26,7 @@ from stickslip import (
     Stop,
     linearize,
     output,
+    pid,
     position,
     saturate,
     simulate,
@@ -243,3 +245,28 @@ def test_without_python_control_it_is_said() -> None:
         model = linearize(Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0)))
         with pytest.raises(ImportError, match="pip install control"):
             model.to_control()
+
+
+@pytest.mark.parametrize("slips", [True, False])
+@pytest.mark.parametrize("limits", [{}, {"low": -9.0, "high": 9.0}])
+def test_a_controller_has_states_of_its_own(slips: bool, limits: dict[str, float]) -> None:
+    control = pid("pid", 1 - position("m"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * velocity("m"), **limits)
+    rub = Contact("rub", "m", GROUND, DryFriction(8.0, 1.0), normal=1.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.1 if slips else 0.0), rub, control, Force("m", output("pid"))
+    )
+    model = linearize(scene)
+    # slipping: s^3 + 6 s^2 + 3 s + 4 = 0; stuck: nothing moves but the integral, which only sums up
+    expected = np.roots([1.0, 6.0, 3.0, 4.0]) if slips else np.zeros(model.A.shape[0])
+    assert np.allclose(np.sort_complex(model.eigenvalues), np.sort_complex(expected), atol=1e-7)
+    assert "state(pid, 0)" in model.states
+
+
+def test_states_of_a_block_are_counted_and_sampled_ones_refused() -> None:
+    turning = Block("b", inputs=[], states=[1.0, 0.0], derivative=lambda t, x, u: [x[1], -4 * x[0]])
+    model = linearize(Scene(Body("m", inertia=1.0), turning, Force("m", output("b", 0))))
+    assert model.states == ("velocity(m)", "state(b, 0)", "state(b, 1)")
+    assert model.frequencies == pytest.approx([2.0])
+    sampled = pid("servo", position("m"), kp=1.0, period=0.01)
+    with pytest.raises(ValueError, match="sampled blocks have no linear model"):
+        linearize(Scene(Body("m", inertia=1.0), sampled, Force("m", output("servo"))))
