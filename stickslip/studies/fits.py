@@ -134,9 +134,9 @@ class Fit:
 
     @property
     def fits(self) -> bool:
-        """Whether the residuals are no larger than noise makes them, to five standard deviations of their mean square."""
+        """Whether the residuals are no larger than noise makes them, to five standard deviations."""
         count = sum(one.t.size for one in self.measured) - self.values.size
-        return self.misfit**2 <= 1 + 5 * np.sqrt(2 / max(count, 1))
+        return bool(self.misfit**2 <= 1 + 5 * np.sqrt(2 / max(count, 1)))
 
     def residuals(self) -> dict[str, Array]:
         """Return what was measured less what the fitted scene does, by the names of the data."""
@@ -377,7 +377,8 @@ class _Problem:
         spread = 1.0 if self.has_sigma else 2 * cost / max(residuals.size - x.size, 1)
         size = np.maximum(np.abs(x), 1e-300)
         _, sizes, lines = np.linalg.svd(slopes * size, full_matrices=False)
-        lost = sizes <= 1e-12 * sizes.max(initial=0.0)
+        # a derivative whose square is 0 tells nothing, either
+        lost = sizes <= max(1e-12 * sizes.max(initial=0.0), 1e-150)
         inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes) ** 2)
         covariance = (lines.T * inverse) @ lines * np.outer(size, size) * spread
         blind = (np.abs(lines[lost]) > 1e-6).any(axis=0)

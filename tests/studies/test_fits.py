@@ -64,6 +64,7 @@ def test_friction_and_dwell_are_recovered_from_velocities() -> None:
     assert "+-" in str(found) and "c.law.dwell" in str(found)
 
 
+@pytest.mark.slow
 def test_data_in_other_units_are_noticed() -> None:
     """Velocities in mm/s cannot be fitted by a scene in m/s: the residuals say so."""
     scene = Scene(Body("m", inertia=1.0, velocity=2.0), Damper("m", GROUND, damping=0.5))
