@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        analysis,
         between,
         conservation,
         continuation,
@@ -57,6 +58,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
+        *analysis.rows(analysis.QUICK_SCENES if quick else analysis.SCENES),
         *continuation.rows(),
         *forms.ROWS,
         *engines.rows(family if quick else scenes, quick),

@@ -269,7 +269,9 @@ def why_no_series(system: System, loads: Loads) -> str | None:
             listed = ", ".join(map(repr, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
             return f"the force of {listed} depends on velocity ({what})"
     if system.dependence is not None and not system.dependence.is_linear:
-        return f"{system.dependence.nodes[0].label} depends on the state, of which no Taylor series is known"
+        # tables have one in each region
+        label = next(node.label for node in system.dependence.nodes if node.table is None).rstrip(":")
+        return f"{label} depends on the state, of which no Taylor series is known"
     if loads.has_functions:
         return "a load is a function, of which no Taylor series is known"
     return None

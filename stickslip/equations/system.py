@@ -133,7 +133,7 @@ class System:
             if isinstance(place.block, Sampled)
         ]
         acting = len(reader.nodes)
-        seen = [reader.form(load, "a watched quantity") for load in book.watched]
+        seen = [reader.form(load, "the quantity of an event") for load in book.watched]
         first_signal = self.first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]

@@ -63,7 +63,8 @@ def finite(value: Any, what: str) -> float:
         If it is no number, or not finite; `what` begins the message.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{what} must be a number, got {value!r}")
+        remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
+        raise TypeError(f"{what} must be a number, got {value!r}{remedy}")
     try:
         number = float(value)
     except OverflowError:

@@ -42,6 +42,39 @@ class Load:
         """Return the load as plain data."""
         raise NotImplementedError
 
+    def __pow__(self, exponent: Any) -> Any:
+        """Refuse powers, naming `feedback` and `signal`."""
+        raise TypeError(self._not_linear(f"x**{exponent!r}"))
+
+    def __rtruediv__(self, dividend: Any) -> Any:
+        """Refuse to divide by a load."""
+        raise TypeError(self._not_linear(f"{dividend!r} / x"))
+
+    def __abs__(self) -> Any:
+        """Refuse the absolute value."""
+        raise TypeError(self._not_linear("abs(x)"))
+
+    def __float__(self) -> float:
+        """Refuse to be one number: functions such as `math.sin` ask for it."""
+        raise TypeError(self._not_linear("math.sin(x)"))
+
+    def __lt__(self, other: Any) -> Any:
+        """Refuse comparisons: a load has no value before the simulation runs."""
+        raise TypeError(
+            "a load has no value before the simulation runs, so it cannot be compared; "
+            "use When(name, quantity - limit) for a crossing, saturate(...) for a limit, "
+            "feedback(...) for anything else"
+        )
+
+    __le__ = __gt__ = __ge__ = __lt__
+
+    def _not_linear(self, shown: str) -> str:
+        """Return what to write for a function that is not linear."""
+        if isinstance(self, Signal):
+            of_time = shown.replace("x", "s(t)")
+            return f"signals are only added and scaled; write a function of time: signal(lambda t: {of_time})"
+        return f"quantities are only added and scaled; use feedback(lambda x: {shown}, quantity)"
+
 
 class Signal(Load):
     """A load over time; ``+`` adds signals and numbers, ``*`` scales by a number."""
@@ -107,14 +140,25 @@ class Signal(Load):
 
     def __mul__(self, factor: float) -> Signal:
         """Return the signal times a number."""
-        if isinstance(factor, Load):
+        if isinstance(factor, Signal):
             raise TypeError(
                 "signals are scaled by numbers, not by signals; use signal(function) for a product"
+            )
+        if isinstance(factor, Load):
+            raise TypeError(
+                "signals are scaled by numbers; use feedback(lambda a, b: a * b, signal, quantity) for a product"
             )
         number = finite(factor, "a signal's factor")
         return self.scaled(number) if number else Constant(0.0)
 
     __rmul__ = __mul__
+
+    def __truediv__(self, divisor: float) -> Signal:
+        """Return the signal divided by a number."""
+        number = finite(divisor, "a signal's divisor")
+        if number == 0:
+            raise ValueError("a signal's divisor must not be 0")
+        return self * (1.0 / number)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure as Figure
 
+from stickslip.plots.blocks import block
 from stickslip.plots.contact import (
     characteristic,
     contact_forces,
@@ -29,6 +30,7 @@ from stickslip.results.outcome import Drawable
 __all__ = [
     "Figure",
     "bifurcation",
+    "block",
     "characteristic",
     "contact_forces",
     "energy",
@@ -46,6 +48,7 @@ __all__ = [
 ]
 
 _FORCE_PANELS = 4
+_BLOCK_PANELS = 3
 _CURVES = 6
 Panel = tuple[float, Callable[[Any], Any]]
 
@@ -58,7 +61,7 @@ def overview(
     t_span: tuple[float, float] | None = None,
     axes: Sequence[Any] | None = None,
 ) -> Figure:
-    """Draw velocities, modes, contact forces within breakaway levels, and normal forces that vary, over time.
+    """Draw velocities, modes, contact forces within breakaway levels, normal forces that vary, and blocks, over time.
 
     This is figure 8 of Breedveld (2000). More than four contacts share one raster of ``|r| / B``; panels with
     nothing to show are left out.
@@ -105,8 +108,10 @@ def overview(
 def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
     panels: list[Panel] = [(2.4, lambda ax: velocities(result, bodies, ax=ax))]
+    blocks = [*result.scene.blocks, *result.scene.state_spaces, *result.scene.sampled][:_BLOCK_PANELS]
+    of_blocks: list[Panel] = [(1.4, lambda ax, name=own.name: block(result, name, ax=ax)) for own in blocks]  # type: ignore[misc]
     if not names:
-        return panels
+        return panels + of_blocks
     height = 0.5 + 0.22 * len(names) if len(names) <= MANY else 2.2
     panels.append((max(height, 0.95), lambda ax: modes(result, names, ax=ax)))
     if len(names) <= _FORCE_PANELS:
@@ -118,7 +123,7 @@ def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) ->
     loaded = [name for name in varying(result) if name in names]
     if loaded:
         panels.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
-    return panels
+    return panels + of_blocks
 
 
 def energy(result: Drawable, *, ax: Any = None) -> Any:

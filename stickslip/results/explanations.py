@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
-from stickslip.model.elements import KINDS
+from stickslip.model.elements import KINDS, AnyBlock, Sampled, StateSpace
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
-from stickslip.model.quantities import Quantity, as_expression
+from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
 from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
 from stickslip.model.signal_makers import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
@@ -82,6 +82,7 @@ def _compiled(system: System, loads: Loads) -> list[str]:
         *_contacts(system),
         *_others(system),
         *_loads(system, loads),
+        *_feedback(system),
     ]
     kind = "sparse" if system.sparse else "dense"
     lines.append(f"Matrices: {kind} (bodies and contacts together: {system.n + system.m})")
@@ -94,11 +95,16 @@ def _states(system: System) -> list[str]:
     bristles = [system.scene.contacts[j].name for j in system.bristle_state]
     lines = [f"States: {system.size}", f"  {_count(system.n, 'velocity')}: {_listed(system.names)}"]
     if placed:
-        lines.append(f"  {_count(len(placed), 'position')}, where springs act: {_listed(placed)}")
+        why = "where springs act or quantities read them" if _fed_back(system.scene) else "where springs act"
+        lines.append(f"  {_count(len(placed), 'position')}, {why}: {_listed(placed)}")
     else:
         lines.append("  no positions: no spring acts")
     if bristles:
         lines.append(f"  {_count(len(bristles), 'bristle deflection')}: {_listed(bristles)}")
+    if of_blocks := [f"{name} ({place.end - place.first})" for name, place in system.blocks.items()]:
+        count = system.size - system.first_block
+        held = ", held outputs among them" if system.sampled else ""
+        lines.append(f"  {_count(count, 'state')} of blocks{held}: {_listed(of_blocks)}")
     return lines
 
 
@@ -181,6 +187,8 @@ def _law(contact: Contact, unit: str) -> str:
     text = f"{type(law).__name__}, static {core.mu_static:g}, Coulomb {core.mu_coulomb:g}"
     if core.dwell:
         text += f", dwell {core.dwell:g} s"
+        if core.stribeck_velocity is not None:
+            text += " (without effect beside a Stribeck curve)"
     if core.curved:
         text += ", kinetic curve"
     if width := max(character.slips_beyond, character.rests_below):
@@ -209,7 +217,7 @@ def _normal(contact: Contact) -> str:
 
 
 def _loads(system: System, loads: Loads) -> list[str]:
-    times = [f"{t:g}" for t in loads.breaks]
+    times = [f"{t:g}" for t in loads.breaks if not loads.goes_on(t)]
     stops = (
         f"{_count(len(times), 'break')}, stop times and not guards: {_listed(times)} s"
         if times
@@ -223,6 +231,45 @@ def _loads(system: System, loads: Loads) -> list[str]:
     elif times:
         lines.append("  piecewise linear: rates, forces and guards are affine between stops")
     return lines
+
+
+def _fed_back(scene: Scene) -> list[tuple[str, Quantity]]:
+    """Return the forces and normal forces that depend on the state, with their labels."""
+    found = [(f.label, f.signal) for f in scene.forces]
+    found += [(f"normal force of {c.name!r}", c.normal) for c in scene.contacts]
+    return [(label, load) for label, load in found if isinstance(load, Quantity)]
+
+
+def _feedback(system: System) -> list[str]:
+    """Return what of forces, normal forces and blocks is linear, and what else it is."""
+    lines = [f"  {label}: {_form(load)}" for label, load in _fed_back(system.scene)]
+    lines += [f"  {place.block.label}: {_block(place.block)}" for place in system.blocks.values()]
+    if not lines:
+        return []
+    more = [f"  ... and {len(lines) - _LISTED} more"] if len(lines) > _LISTED else []
+    return ["Feedback:", *lines[:_LISTED], *more]
+
+
+def _form(load: Quantity) -> str:
+    """Return how a quantity depends on the state."""
+    parts = list(load.walk())
+    corners = sum(len(part.xs) for part in parts if isinstance(part, Table))
+    functions = [part.label for part in parts if isinstance(part, Feedback)]
+    functions += [f"the power of {part.row!r}" for part in parts if isinstance(part, Power)]
+    blocks = sorted({part.block for part in parts if isinstance(part, Output)})
+    told = "straight lines, " + _count(corners, "corner") if corners else "linear in the state"
+    if functions:
+        told = f"smooth, by {_listed(functions)}" + (f"; {_count(corners, 'corner')}" if corners else "")
+    return told + (f"; reads {_listed(blocks)}" if blocks else "")
+
+
+def _block(block: AnyBlock) -> str:
+    """Return what a block is."""
+    if isinstance(block, Sampled):
+        return f"sampled every {block.period:g} s, held between"
+    if isinstance(block, StateSpace):
+        return "linear" + (", its output limited" if block.limits is not None else "")
+    return "smooth functions"
 
 
 # -- the result -------------------------------------------------------------------------------------------

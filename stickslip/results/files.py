@@ -136,11 +136,26 @@ def to_csv(result: Outcome, path: Target, *, units: bool | None = None) -> None:
     OSError
         If the file cannot be written.
     """
-    found = columns(result)
-    heads = list(found)
-    if result.samples.system.scene.motion is not None if units is None else units:
-        known = column_units(result)
-        heads = [f"{name} [{known[name]}]" if known[name] else name for name in heads]
+    with_units = result.samples.system.scene.motion is not None if units is None else units
+    write_columns(columns(result), path, column_units(result) if with_units else {})
+
+
+def write_columns(found: dict[str, NDArray[Any]], path: Target, known: dict[str, str]) -> None:
+    """Write columns as CSV, with the units that are known in their heads.
+
+    Parameters
+    ----------
+    found : dict of str to array (n,)
+    path : path
+    known : dict of str to str
+        Units by column.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    heads = [f"{name} [{known[name]}]" if known.get(name) else name for name in found]
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heads)

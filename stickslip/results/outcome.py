@@ -129,6 +129,14 @@ class Drawable(Outcome, Protocol):
         """Return a row's modes at the times `t`."""
         ...
 
+    def output(self, block: str) -> Array:
+        """Return the outputs of a block at the times `t`."""
+        ...
+
+    def state(self, block: str) -> Array:
+        """Return the states of a block at the times `t`."""
+        ...
+
     def energy(self) -> Any:
         """Return the energy ledger."""
         ...

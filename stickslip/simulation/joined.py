@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.scene import Scene
+from stickslip.results import files
+from stickslip.results.files import Target
 from stickslip.simulation.result import Event, Result
 
 __all__ = ["Joined", "join"]
@@ -89,6 +92,88 @@ class Joined:
     def final_scene(self) -> Scene:
         """Return the scene at the end of the last run."""
         return self.results[-1].final_scene()
+
+    def sample(self, times: int | Sequence[float] | Array) -> Joined:
+        """Return the same runs at other times; where one ends and the next begins, the next one's.
+
+        Parameters
+        ----------
+        times : int or array (k,)
+            Increasing times in s within the runs, or how many evenly spaced ones.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a time lies outside, the times do not increase, or only the requested outputs were kept.
+        """
+        starts = [float(result.trajectory.starts[0]) for result in self.results]
+        stop = float(self.results[-1].trajectory.stops[-1])
+        if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
+            if times < 2:
+                raise ValueError(f"sample: give at least 2 times, got {times}")
+            times = np.linspace(starts[0], stop, int(times))
+        wanted = np.asarray(times, dtype=float)
+        if wanted.ndim != 1 or np.any(np.diff(wanted) < 0):
+            raise ValueError("sample: give increasing times in one line, or how many")
+        if wanted.size and not (starts[0] <= wanted[0] and wanted[-1] <= stop):
+            raise ValueError(
+                f"times must lie in [{starts[0]:g}, {stop:g}] s, got {wanted[0]:g} to {wanted[-1]:g}"
+            )
+        cuts = np.searchsorted(wanted, starts[1:])
+        parts = np.split(wanted, cuts)
+        # runs without a time stay, so that heat and work are counted through all of them
+        return Joined(tuple(result.sample(part) for result, part in zip(self.results, parts, strict=True)))
+
+    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
+        """Write all runs as one table, a line per time, as `Result.to_csv` does for one of them.
+
+        Heat and work are counted from the start of the first run. What a run does not know is nan.
+
+        Parameters
+        ----------
+        path : path
+        units : bool, optional
+            Whether the heads of the columns say the units; by default where the last scene says whether it rotates.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        known: dict[str, str] = {}
+        for result in self.results:
+            known |= files.column_units(result)
+        with_units = self.scene.motion is not None if units is None else units
+        files.write_columns(self._columns(), path, known if with_units else {})
+
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of all runs, one after another; heat and work go on from run to run."""
+        parts = [files.columns(result) for result in self.results]
+        ends = [
+            files.columns(result.sample(result.trajectory.stops[-1:])) if result.trajectory.is_dense else {}
+            for result in self.results
+        ]
+        names = list(dict.fromkeys(name for part in parts for name in part))
+        found = {}
+        for name in names:
+            so_far, pieces = 0.0, []
+            counted = name.startswith(("heat ", "work "))
+            for result, part, end in zip(self.results, parts, ends, strict=True):
+                piece = part.get(name)
+                pieces.append(np.full(result.t.size, np.nan) if piece is None else piece)
+                if counted and piece is not None:
+                    pieces[-1] = piece + so_far
+                    so_far += float(end[name][0]) if name in end else 0.0
+            found[name] = np.concatenate(pieces)
+        return found
+
+    def __str__(self) -> str:
+        """Return when the runs begin and end, and their events."""
+        spans = [
+            f"{result.trajectory.starts[0]:g} to {result.trajectory.stops[-1]:g} s: {result.message}"
+            for result in self.results
+        ]
+        return "\n".join([*spans, *map(str, self.events)])
 
     def _read(self, read: Callable[[Result], Array]) -> Array:
         found: list[Array | None] = []

@@ -323,10 +323,13 @@ class Result:
 
         Raises
         ------
-        ValueError
-            If a time lies outside, or only the requested outputs were kept.
+        ValueError, TypeError
+            If `t` is no time, a time lies outside, or only the requested outputs were kept.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        given = np.asarray(t)
+        if given.dtype.kind not in "iuf":
+            raise TypeError(f"a result is called with times in s, got {t!r}; give numbers")
+        times = np.atleast_1d(given.astype(float))
         states = Samples.at_times(self.trajectory, times).y
         return states[:, 0] if np.ndim(t) == 0 else states
 
@@ -435,11 +438,33 @@ class Result:
         """
         files.save(self, path)
 
-    def plot(self, **options: Any) -> Figure:
-        """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8)."""
+    def plot(
+        self,
+        *,
+        bodies: Sequence[str] | None = None,
+        contacts: Sequence[str] | None = None,
+        t_span: tuple[float, float] | None = None,
+        axes: Sequence[Any] | None = None,
+    ) -> Figure:
+        """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8).
+
+        Parameters
+        ----------
+        bodies, contacts : sequence of str, optional
+            Names of those to draw; by default all.
+        t_span : (float, float), optional
+            Part of the time to draw, in s.
+        axes : sequence of matplotlib axes, optional
+            Where to draw, a panel each; by default a new figure.
+
+        Raises
+        ------
+        ValueError
+            If there is no such body or contact.
+        """
         from stickslip import plots
 
-        return plots.overview(self, **options)
+        return plots.overview(self, bodies=bodies, contacts=contacts, t_span=t_span, axes=axes)
 
     def report(self, path: Target, *, title: str = "A simulation with dry friction") -> None:
         """Write a report of the run: one HTML file that needs no other file and no network.

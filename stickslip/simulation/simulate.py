@@ -216,7 +216,7 @@ class _Simulation:
                     if interruption.pressed:
                         raise KeyboardInterrupt
         except SolverFailure as failure:
-            error = self._error(failure.sentence, failure.remedy, failure.path)
+            error = self._error(failure.sentence, failure.remedy + self._where_functions_jump, failure.path)
             raise error from failure.__cause__ or failure
         except Inconsistent as conflict:
             names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
@@ -246,6 +246,15 @@ class _Simulation:
     def _function_calls(self) -> int:
         dependence = self._run.system.dependence
         return 0 if dependence is None else dependence.calls
+
+    @property
+    def _where_functions_jump(self) -> str:
+        dependence = self._run.system.dependence
+        if dependence is None or dependence.is_linear:
+            return ""
+        return (
+            "; feedback functions must be smooth: write corners with saturate or table, friction as a Contact"
+        )
 
     def _keep(self, path: Path | None) -> float:
         """Keep the path of a motion that has come to no end; return the time of its last point."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.arcs import ERRORS, Arc, Place
-from stickslip.studies.cycles import Cycle, CycleError, centred, closed_from, limit_cycle
+from stickslip.studies.cycles import Cycle, CycleError, centred, closed_from, limit_cycle, smaller_cycle
 from stickslip.studies.parameters import Parameter, named_parameters
 
 __all__ = ["Branch", "BranchPoint", "continue_cycle"]
@@ -28,6 +28,9 @@ _SHORT = 0.02
 
 _FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
 """First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed."""
+
+_BACK = 0.3, 0.6
+"""How far before the end of a branch, in distances of values, smaller cycles are looked for."""
 
 _BEFORE, _GRAZES = 1e-4, 0.3
 """A relative velocity that changes by less than this part of its range in a period, just before it is 0, grazes."""
@@ -246,13 +249,15 @@ class _Follower:
             except (CycleError, SimulationError) as error:
                 arc = Arc(self._parameter, self._period if callable(self._period) else None, value - before)
                 turned = self._round(arc, last, before, value)
-                if turned is None:
-                    self._end(last, before, value, str(error))
-                    break
+                every = values if every is None else every
                 if isinstance(turned, _Turned):
-                    beyond = self._back(arc, turned, before, values if every is None else every)
+                    beyond = self._back(arc, turned, before, every)
                     break
-                one = turned
+                ended = turned or self._end(last, before, value, str(error), every)
+                if not isinstance(ended, Cycle):
+                    beyond = ended
+                    break
+                one = ended
             self._between(last, before, one, value)
             cycles.append(one)
         cycles += [None] * (values.size - len(cycles))
@@ -399,9 +404,12 @@ class _Follower:
             said += f"; somewhere between {before:.9g} and {value:.9g}"
         self._points.append(BranchPoint(0.5 * (before + value), "sequence", said))
 
-    def _end(self, last: Cycle, before: float, value: float, why: str) -> None:
-        """Find by bisection how far the branch reaches."""
-        smallest = self._accuracy * abs(value - before)
+    def _end(self, last: Cycle, before: float, value: float, why: str, every: Array) -> Branch | Cycle | None:
+        """Find by bisection how far the branch reaches, and note it; return what comes beyond, None for nothing.
+
+        That is the branch without the phase that vanishes there, or the cycle at the value where it is no end.
+        """
+        begun, aim, smallest = before, value, self._accuracy * abs(value - before)
         a, first = last, last
         while abs(value - before) > smallest:
             middle = 0.5 * (before + value)
@@ -411,16 +419,65 @@ class _Follower:
                 a, before = self._step(a, before, middle), middle
             except (CycleError, SimulationError) as error:
                 value, why = middle, str(error)
+        try:
+            return self.reach(a, before, aim)
+        except (CycleError, SimulationError):
+            pass
         if _cyclic(a.sequence) != _cyclic(first.sequence):
             self._points.append(BranchPoint(before, "sequence", _told(first, a)))
-        vanishing = _vanishing(a)
-        if vanishing:
-            why += (
-                ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
-                "of a scene that moves a little less"
-            )
-        said = "; ".join([*vanishing, why])
-        self._points.append(BranchPoint(0.5 * (before + value), "end", said))
+        end, vanishing = 0.5 * (before + value), _vanishing(a)
+        inner = self._inner(first, begun, before, aim - begun) if vanishing and not a.forced else None
+        if inner is None:
+            if vanishing:
+                why += (
+                    ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
+                    "of a scene that moves a little less"
+                )
+            self._points.append(BranchPoint(end, "end", "; ".join([*vanishing, why])))
+            return None
+        said = "; ".join([*vanishing, "cycles without it begin there, and the branch turns back"])
+        self._points.append(BranchPoint(end, "fold", said, a))
+        if self._folds <= 0:
+            return None
+        back = every[::-1] if (every[-1] > every[0]) == (aim > begun) else every
+        back = back[(back <= begun) if aim > begun else (back >= begun)]
+        follower = _Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
+        try:
+            cycle = follower.reach(inner[0], inner[1], begun)
+        except (CycleError, SimulationError) as error:
+            none = (None,) * back.size
+            return Branch(self._parameter.name, back, none, (BranchPoint(inner[1], "end", str(error)),))
+        return follower.along(cycle, back, every)
+
+    def _inner(self, a: Cycle, at: float, end: float, spacing: float) -> tuple[Cycle, float] | None:
+        """Return a cycle without the phase that vanishes at the end of a branch, and its value; None for none.
+
+        Where a phase vanishes because a relative velocity only just comes to 0, cycles may go on from there that do
+        not come to 0: they move a little less. One counts if it comes nearer to those of the branch towards the end.
+        """
+        found: list[tuple[Cycle, float]] = []
+        apart = []
+        try:
+            for part in _BACK:
+                value = end - part * spacing
+                own = self.reach(a, at, value)
+                if found:
+                    one: Cycle | None = self.reach(found[-1][0], found[-1][1], value)
+                else:
+                    one = smaller_cycle(own)
+                if one is None or _cyclic(one.sequence) == _cyclic(own.sequence):
+                    return None
+                found.append((one, value))
+                apart.append(_speed(own) - _speed(one))
+        except (CycleError, SimulationError):
+            return None
+        return found[0] if 0 < apart[0] < 0.75 * apart[1] else None
+
+
+def _speed(cycle: Cycle) -> float:
+    """Return the range of the fastest velocity of a cycle."""
+    found = cycle.result.fit_for_plot(2000)
+    return max(float(np.ptp(found.velocity(body.name))) for body in cycle.scene.bodies)
 
 
 def _fold(cycle: Cycle) -> float:

@@ -49,6 +49,9 @@ _NEAR_BY, _FAR = 0.05, 0.5
 """A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
 change, is another one."""
 
+_INWARDS, _BISECTIONS = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.6), 8
+"""Parts by which a cycle is made smaller to find one inside it."""
+
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _ZERO = 1e-9
 _NEUTRAL = 1e-6
@@ -674,6 +677,42 @@ def centred(cycle: Cycle) -> Cycle:
         return cycle
     shot = cycle.shot
     return cycle_of(Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
+
+
+def smaller_cycle(cycle: Cycle) -> Cycle | None:
+    """Return the cycle of the same scene that lies inside a cycle of free period, None where none is found.
+
+    Motions outside it grow towards the cycle in a period, those inside fall; between them Newton's method begins.
+    """
+    shot = cycle.shot
+    coordinates = shot.coordinates
+    states = coordinates.of(cycle.result(np.linspace(0.0, cycle.period, 500)))
+    count, sizes = states.shape[0], shot.sizes
+    inwards = states.mean(axis=1) - coordinates.of(shot.start)
+
+    def moved(part: float) -> Shot:
+        change = np.zeros(coordinates.size)
+        change[:count] = part * inwards
+        return shot.moved(change, 0.0)
+
+    def growth(part: float) -> float:
+        one = moved(part)
+        off = (coordinates.of(one.stop) - coordinates.of(shot.start) - inwards) / sizes[:count]
+        return float(np.linalg.norm(off) / np.linalg.norm(inwards / sizes[:count])) - (1.0 - part)
+
+    outside, inside = 0.0, 0.0
+    for part in _INWARDS:
+        grows = growth(part)
+        if grows < 0:
+            inside = part
+            break
+        outside = part
+    if not outside or not inside:
+        return None
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (outside + inside)
+        outside, inside = (middle, inside) if growth(middle) > 0 else (outside, middle)
+    return centred(_closed(moved(0.5 * (outside + inside))))
 
 
 def closed_from(

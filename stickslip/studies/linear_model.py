@@ -7,8 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
@@ -23,6 +25,7 @@ Complex = NDArray[np.complex128]
 
 _AHEAD = 1e-6
 _PART = 1e-4
+_AT_CORNER = 1e-9
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class LinearModel:
         Of shapes (states, states), (states, inputs), (outputs, states), (outputs, inputs).
     states : tuple of str
         ``"velocity(body)"`` of bodies whose velocity does not follow from others, ``"position(body)"`` of those whose
-        position a force reads, ``"deflection(contact)"`` of bristles.
+        position a force reads, ``"deflection(contact)"`` of bristles, ``"state(block, number)"`` of blocks. Positions
+        that closed stops fix are none.
     inputs : tuple of str
         ``"force(body)"``, ``"normal(contact)"`` of contacts whose normal force is a load, ``"velocity(drive)"`` and
         ``"acceleration(drive)"``.
@@ -169,6 +173,9 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)
     trajectory = result.trajectory
     motion, system = trajectory.motion(0), trajectory.system
+    if system.sampled:
+        raise ValueError("linearize: sampled blocks have no linear model in continuous time; leave them out")
+    _check_corners(motion)
     labels = trajectory.pieces[0].labels.tolist()
     modes = {row.name: Mode(k) for row, k in zip(system.rows, labels, strict=True) if row.kind != "tie"}
     names, to_states, chosen = _states(system, motion)
@@ -191,18 +198,66 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
 def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, NDArray[np.intp]]:
     """Return names of the states, how all states follow from them, and their places among these."""
     n, size = system.n, system.size
-    free = np.ones(n, dtype=bool)
+    free = np.ones(size, dtype=bool)
     free[motion.equations.dependent] = False
-    chosen = np.concatenate([free.nonzero()[0], np.arange(n, size)])
+    fixed, by_others = _fixed_positions(system, motion)
+    free[fixed] = False
+    chosen = free.nonzero()[0]
     to_states = np.zeros((size, chosen.size))
     to_states[chosen, np.arange(chosen.size)] = 1.0
+    to_states[fixed] = by_others @ to_states
     to_states = motion.equations.consistent(to_states, np.zeros((system.drives, chosen.size)))
     bodies = [*system.scene.bodies, *system.scene.drives]
-    names = [f"velocity({bodies[i].name})" for i in free.nonzero()[0]]
-    names += [f"position({bodies[i].name})" for i in system.placed]
-    by_state = {state: row for row, state in system.bristle_state.items()}
-    names += [f"deflection({system.rows[by_state[k]].name})" for k in range(system.first_bristle, size)]
-    return tuple(names), to_states, chosen
+    names = {i: f"velocity({bodies[i].name})" for i in range(n)}
+    names |= {k: f"position({bodies[i].name})" for i, k in system.position_state.items()}
+    names |= {k: f"deflection({system.rows[row].name})" for row, k in system.bristle_state.items()}
+    for name, place in system.blocks.items():
+        names |= {k: f"state({name}, {k - place.first})" for k in range(place.first, place.end)}
+    return tuple(names[k] for k in chosen.tolist()), to_states, chosen
+
+
+def _fixed_positions(system: System, motion: Motion) -> tuple[NDArray[np.intp], Array]:
+    """Return the places of positions that follow from others because stops are closed, and how they do."""
+    closed = (motion.equations.is_held & system.is_stop).nonzero()[0]
+    lines = np.zeros((closed.size, system.size))
+    coefficients = np.hstack([dense(system.G[closed]), dense(system.D[closed])])
+    for i, k in system.position_state.items():
+        lines[:, k] = coefficients[:, i]
+    if not closed.size:
+        return closed, lines
+    _, parts, order = scipy.linalg.qr(lines, mode="economic", pivoting=True)
+    sizes = np.abs(np.diag(parts))
+    rank = int(np.count_nonzero(sizes > 1e-12 * sizes.max()))
+    fixed = order[:rank]
+    by_others = -np.linalg.lstsq(lines[:, fixed], lines, rcond=None)[0]
+    by_others[:, fixed] = 0.0
+    return fixed, by_others
+
+
+def _check_corners(motion: Motion) -> None:
+    """Refuse a state at a corner of a force: there are two linear models, one for each side."""
+    system, dependence = motion.system, motion.system.dependence
+    q = motion.inputs(0.0, motion.y)[: system.inputs]
+    if dependence is not None and dependence.tables:
+        for k, x in enumerate(dependence.looked_up(q, motion.y).tolist()):
+            region = dependence.region(k, x)
+            for border in dependence.borders(k, region):
+                if np.isfinite(border) and abs(x - border) <= _AT_CORNER * (abs(x) + abs(border)):
+                    raise ValueError(
+                        f"linearize: a table is read at its corner {border:g}, where its slope changes: there is a "
+                        "model for each side; start the scene a little beside it"
+                    )
+    functions, equations = system.piecewise, motion.equations
+    if not functions.count:
+        return
+    depth = (functions.border_y @ motion.y + functions.border_q @ q)[equations.borders]
+    size = equations.border_magnitudes(np.abs(motion.y), np.abs(q))
+    for i in (np.abs(depth) <= _AT_CORNER * size).nonzero()[0].tolist():
+        label = functions.labels[functions.owner[equations.borders[i]]]
+        raise ValueError(
+            f"linearize: {label} is just at its limit, where its force has a corner: there is a model for each side; "
+            "start the scene a little beside it"
+        )
 
 
 def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:

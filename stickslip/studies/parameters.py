@@ -180,7 +180,12 @@ def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
         return thing[step]
     if not is_dataclass(thing) or step not in {field.name for field in fields(thing)}:
         known = ", ".join(f.name for f in fields(thing)) if is_dataclass(thing) else "no fields"
-        raise ValueError(f"{what}: parameter {name!r}: a {type(thing).__name__} has {known}, not {step!r}")
+        law = getattr(thing, "law", None)
+        within = is_dataclass(law) and step in {field.name for field in fields(law)}
+        remedy = f"; write '{name.removesuffix(str(step))}law.{step}'" if within else ""
+        raise ValueError(
+            f"{what}: parameter {name!r}: a {type(thing).__name__} has {known}, not {step!r}{remedy}"
+        )
     return getattr(thing, step)
 
 

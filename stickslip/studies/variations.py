@@ -44,8 +44,8 @@ Indices = NDArray[np.intp]
 Quantity = Callable[[Motion, Array, Array], Array]
 """Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
-_PART = 1e-3
-"""Step of a difference as a part of what changes."""
+_PART, _FINE = 1e-3, 1e-4
+"""Step of a difference as a part of what changes, and as a part of the size of the motion."""
 
 _CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
@@ -66,6 +66,9 @@ _JUMP = 1e-7
 _LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
 """Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
 is a touch."""
+
+_QUADRATURE, _REFINED = 1e-10, 6
+"""Part of an integral that a finer rule may change, and how often steps are halved for that."""
 
 _REST = 1e-11
 _TINY = np.finfo(float).tiny
@@ -326,6 +329,11 @@ class Variation:
             self._size[group] = size[group].max(initial=0.0) or 1.0
         rising = self.system.dwell[self.system.dwell > 0]
         self._dwell = float(rising.min(initial=np.inf))
+        laws: list[Any] = [getattr(law, "law", law) for law in self.system.laws.laws]
+        speeds = [law.stribeck_velocity for law in laws]
+        finest = float(self.system.laws.resolution.min(initial=np.inf))
+        # speed within which friction forces bend
+        self._bend = min([*(one for one in speeds if one is not None), finest])
         self._relaxed = {(event.t, event.contact) for event in result.events if event.cause == "relaxation"}
         self._run()
 
@@ -399,7 +407,8 @@ class Variation:
         )
         if part == 0:
             return []
-        h = _PART / part
+        bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
+        h = min(_FINE / part, _PART / bends if bends > 0 else np.inf)
         shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
         found = []
         for offset, weight in _CENTRAL:
@@ -1015,6 +1024,21 @@ class Variation:
         found[..., order, :] = joined
         return found
 
+    def _sums(self, quantity: Quantity, number: int, edges: Array) -> Array:
+        """Return the integrals of the derivatives of a quantity from the start of a piece to some local times."""
+        piece, varied = self.trajectory.pieces[number], self.pieces[number]
+        nodes, weights = gauss_nodes(varied.coefficients.shape[1])
+        half = 0.5 * np.diff(edges)
+        taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
+        if not half.size:
+            motion = self._motion(number)
+            lines = quantity(motion, np.zeros(1), piece.y[:, None]).shape[0]
+            return np.zeros((lines, edges.size, self.count))
+        slopes = self.slope_of(quantity, number, taus).reshape(-1, half.size, nodes.size, self.count)
+        sums = np.zeros((slopes.shape[0], edges.size, self.count))
+        sums[:, 1:] = np.cumsum(np.einsum("lijk,j,i->lik", slopes, weights, half), axis=1)
+        return sums
+
     def integral(self, quantity: Quantity, times: Array) -> Array:
         """Return the derivatives of time integrals from the start to times in order, (lines, k, directions).
 
@@ -1033,13 +1057,17 @@ class Variation:
             edges = np.unique(np.concatenate([varied.taus, path.taus, wanted]))
             ends = np.array([0.0, piece.end])
             limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
-            sums = np.zeros((limits.shape[0], edges.size, self.count))
-            if edges.size > 1:
-                nodes, weights = gauss_nodes(varied.coefficients.shape[1])
-                half = 0.5 * np.diff(edges)
-                taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
-                slopes = self.slope_of(quantity, number, taus).reshape(-1, half.size, nodes.size, self.count)
-                sums[:, 1:] = np.cumsum(np.einsum("lijk,j,i->lik", slopes, weights, half), axis=1)
+            sums = self._sums(quantity, number, edges)
+            for _ in range(_REFINED):
+                if edges.size < 2:
+                    break
+                middles = 0.5 * (edges[1:] + edges[:-1])
+                edges = np.insert(edges, np.arange(1, edges.size), middles)
+                finer = self._sums(quantity, number, edges)
+                off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=1, keepdims=True)
+                sums = finer
+                if not np.any(off > _QUADRATURE * size):
+                    break
             sums += total - limits[:, :1] * varied.begin
             parts.append(sums[:, np.searchsorted(edges, wanted)])
             total = sums[:, -1:] + limits[:, 1:] * varied.end

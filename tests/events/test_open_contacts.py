@@ -292,3 +292,16 @@ def test_it_stops_and_goes_on_with_the_drive_that_its_body_is_held_to(
     if held == ["driven"]:
         # the 1 m/s2 of the drive need 1 N of 3
         assert events[1:] == [(2.0, 1)]
+
+
+@pytest.mark.parametrize("method", ["series", "BDF"])
+@pytest.mark.parametrize("time", [1e-9, 1.0, 1e10])
+def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
+    """1 m in that time, from rest: the force is 2 m 1 kg / time^2."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("open", "b", GROUND, DRY, normal=0.0),
+        Force("b", 2.0 / time**2),
+    )
+    result = simulate(scene, (0.0, time), method=method)
+    assert set(result.mode("open").tolist()) == {1}

@@ -41,6 +41,7 @@ from stickslip import (
     position,
     power,
     saturate,
+    sensitivities,
     signal,
     simulate,
     sine,
@@ -49,6 +50,7 @@ from stickslip import (
     triangle,
     velocity,
 )
+from stickslip.equations.system import System
 
 DRY = DryFriction(0.2, 0.1)
 SCENE = Scene(Body("a", inertia=1.0, velocity=1.0), Contact("c", "a", GROUND, DRY, normal=1.0))
@@ -286,3 +288,52 @@ def test_all_constructors_are_looked_at() -> None:
         "Signal",
     }
     assert made <= {maker.__name__ for maker in GOOD}, made - {maker.__name__ for maker in GOOD}
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        (lambda v: v**2, r"feedback\(lambda x: x\*\*2, quantity\)"),
+        (lambda v: 2 / v, r"feedback\(lambda x: 2 / x, quantity\)"),
+        (abs, r"feedback\(lambda x: abs\(x\), quantity\)"),
+        (math.sin, r"feedback\(lambda x: math.sin\(x\), quantity\)"),
+        (lambda v: v > 1, "has no value before the simulation runs.*When"),
+        (lambda v: v * sine(1.0, 1.0), r"feedback\(lambda a, b: a \* b"),
+        (lambda v: sine(1.0, 1.0) * v, r"feedback\(lambda a, b: a \* b, signal, quantity\)"),
+        (lambda v: sine(1.0, 1.0) ** 2, r"signal\(lambda t: s\(t\)\*\*2\)"),
+        (
+            lambda v: Body("a", inertia="1 kg"),
+            "body 'a': inertia must be a number, got '1 kg'; give it in SI",
+        ),
+        (lambda v: RESULT("0.5"), "a result is called with times in s, got '0.5'"),
+        (lambda v: RESULT.plot(bodies=["x"]), "no body is called 'x'"),
+        (
+            lambda v: Scene(Body("a", inertia=1.0), Contact("c", "a", "GROUND", DRY, normal=1.0)),
+            "no body is called 'GROUND'; known are 'a', 'ground'; the ground is GROUND, without quotes",
+        ),
+        (
+            lambda v: sensitivities(SCENE, (0.0, 1.0), ["c.mu_static"]),
+            "not 'mu_static'; write 'c.law.mu_static'",
+        ),
+    ],
+)
+def test_what_a_new_user_writes_is_answered_with_what_to_write(
+    written: Callable[[Any], Any], message: str
+) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        written(velocity("a"))
+
+
+def test_a_signal_is_divided_by_a_number() -> None:
+    assert sine(3.0, 1.0) / 2 == sine(1.5, 1.0)
+    with pytest.raises(ValueError, match="a signal's divisor must not be 0"):
+        sine(3.0, 1.0) / 0
+
+
+def test_a_dwell_beside_a_stribeck_curve_is_said_to_have_no_effect() -> None:
+    # 0.3 + (0.7 - 0.3) is not 0.7 in binary; the curve begins at the static coefficient all the same
+    law = DryFriction(0.7, 0.3, dwell=0.5, stribeck_velocity=0.1)
+    assert law.least(1) == law.mu_s(1) == 0.7
+    scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, law, normal=1.0))
+    assert "dwell 0.5 s (without effect beside a Stribeck curve)" in explain(scene)
+    assert System(scene).dwelling.size == 0 and not System(scene).holds_more.any()

@@ -13,6 +13,7 @@ from references import load
 
 from stickslip import (
     GROUND,
+    TIME,
     Body,
     Contact,
     DryFriction,
@@ -21,11 +22,15 @@ from stickslip import (
     LuGre,
     Mode,
     PreSlip,
+    Sampled,
     Scene,
+    StateSpace,
+    output,
     plots,
     simulate,
     sine,
     step,
+    velocity,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.plots.style import value_raster
@@ -160,6 +165,12 @@ def test_broad_lines_run_where_a_contact_holds(wheels):
         t, v = line.get_data()
         assert np.array_equal(np.isfinite(v), wheels.fit_for_plot(1500).mode(name) == 0)
         assert t.min() == 0.0
+
+
+@pytest.mark.parametrize("name", ["wheel1", "wheel2"])
+def test_broad_lines_run_under_both_bodies_that_a_contact_holds(wheels, name):
+    ax = plots.velocities(wheels, [name])
+    assert [line for line in ax.get_lines() if line.get_linewidth() > 5 and line.get_xdata().size]
 
 
 def test_broad_lines_end_where_the_contact_lets_go(wheels):
@@ -498,3 +509,27 @@ def test_gaps_and_stops_show_their_stretch_between_limits() -> None:
     assert plots.schematic(scene)
     with pytest.raises(ValueError, match="no gap or stop is called 'other'; known are 'soft', 'wall'"):
         plots.stretch(result, "other")
+
+
+def test_blocks_show_their_outputs_and_states() -> None:
+    lag = StateSpace("lag", [[-1.0]], [[1.0]], [[1.0]], inputs=[TIME])
+    steps = Sampled(
+        "steps",
+        period=0.5,
+        inputs=[velocity("a")],
+        states=[0.0, 1.0],
+        update=lambda t, x, u: [x[0] + 1, 2.0],
+        output=lambda t, x, u: x[0],
+    )
+    result = simulate(Scene(Body("a", inertia=1.0), lag, steps, Force("a", output("lag"))), (0.0, 2.0))
+    ax = plots.block(result, "steps")
+    assert [line.get_label() for line in ax.lines] == ["output", "state 0", "state 1"]
+    x, y = ax.lines[0].get_data()
+    # held between samples: vertical at them
+    assert np.all((np.diff(y) == 0) | (np.diff(x) == 0))
+    # the state of the lag is its output
+    assert len(plots.block(result, "lag").lines) == 1
+    labels = [panel.get_ylabel() for panel in plots.overview(result).axes]
+    assert labels[1:] == ["lag", "steps"]
+    with pytest.raises(ValueError, match="no block is called 'other'"):
+        plots.block(result, "other")

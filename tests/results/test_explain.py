@@ -6,6 +6,7 @@ from references import load
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
@@ -16,9 +17,17 @@ from stickslip import (
     PreSlip,
     Scene,
     Spring,
+    StateSpace,
+    feedback,
+    output,
+    pid,
+    position,
+    power,
     simulate,
     sine,
     step,
+    table,
+    velocity,
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.simulation.explain import explain
@@ -171,3 +180,37 @@ def test_only_scenes_and_results_are_explained():
         explain(3)
     with pytest.raises(ValueError, match="leave t_span out"):
         explain(simulate(flywheel_benchmark(), (0.0, 0.1)), (0.0, 1.0))
+
+
+def test_feedback_says_what_is_linear_and_what_is_not():
+    heat = Block(
+        "heat",
+        inputs=[power("c")],
+        states=[0.0],
+        derivative=lambda t, x, u: u,
+        output=lambda t, x, u: x,
+    )
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("c", "m", GROUND, DRY, normal=1.0 - 0.1 * output("heat")),
+        heat,
+        pid("pid", 1 - position("m"), kp=1.0, period=0.25),
+        StateSpace("lag", [[-1.0]], [[1.0]], [[1.0]], inputs=[output("pid")]),
+        Force("m", output("lag") - 2 * velocity("m")),
+        Force("m", table(velocity("m"), [0.0, 1.0, 2.0], [1.0, 2.0, 0.0])),
+        Force("m", feedback(np.sin, position("m"))),
+    )
+    text = explain(scene)
+    assert "1 position, where springs act or quantities read them: m" in text
+    for line in (
+        "  normal force of 'c': linear in the state; reads heat",
+        "  force on 'm': linear in the state; reads lag",
+        "  force on 'm': straight lines, 3 corners",
+        "  force on 'm': smooth, by feedback function sin",
+        "  block 'heat': smooth functions",
+        "  block 'lag': linear",
+        "  block 'pid': sampled every 0.25 s, held between",
+        "Loads: no breaks",
+    ):
+        assert line in text.splitlines(), text
+    assert "Engine: CVODE BDF, because force on 'm': feedback function sin depends on the state" in text

@@ -10,20 +10,28 @@ from scipy.signal import lsim
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Damper,
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
     Mode,
     Scene,
     Spring,
+    StateSpace,
+    Stop,
     linearize,
+    output,
+    pid,
     position,
+    saturate,
     simulate,
     sine,
+    velocity,
 )
 
 
@@ -152,6 +160,67 @@ def test_loads_are_read_at_a_time() -> None:
     assert linearize(scene, t=2.0).frequencies.size == 0
 
 
+def test_a_closed_stop_fixes_a_position() -> None:
+    """Only the other body swings, with sqrt(3 / 1); the stop carries what pulls at the first."""
+    scene = Scene(
+        Body("m", inertia=2.0, position=1.0),
+        Body("b", inertia=1.0),
+        Spring("m", "b", stiffness=3.0, damping=0.1),
+        Force("m", 10.0),
+        Stop("w", "m", GROUND, upper=1.0),
+    )
+    model = linearize(scene)
+    assert model.states == ("velocity(b)", "position(b)") and model.modes == {"w": Mode.FORWARD}
+    assert np.allclose(model.A, [[-0.1, -3.0], [1.0, 0.0]])
+    part = model.select(["force(m)", "force(b)"], ["force(w)", "position(m)"])
+    assert np.allclose(part.C, [[0.1, 3.0], [0.0, 0.0]]) and np.allclose(part.D, [[1.0, 0.0], [0.0, 0.0]])
+    # two bodies that a stop holds together swing as one
+    both = Scene(
+        Body("m", inertia=2.0, position=1.0),
+        Body("b", inertia=1.0, position=0.5),
+        Spring("m", GROUND, stiffness=3.0),
+        Force("m", 10.0),
+        Stop("w", "m", "b", upper=0.5),
+    )
+    assert linearize(both).frequencies == pytest.approx([1.0]) and len(linearize(both).states) == 2
+
+
+def test_states_of_controllers() -> None:
+    """x'' = -2 x' - 3 x - i / 2, i' = x."""
+    integral = StateSpace("i", [[0.0]], [[1.0]], [[1.0]], inputs=[position("m")])
+    push = Force("m", -3 * position("m") - 2 * velocity("m") - 0.5 * output("i"))
+    model = linearize(Scene(Body("m", inertia=1.0), integral, push))
+    assert model.states == ("velocity(m)", "position(m)", "state(i, 0)")
+    assert np.sort_complex(model.eigenvalues) == pytest.approx(np.sort_complex(np.roots([1, 2, 3, 0.5])))
+
+
+def test_a_slipping_contact_whose_normal_force_depends_on_the_state() -> None:
+    """mu(u) = c + (s - c) exp(-(u/v)^2), u = v_belt - v: the force mu N changes by (N dmu/dv + mu dN/dv) v' + ..."""
+    law = DryFriction(0.6, 0.3, stribeck_velocity=0.3)
+    load = 1.0 + 0.5 * position("m") + 0.2 * velocity("m")
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.1),
+        Drive("belt", velocity=0.5),
+        Spring("m", GROUND, stiffness=3.0),
+        Contact("c", "m", "belt", law, normal=load),
+    )
+    peak = 0.3 * math.exp(-((0.5 / 0.3) ** 2))
+    by_speed, by_place = 1.05 * 2 * 0.5 / 0.3**2 * peak + 0.2 * (0.3 + peak), 0.5 * (0.3 + peak)
+    assert np.allclose(linearize(scene).A, [[by_speed, by_place - 3.0], [1.0, 0.0]], atol=1e-8)
+
+
+def test_at_a_corner_there_are_two_models() -> None:
+    body = Body("m", inertia=1.0, position=1.0)
+    with pytest.raises(ValueError, match="corner 1, where its slope changes"):
+        linearize(Scene(body, Force("m", saturate(-position("m") + 2.0, -1.0, 1.0))))
+    with pytest.raises(ValueError, match="gap 'g' is just at its limit"):
+        linearize(Scene(body, Gap("g", "m", GROUND, upper=1.0, stiffness=2.0)))
+    beside = linearize(
+        Scene(Body("m", inertia=1.0, position=1.5), Force("m", saturate(-position("m"), -2.0, 1.0)))
+    )
+    assert beside.frequencies == pytest.approx([1.0])
+
+
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(TypeError, match="must be a Scene"):
         linearize(1)  # type: ignore[arg-type]
@@ -176,3 +245,28 @@ def test_without_python_control_it_is_said() -> None:
         model = linearize(Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0)))
         with pytest.raises(ImportError, match="pip install control"):
             model.to_control()
+
+
+@pytest.mark.parametrize("slips", [True, False])
+@pytest.mark.parametrize("limits", [{}, {"low": -9.0, "high": 9.0}])
+def test_a_controller_has_states_of_its_own(slips: bool, limits: dict[str, float]) -> None:
+    control = pid("pid", 1 - position("m"), kp=3.0, ki=4.0, kd=6.0, rate=-1 * velocity("m"), **limits)
+    rub = Contact("rub", "m", GROUND, DryFriction(8.0, 1.0), normal=1.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.1 if slips else 0.0), rub, control, Force("m", output("pid"))
+    )
+    model = linearize(scene)
+    # slipping: s^3 + 6 s^2 + 3 s + 4 = 0; stuck: nothing moves but the integral, which only sums up
+    expected = np.roots([1.0, 6.0, 3.0, 4.0]) if slips else np.zeros(model.A.shape[0])
+    assert np.allclose(np.sort_complex(model.eigenvalues), np.sort_complex(expected), atol=1e-7)
+    assert "state(pid, 0)" in model.states
+
+
+def test_states_of_a_block_are_counted_and_sampled_ones_refused() -> None:
+    turning = Block("b", inputs=[], states=[1.0, 0.0], derivative=lambda t, x, u: [x[1], -4 * x[0]])
+    model = linearize(Scene(Body("m", inertia=1.0), turning, Force("m", output("b", 0))))
+    assert model.states == ("velocity(m)", "state(b, 0)", "state(b, 1)")
+    assert model.frequencies == pytest.approx([2.0])
+    sampled = pid("servo", position("m"), kp=1.0, period=0.01)
+    with pytest.raises(ValueError, match="sampled blocks have no linear model"):
+        linearize(Scene(Body("m", inertia=1.0), sampled, Force("m", output("servo"))))

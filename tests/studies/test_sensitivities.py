@@ -214,6 +214,23 @@ def test_a_kinetic_curve_by_cvode() -> None:
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
 
 
+def test_forces_near_rest_where_a_curve_bends_fast() -> None:
+    """F = mu(w) N with mu = c + (s - c) exp(-(w/v)^2), beside a body that is a hundred times as fast."""
+    law = DryFriction(0.6, 0.3, stribeck_velocity=0.05)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.2),
+        Body("fast", inertia=1.0, velocity=20.0),
+        Contact("c", "m", GROUND, law, normal=2.0),
+    )
+    found = sensitivities(scene, (0.0, 0.15), ["m.velocity", "c.law.stribeck_velocity"])
+    w = found.result.sample([0.15]).velocity("m")[0]
+    bend = 2.0 * 0.3 * math.exp(-((w / 0.05) ** 2)) * 2 * w / 0.05**2
+    by_start, by_curve = found.velocity("m")
+    assert 0.02 < w < 0.12
+    assert found.force("c")[0] == pytest.approx(-bend * by_start, rel=1e-9)
+    assert found.force("c")[1] == pytest.approx(-bend * by_curve + bend * w / 0.05, rel=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["pressed", "controlled", pytest.param("pendulum", marks=pytest.mark.slow)])
 def test_forces_that_depend_on_the_state_against_differences(kind: str) -> None:
     """A contact that its position and velocity open and close; a controller with a state; a dry pendulum."""

@@ -253,7 +253,8 @@ def check_members(label: str, members: Iterable[str], free: frozenset[str], know
     names = list(members)
     for end in names:
         if end not in known:
-            raise ValueError(f"{label}: no body is called {end!r}; known are {listed(known)}")
+            ground = "; the ground is GROUND, without quotes" if end.lower() == GROUND else ""
+            raise ValueError(f"{label}: no body is called {end!r}; known are {listed(known)}{ground}")
     if not any(end in free for end in names):
         said = (
             f"neither {names[0]!r} nor {names[1]!r} is" if len(names) == 2 else f"none of {listed(names)} is"

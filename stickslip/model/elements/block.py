@@ -24,6 +24,7 @@ Function = Callable[[float, Array, Array], Any]
 Numbers = tuple[float, ...]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
+_MOST_SAMPLES = 1e7
 
 
 class AnyBlock(Named):
@@ -93,10 +94,10 @@ class AnyBlock(Named):
         enough = numbers.ndim == 1 and (numbers.size == count if exactly else numbers.size >= count)
         if not enough:
             raise ValueError(
-                f"{name} returned {found!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
+                f"{name} returned {found.tolist()!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
             )
         if not np.isfinite(numbers).all():
-            raise ValueError(f"{name} returned {found!r}")
+            raise ValueError(f"{name} returned {found.tolist()!r}")
         return numbers[:count]
 
 
@@ -191,6 +192,11 @@ class StateSpace(AnyBlock):
     inputs: tuple[Expression, ...] = ()
     states: Numbers | None = None
     limits: tuple[tuple[float, float], ...] | None = None
+
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return "state space"
 
     def __post_init__(self) -> None:
         """Check the fields."""
@@ -329,6 +335,11 @@ class Sampled(AnyBlock):
     first: float | None = None
     held: Numbers = ()
 
+    @classmethod
+    def noun(cls) -> str:
+        """What the kind of element is called in prose."""
+        return "sampled block"
+
     def __post_init__(self) -> None:
         """Check the fields."""
         self._identifier("name")
@@ -359,7 +370,18 @@ class Sampled(AnyBlock):
         raise ValueError("a Sampled block is code, not data; no file can hold it")
 
     def instants(self, start: float, stop: float) -> list[float]:
-        """Return the sample times from `start` on and before `stop`."""
+        """Return the sample times from `start` on and before `stop`.
+
+        Raises
+        ------
+        ValueError
+            If there are more than ten million.
+        """
+        if (count := (stop - start) / self.period) > _MOST_SAMPLES:
+            raise ValueError(
+                f"{self.label}: a period of {self.period:g} s makes {count:.3g} samples in {stop - start:g} s, "
+                f"and {_MOST_SAMPLES:g} are the most; give a longer period, or simulate a shorter time"
+            )
         first = start if self.first is None else self.first
         k = max(0, math.floor((start - first) / self.period) - 1)
         found = []

@@ -214,6 +214,8 @@ class DryFriction(Law):
 
     def least(self, direction: int) -> float:
         """Return the static coefficient just after sticking, from which it rises with the dwell."""
+        if self.stribeck_velocity is not None:
+            return self.mu_s(direction)
         return max(self.mu_c(direction), self.mu_k(0.0, direction))
 
     def kinetic_at(self, speed: float) -> float:

@@ -38,7 +38,9 @@ class LawTable:
         self.mu_s = np.array([[c.mu_s(s) for c in cores] for s in sides]).reshape(2, -1)
         self.mu_c = np.array([[c.mu_c(s) for c in cores] for s in sides]).reshape(2, -1)
         at_rest = [Kinetic(cores, np.full(len(cores), s < 0))(np.zeros(len(cores))) for s in sides]
-        self.least = np.maximum(self.mu_c, at_rest)
+        # a Stribeck curve begins at the static coefficient itself, not within roundoff of it
+        at_static = np.array([c.stribeck_velocity is not None for c in cores], dtype=bool)
+        self.least = np.where(at_static, self.mu_s, np.maximum(self.mu_c, at_rest))
         self.dwell = np.array([c.dwell for c in cores])
         self.curved = np.array([c.curved for c in cores], dtype=bool)
         self.characters = [law.character for law in laws]

@@ -1,0 +1,55 @@
+"""Drawings of blocks: their outputs and states over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stickslip.plots.points import FINE
+from stickslip.plots.style import TIME, beside, look, own_axes
+from stickslip.results.outcome import Drawable
+
+__all__ = ["block"]
+
+_CURVES = 8
+
+
+def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
+    """Draw the outputs and states of a block over time and return the axes.
+
+    States that are outputs as they stand are drawn once. Of many curves the first eight are drawn; the legend says so.
+
+    Parameters
+    ----------
+    result : Result
+    name : str
+        Of a block.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such block.
+    """
+    ax = own_axes(ax)
+    fine = result.fit_for_plot(FINE)
+    outputs, states = (np.atleast_2d(found) for found in (fine.output(name), fine.state(name)))
+    curves = {_numbered("output", k, len(outputs)): values for k, values in enumerate(outputs)}
+    for k, values in enumerate(states):
+        if not any(np.array_equal(values, drawn) for drawn in outputs):
+            curves[_numbered("state", k, len(states))] = values
+    shown = list(curves.items())[:_CURVES]
+    for k, (label, values) in enumerate(shown):
+        ax.plot(fine.t, values, label=label, **look(k))
+    if len(curves) > len(shown):
+        ax.plot([], [], linestyle="none", label=f"and {len(curves) - len(shown)} more")
+    ax.set(xlabel=TIME, ylabel=name)
+    ax.margins(x=0.01)
+    beside(ax, title=f"block {name}", alignment="left")
+    return ax
+
+
+def _numbered(what: str, k: int, count: int) -> str:
+    return f"{what} {k}" if count > 1 else what

@@ -1,0 +1,391 @@
+"""Rows over the analysis of motions: derivatives, limit cycles and their branches, against what owes them nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Cycle,
+    Drive,
+    DryFriction,
+    Force,
+    Gap,
+    Result,
+    Scene,
+    SimulationError,
+    Spring,
+    Stop,
+    continue_cycle,
+    limit_cycle,
+    position,
+    saturate,
+    sensitivities,
+    simulate,
+    sine,
+    velocity,
+)
+from stickslip.model.signal_makers import Signal
+from stickslip.studies.parameters import Parameter, named_parameters
+from stickslip.studies.sensitivities import Sensitivities
+from validation import random_scenes
+from validation.rows import Array, Row, Tried, Wrong, worst
+from validation.tried import try_each
+
+SEED, STOP = 16000, 1.0
+_STEPS = (1e-3, 1e-4, 1e-2, 1e-5, 1e-6)
+"""Steps of differences as parts of a parameter: the best of them counts, large ones bend and small ones are rough."""
+
+_TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
+_SURE = 1e-7
+
+analysis_row = partial(Row, "Analysis", limit=600.0)
+
+
+# -- derivatives of random scenes --------------------------------------------------------------------------------
+
+
+def scene_of(number: int) -> Scene:
+    """Return random scene `number`, two in three with a stop, an elastic gap, or a saturated controller as well."""
+    scene, random = random_scenes.draw(number), np.random.default_rng([SEED, number])
+    body = scene.bodies[int(random.integers(len(scene.bodies)))]
+    kind = int(random.integers(6))
+    room = random.uniform(0.05, 0.4)
+    if kind == 0:
+        extra: Any = Stop(
+            "stop",
+            body.name,
+            GROUND,
+            upper=body.position + room,
+            lower=body.position - 2 * room,
+            restitution=float(random.uniform(0.0, 0.9)),
+        )
+    elif kind == 1:
+        stiffness, damping = random.uniform(20, 200), float(random.uniform(0.0, 2.0))
+        extra = Gap(
+            "gap", body.name, GROUND, upper=body.position + room, stiffness=stiffness, damping=damping
+        )
+    elif kind == 2:
+        push = -random.uniform(5, 40) * position(body.name) - random.uniform(0, 2) * velocity(body.name)
+        extra = Force(body.name, saturate(push, -random.uniform(1, 6), random.uniform(1, 6)))
+    elif kind == 3:
+        drive = Drive("shaker", velocity=sine(random.uniform(0.5, 2.0), random.uniform(0.5, 2.0)))
+        room *= 0.5
+        stop = Stop(
+            "stop",
+            body.name,
+            "shaker",
+            upper=body.position + room,
+            lower=body.position - room,
+            restitution=0.5,
+        )
+        return Scene(*scene.elements, drive, stop)
+    else:
+        return scene
+    return Scene(*scene.elements, extra)
+
+
+def _names(scene: Scene) -> list[str]:
+    """Return parameters of a scene of many kinds."""
+    found = [f"{body.name}.{field}" for body in scene.bodies for field in ("inertia", "velocity", "position")]
+    for contact in scene.contacts:
+        law = contact.law
+        found += [
+            f"{contact.name}.law.mu_coulomb",
+            f"{contact.name}.law.mu_static",
+            f"{contact.name}.normal.scale",
+        ]
+        if isinstance(law, DryFriction):
+            found += [f"{contact.name}.law.dwell"] * (law.dwell > 0)
+            found += [f"{contact.name}.law.stribeck_velocity"] * (law.stribeck_velocity is not None)
+    for k in range(len(scene.springs)):
+        found += [f"springs[{k}].{field}" for field in ("stiffness", "damping", "rest")]
+    found += [f"dampers[{k}].damping" for k in range(len(scene.dampers))]
+    found += [
+        f"forces[{k}].signal.scale"
+        for k, force in enumerate(scene.forces)
+        if isinstance(force.signal, Signal)
+    ]
+    found += [f"{drive.name}.velocity.scale" for drive in scene.drives]
+    found += [f"{stop.name}.{field}" for stop in scene.stops for field in ("upper", "lower", "restitution")]
+    found += [f"{gap.name}.{field}" for gap in scene.gaps for field in ("upper", "stiffness", "damping")]
+    return found
+
+
+def _all_of(found: Sensitivities) -> Array:
+    scene = found.result.scene
+    parts = [*found.events, *(found.velocity(body.name) for body in scene.bodies)]
+    parts += [found.position(body.name) for body in scene.bodies]
+    return np.array(parts + [found.heat(contact.name) for contact in scene.contacts])
+
+
+def _all_in(result: Result) -> tuple[list[tuple[Any, ...]], Array]:
+    """Return what happened, and the quantities whose derivatives are compared."""
+    scene, heat = result.scene, result.energy().contacts
+    parts = [event.t for event in result.events] + [result.velocity(body.name)[-1] for body in scene.bodies]
+    parts += [result.position(body.name)[-1] for body in scene.bodies]
+    said = [(event.contact, event.before, event.after) for event in result.events]
+    return said, np.array(parts + [heat[contact.name][-1] for contact in scene.contacts])
+
+
+def _difference(scene: Scene, one: Parameter, h: float, said: list[Any]) -> Array | None:
+    """Return a difference of fourth order between exact runs; None where other things happen in one of them."""
+    parts = []
+    for offset in (-2, -1, 1, 2):
+        try:
+            events, values = _all_in(simulate(one.set(scene, one.value + offset * h), (0.0, STOP), **_TIGHT))
+        except (ValueError, TypeError, SimulationError):
+            return None
+        if events != said:
+            return None
+        parts.append(values)
+    a, b, c, d = parts
+    return np.asarray((a - 8 * b + 8 * c - d) / (12 * h))
+
+
+def _of_scene(number: int, counts: dict[str, int]) -> float:
+    """Return the largest error of some derivatives of a scene; those that do not exist must say why."""
+    scene, random = scene_of(number), np.random.default_rng([SEED, number, 1])
+    names = [str(name) for name in random.permutation(_names(scene))[:2]]
+    named: list[Parameter] = []
+    for name in names:
+        try:
+            named += named_parameters(scene, [name], "validation")
+            sensitivities(scene, (0.0, 1e-6), [name])
+        except ValueError:
+            # a number that is 0 or not set has no derivative to both sides: it is refused by name
+            named = [one for one in named if one.name != name]
+            counts["refused"] += 1
+    if not named:
+        return 0.0
+    try:
+        found = sensitivities(scene, (0.0, STOP), [one.name for one in named])
+    except SimulationError:
+        # other rows are about scenes that cannot be simulated
+        counts["stopped"] += 1
+        return 0.0
+    exact, largest = _all_of(found), 0.0
+    said = [(event.contact, event.before, event.after) for event in found.result.events]
+    relaxed = {k for k, event in enumerate(found.result.events) if event.cause == "relaxation"}
+    for k, one in enumerate(named):
+        column = exact[:, k]
+        missing = {int(i) for i in np.isnan(column).nonzero()[0]} - relaxed
+        if missing:
+            if not any(repr(one.name) in reason for reason in found.reasons):
+                raise Wrong(f"no derivative by {one.name}, and no reason")
+            counts["reasoned"] += 1
+            continue
+        kept = np.isfinite(column)
+        best = math.inf
+        for part in _STEPS:
+            told = _difference(scene, one, part * (abs(one.value) or 1.0), said)
+            if told is None:
+                continue
+            size = float(np.abs(told[kept]).max(initial=0.0))
+            # what changes the motion by less than 1e-4 of itself has the roundoff of the motion
+            size = max(size, 1e-4 * float(np.abs(_all_in(found.result)[1]).max()) / (abs(one.value) or 1.0))
+            best = min(best, float(np.abs(told - column)[kept].max(initial=0.0)) / size)
+            if best < _SURE:
+                break
+        if math.isinf(best):
+            counts["alone"] += 1
+            continue
+        counts["compared"] += 1
+        largest = max(largest, best)
+    return largest
+
+
+def derivatives(count: int) -> Tried:
+    """Return the worst derivative of random scenes against differences of exact runs."""
+    counts = dict.fromkeys(("compared", "reasoned", "refused", "alone", "stopped"), 0)
+    tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in range(count)), limit=120.0)
+    said = (
+        f"{counts['compared']} derivatives compared, {counts['reasoned']} with a reason why there is none, "
+        f"{counts['refused']} refused, {counts['alone']} without runs near by that have the same events, "
+        f"{counts['stopped']} scenes that cannot be simulated"
+    )
+    return replace(tried, remark="; ".join(part for part in (tried.remark, said) if part))
+
+
+# -- limit cycles and branches -----------------------------------------------------------------------------------
+
+
+@cache
+def _impacts() -> tuple[Callable[[float], tuple[float, float, float]], float]:
+    """Return the start of the impact oscillator's larger cycle and its speed by the force, and the force at the fold.
+
+    ``x'' + x = F sin(1.5 t)``, a stop at 0.2, restitution 0.8. After the impact ``x = B (k cos t + sin t) + X sin(w t +
+    phase)`` with k = cot(T / 2) and X = F / (1 - w^2); it hits with V = q B, where B is a root of
+    ``(k^2 + m^2) B^2 - 2 s k B + s^2 - X^2`` and m = (1 + e q) / w. So there is a fold at |X| = s m / sqrt(k^2 + m^2).
+    """
+    w, e, s = 1.5, 0.8, 0.2
+    period = 2 * math.pi / w
+    k = 1 / math.tan(0.5 * period)
+    q = (-k * math.sin(period) + math.cos(period) - 1) / (1 + e)
+    m = (1 + e * q) / w
+
+    def start(force: float) -> tuple[float, float, float]:
+        x = force / (1 - w * w)
+        b = float(np.roots([k * k + m * m, -2 * s * k, s * s - x * x]).real.min())
+        phase = math.atan2((s - k * b) / x, -b * m / x) % (2 * math.pi)
+        t = period - phase / w
+        place = b * (k * math.cos(t) + math.sin(t)) + x * math.sin(w * t + phase)
+        return place, b * (math.cos(t) - k * math.sin(t)) + x * w * math.cos(w * t + phase), q * b
+
+    return start, abs(s * m / math.hypot(k, m) * (1 - w * w))
+
+
+def _impact_cycle(force: float) -> tuple[Cycle, float]:
+    place, speed, hit = _impacts()[0](force)
+    scene = Scene(
+        Body("m", inertia=1.0, position=place, velocity=speed),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("wall", "m", GROUND, upper=0.2, restitution=0.8),
+        Force("m", sine(force, 1.5 / (2 * math.pi))),
+    )
+    return limit_cycle(scene, period=2 * math.pi / 1.5, transient=0), hit
+
+
+def _fold() -> tuple[float, str]:
+    cycle, hit = _impact_cycle(0.05)
+    (event,) = cycle.result.events
+    worst([cycle.result.sample([event.t]).velocity("m")[0]], [-0.8 * hit])
+    branch = continue_cycle(cycle, "forces[0].signal.amplitude", [0.05, 0.02])
+    (fold,), exact = branch.points, _impacts()[1]
+    if fold.kind != "fold" or branch.beyond is None or branch.beyond.cycles[0] is None:
+        raise Wrong(f"no fold with a branch beyond it: {branch}")
+    # both cycles have the product e^2 of their multipliers
+    product = float(np.prod(branch.beyond.cycles[0].multipliers).real)
+    return max(abs(fold.value - exact) / exact, abs(product - 0.64)), f"at F = {fold.value:.12g}"
+
+
+def _flip() -> tuple[float, str]:
+    """The stop at 0: with the trace of the impact map a multiplier is -1 where it is ``-1 - e^2``."""
+    e = 0.8
+
+    def trace(w: float) -> float:
+        period = 2 * math.pi / w
+        k = 1 / math.tan(0.5 * period)
+        q = (-k * math.sin(period) + math.cos(period) - 1) / (1 + e)
+        b = -abs(1 / (1 - w * w)) / math.hypot(k, (1 + e * q) / w)
+        push, hit = -k * b * (1 - w * w), q * b
+        saltation = np.array([[-e, 0.0], [(1 + e) * push / hit, -e]])
+        turn = [[math.cos(period), math.sin(period)], [-math.sin(period), math.cos(period)]]
+        return float(np.trace(saltation @ np.array(turn)))
+
+    exact = float(brentq(lambda w: trace(w) + 1 + e * e, 2.4, 2.8, xtol=1e-14))
+    scene = Scene(
+        Body("m", inertia=1.0, position=-0.1),
+        Spring("m", GROUND, stiffness=1.0),
+        Stop("wall", "m", GROUND, upper=0.0, restitution=e),
+        Force("m", sine(1.0, 2.6 / (2 * math.pi))),
+    )
+    at = np.array([2.64, 2.67]) / (2 * math.pi)
+    branch = continue_cycle(scene, "forces[0].signal.frequency", at, period=lambda f: 1 / f, accuracy=1e-8)
+    (flip,) = branch.points
+    if flip.kind != "flip":
+        raise Wrong(f"no flip: {branch}")
+    return abs(2 * math.pi * flip.value - exact) / exact, f"at w = {2 * math.pi * flip.value:.12g}"
+
+
+@dataclass(frozen=True)
+class Falling:
+    """F_s / (1 + 3 w), the friction of Leine et al."""
+
+    def __call__(self, speed: float) -> float:
+        """Return the coefficient."""
+        return 1.0 / (1.0 + 3.0 * abs(speed))
+
+
+def leine(speed: float, damping: float) -> Scene:
+    """Return the oscillator of Leine et al. (1998), with a damper."""
+    return Scene(
+        Body("m", inertia=1.0, velocity=speed),
+        Drive("belt", velocity=speed),
+        Spring("m", GROUND, stiffness=1.0, damping=damping),
+        Contact("c", "m", "belt", DryFriction(1.0, 1.0, kinetic=Falling()), normal=1.0),
+    )
+
+
+def _leine_period() -> float:
+    return abs(limit_cycle(leine(0.2, 0.0)).period - 12.0010312948306) / 12.0010312948306
+
+
+def _leine_end() -> tuple[float, str]:
+    """Stick-slip ends where the block that broke away only just comes to the speed of the belt again."""
+    damping = 0.5
+
+    def short(v: float) -> float:
+        def rate(_: float, y: Array) -> list[float]:
+            return [1 / (1 + 3 * abs(v - y[0])) - damping * y[0] - y[1], y[0]]
+
+        def turns(t: float, y: Array) -> float:
+            return rate(t, y)[0]
+
+        turns.direction = -1  # type: ignore[attr-defined]
+        found = solve_ivp(
+            rate, (0.0, 12.0), [v, 1 - damping * v], rtol=1e-12, atol=1e-13, events=turns, max_step=0.05
+        )
+        return (
+            float(next(y[0] for t, y in zip(found.t_events[0], found.y_events[0], strict=True) if t > 1)) - v
+        )
+
+    exact = float(brentq(short, 0.6, 0.8, xtol=1e-12))
+    branch = continue_cycle(leine(0.6, damping), "belt.velocity", [0.6, 0.7], accuracy=1e-5)
+    (end,) = branch.points
+    if end.kind != "fold" or branch.beyond is None or branch.beyond.cycles[0] is None:
+        raise Wrong(f"no end of stick-slip with unstable cycles beyond: {branch}")
+    return abs(end.value - exact) / exact, f"at {end.value:.8g}, beyond it unstable slipping"
+
+
+QUICK_SCENES, SCENES = 30, 300
+
+
+def rows(count: int) -> list[Row]:
+    """Return the rows, with the derivatives of so many random scenes."""
+    return [
+        analysis_row(
+            "analysis-derivatives",
+            f"two derivatives of {count} random scenes with stops, gaps and saturations, against differences",
+            "differences of fourth order between runs",
+            partial(derivatives, count),
+            1e-6,
+            tries="random scenes with derivatives",
+        ),
+        analysis_row(
+            "analysis-fold",
+            "fold of an impact oscillator, force over the exact one, and the product of the multipliers",
+            "closed form",
+            _fold,
+            1e-10,
+            quick=False,
+        ),
+        analysis_row(
+            "analysis-flip", "period doubling of an impact oscillator, frequency", "closed form", _flip, 1e-9
+        ),
+        analysis_row(
+            "analysis-leine-period",
+            "period of the oscillator of Leine et al. (1998) at belt speed 0.2",
+            "DOP853 with located events, 1e-13",
+            _leine_period,
+            1e-9,
+        ),
+        analysis_row(
+            "analysis-leine-end",
+            "belt speed at which its stick-slip ends with damping 0.5",
+            "DOP853 from breaking away to the next maximum of the velocity",
+            _leine_end,
+            1e-6,
+            quick=False,
+        ),
+    ]
