@@ -22,6 +22,7 @@ LARGEST_FIGURE = 400_000
 SAYS = {
     "abs_wheel": r"ABS: 49\.9860\d+ m; 662 samples\nexact: locked 65\.530799 m",
     "belt_oscillator": r"from far out: 11 events, period 12\.0010310\d+ s",
+    "brake_squeal": r"mu = 0\.288675135, exact 0\.288675135\nat mu = 0\.32 it grows by (0\.0475\d+) 1/s, simulated \1",
     "clutch_engagement": r"locked at 1\.0880492\d+ s with 58\.88399\d rad/s",
     "clutch_launch": r"judder at 110\.25 rad/s, by hand 110\.25 rad/s",
     "coupled_clutches": r"0\.7916623\d+ s  clutch1: FORWARD -> STUCK",

@@ -223,6 +223,7 @@ def rows(count: int) -> list[Row]:
             "an independent simulator of the model; validation.machine_oracle",
             partial(over_family, family, group, count),
             BOUNDS[group],
+            quick=group == "auto",
             limit=60.0 + 10.0 * count,
             tries="runs against the oracle of machines",
         )

@@ -20,7 +20,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
-__all__ = ["ADAMS", "BDF", "Cvode"]
+__all__ = ["ADAMS", "BDF", "Cvode", "Selected"]
 
 Array = NDArray[np.float64]
 
@@ -55,13 +55,13 @@ class Cvode:
         self._solvers: dict[_Steps, tuple[Any, Any]] = {}
         self._roots: dict[_Steps, int] = {}
         self._replay = Replay(self._rate, self._jacobian)
-        self._motion: _Selected
+        self._motion: Selected
         self._guards: Guards
         self._progress: Progress
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        self._motion, self._guards = _Selected(motion, self._order, self._task.merged), guards
+        self._motion, self._guards = Selected(motion, self._order, self._task.merged), guards
         return follow(motion, guards, horizon, self._solve, self._task.interruption)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
@@ -156,7 +156,7 @@ class Cvode:
             return solver, CVODE(known_rate, jacfn=known_jacobian, **options)
 
 
-class _Selected:
+class Selected:
     """The states of a motion as CVODE sees them: all, or reordered, or without the dependent velocities."""
 
     def __init__(self, motion: Motion, order: NDArray[np.intp] | None, merged: bool) -> None:

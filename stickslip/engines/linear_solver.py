@@ -60,8 +60,10 @@ class LinearSolver:
         size = jacobian.shape[0]
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
-        matrix = scipy.sparse.coo_array(jacobian)
-        offset = matrix.col.astype(np.int64) - matrix.row
+        is_dense = isinstance(jacobian, np.ndarray)
+        matrix = jacobian if is_dense else scipy.sparse.coo_array(jacobian)
+        row, column = jacobian.nonzero() if is_dense else (matrix.row, matrix.col)
+        offset = column.astype(np.int64) - row
         below, above = int(-offset.min(initial=0)), int(offset.max(initial=0))
         if below + above + 1 <= _NARROW * size:
             grown = self._become("band", size) or below > self._below or above > self._above
@@ -71,7 +73,7 @@ class LinearSolver:
             return grown
         if size <= _DENSE_AT_MOST:
             return self._become("dense", size)
-        return self._hold_sparse(matrix, size)
+        return self._hold_sparse(scipy.sparse.coo_array(matrix), size)
 
     def _become(self, kind: str, size: int) -> bool:
         if (kind, size) == (self._kind, self._size):

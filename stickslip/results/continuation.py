@@ -39,6 +39,9 @@ def final_scene(trajectory: Trajectory) -> Scene:
     at = Samples.at_local(trajectory, number, end)
     inner, shown, since = (table[:, 0] for table in trajectory.modes(number, end))
     velocities = _velocities(at)
+    # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
+    earlier = (trajectory.starts < stop).nonzero()[0][-1:]
+    before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
     elements: list[Element] = []
     for element in system.scene.elements:
         match element:
@@ -62,9 +65,12 @@ def final_scene(trajectory: Trajectory) -> Scene:
             case Block(name=name) | StateSpace(name=name):
                 elements.append(replace(element, states=at.states_of(name)[:, 0].tolist()))
             case Sampled(name=name):
-                held = at.outputs_of(name)[:, 0].tolist()
-                states = at.states_of(name)[:, 0].tolist()
                 first = trajectory.span[0] if element.first is None else element.first
+                if before is None:
+                    elements.append(replace(element, first=first))
+                    continue
+                held = before.outputs_of(name)[:, 0].tolist()
+                states = before.states_of(name)[:, 0].tolist()
                 elements.append(replace(element, states=states, held=held, outputs=len(held), first=first))
             case _:
                 elements.append(element)

@@ -115,6 +115,10 @@ class Watch:
 class Borders:
     """Keeps a run in the regions of its tables: each motion follows one line of each, up to the first border.
 
+    The borders of gaps and stops are guards of the engines (`equations/piecewise.py`). Those of tables are not: a table
+    may be looked up at what a function returns, and feeds normal forces, blocks and other tables. So its borders are
+    found on the path.
+
     Parameters
     ----------
     system : System

@@ -124,6 +124,20 @@ class Fit:
         good = self.standard_errors <= _POOR * np.abs(self.values)
         return dict(zip(self.parameters, good.tolist(), strict=True))
 
+    @property
+    def misfit(self) -> float:
+        """How many times as large as the standard deviations of the noise the residuals are; 1 where none are given."""
+        if any(one.sigma is None for one in self.measured):
+            return 1.0
+        count = sum(one.t.size for one in self.measured) - self.values.size
+        return float(np.sqrt(2 * self.cost / max(count, 1)))
+
+    @property
+    def fits(self) -> bool:
+        """Whether the residuals are no larger than noise makes them, to five standard deviations."""
+        count = sum(one.t.size for one in self.measured) - self.values.size
+        return bool(self.misfit**2 <= 1 + 5 * np.sqrt(2 / max(count, 1)))
+
     def residuals(self) -> dict[str, Array]:
         """Return what was measured less what the fitted scene does, by the names of the data."""
         return {one.name: one.values - one.read(self.result) for one in self.measured}
@@ -148,6 +162,11 @@ class Fit:
             lines.append(
                 f"{self.parameters[i]} and {self.parameters[k]} are told apart poorly: "
                 f"correlation {self.correlation[i, k]:.3f}"
+            )
+        if not self.fits:
+            lines.append(
+                f"the residuals are {self.misfit:.3g} times as large as the given sigma: the scene does not move as "
+                "measured, and the standard errors mean nothing; look at the units, the first guess and the model"
             )
         return "\n".join([*lines, *self.reasons])
 
@@ -358,7 +377,8 @@ class _Problem:
         spread = 1.0 if self.has_sigma else 2 * cost / max(residuals.size - x.size, 1)
         size = np.maximum(np.abs(x), 1e-300)
         _, sizes, lines = np.linalg.svd(slopes * size, full_matrices=False)
-        lost = sizes <= 1e-12 * sizes.max(initial=0.0)
+        # a derivative whose square is 0 tells nothing, either
+        lost = sizes <= max(1e-12 * sizes.max(initial=0.0), 1e-150)
         inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes) ** 2)
         covariance = (lines.T * inverse) @ lines * np.outer(size, size) * spread
         blind = (np.abs(lines[lost]) > 1e-6).any(axis=0)

@@ -10,6 +10,7 @@ import pytest
 
 from stickslip import (
     GROUND,
+    TIME,
     Body,
     Contact,
     Drive,
@@ -18,8 +19,11 @@ from stickslip import (
     LuGre,
     PreSlip,
     Result,
+    Sampled,
     Scene,
     Spring,
+    When,
+    output,
     piecewise_linear,
     simulate,
     sine,
@@ -144,3 +148,23 @@ def test_a_scene_that_is_followed_part_by_part_goes_on() -> None:
     whole = simulate(scene, (0.0, 6.0))
     assert len(whole.events) > 20
     same_events(whole, cut(scene, [0.0, 1.3, 2.7, 6.0]), 1e-10)
+
+
+@pytest.mark.parametrize("stop", [0.0, 1.0, 1.5, 1.75])
+def test_an_event_that_stops_at_a_sample_does_not_take_it_twice(stop: float) -> None:
+    """A counter gives 0, 1, 2, ... N for half a second each: v(3) = (0 + 1 + ... + 5) / 2."""
+
+    def scene() -> Scene:
+        counter = Sampled(
+            "n", period=0.5, states=[0.0], update=lambda t, x, u: x + 1, output=lambda t, x, u: x
+        )
+        return Scene(Body("a", inertia=1.0), counter, Force("a", output("n")))
+
+    first = simulate(scene(), (0.0, 3.0), events=[When("now", TIME - stop, stop=True)])
+    if stop == 0.0:
+        # 0 at the start is no crossing
+        assert first.t[-1] == 3.0
+    else:
+        assert first.t[-1] == stop
+        first = simulate(first.final_scene(), (stop, 3.0))
+    assert first.velocity("a")[-1] == pytest.approx(7.5, abs=1e-13)

@@ -12,6 +12,7 @@ import pytest
 
 from stickslip import (
     GROUND,
+    TIME,
     Block,
     Body,
     Contact,
@@ -366,3 +367,19 @@ def test_a_controller_of_1_khz_over_100_s_is_called_once_for_each_sample() -> No
     result = simulate(scene, (0.0, 100.0))
     assert calls[0] == result.stats["samples"] == 100_000
     assert len(result.events) > 10
+
+
+def test_more_samples_than_anyone_waits_for_are_refused() -> None:
+    hasty = Sampled("hasty", period=1e-9, inputs=[TIME], output=lambda t, x, u: 0.0)
+    with pytest.raises(ValueError, match=r"block 'hasty': a period of 1e-09 s makes 1e\+09 samples in 1 s"):
+        simulate(Scene(Body("m", inertia=1.0), hasty, Force("m", output("hasty"))), (0.0, 1.0))
+
+
+def test_what_is_not_finite_is_told_as_a_number() -> None:
+    late = Sampled("late", period=0.5, inputs=[TIME], output=lambda t, x, u: math.inf if t > 1 else 0.0)
+    with pytest.raises(
+        SimulationError, match=r"block 'late': output returned inf at t = 1.5 s with the inputs"
+    ) as error:
+        simulate(Scene(Body("m", inertia=1.0), late, Force("m", output("late"))), (0.0, 3.0))
+    # there is no contact whose mode could be told
+    assert "modes" not in str(error.value)

@@ -65,6 +65,18 @@ def test_friction_and_dwell_are_recovered_from_velocities() -> None:
 
 
 @pytest.mark.slow
+def test_data_in_other_units_are_noticed() -> None:
+    """Velocities in mm/s cannot be fitted by a scene in m/s: the residuals say so."""
+    scene = Scene(Body("m", inertia=1.0, velocity=2.0), Damper("m", GROUND, damping=0.5))
+    t = np.linspace(0.0, 2.0, 50)
+    values = simulate(scene, (0.0, 2.0), t_eval=t).velocity("m")
+    good = fit(scene, ["dampers[0].damping"], {"m.velocity": (t, values + 0.01 * np.cos(40 * t), 0.01)})
+    assert good.fits and good.misfit < 1 and "sigma" not in str(good)
+    bad = fit(scene, ["dampers[0].damping"], {"m.velocity": (t, 1000 * values, 0.01)})
+    assert not bad.fits and bad.misfit > 1e3 and "look at the units" in str(bad)
+
+
+@pytest.mark.slow
 def test_exact_data_give_exact_values() -> None:
     found = fit(
         pulled(1.6, 0.9, 0.8),

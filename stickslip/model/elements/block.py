@@ -24,6 +24,7 @@ Function = Callable[[float, Array, Array], Any]
 Numbers = tuple[float, ...]
 
 _VARARGS, _KEYWORDS = inspect.CO_VARARGS, inspect.CO_VARKEYWORDS
+_MOST_SAMPLES = 1e7
 
 
 class AnyBlock(Named):
@@ -369,7 +370,18 @@ class Sampled(AnyBlock):
         raise ValueError("a Sampled block is code, not data; no file can hold it")
 
     def instants(self, start: float, stop: float) -> list[float]:
-        """Return the sample times from `start` on and before `stop`."""
+        """Return the sample times from `start` on and before `stop`.
+
+        Raises
+        ------
+        ValueError
+            If there are more than ten million.
+        """
+        if (count := (stop - start) / self.period) > _MOST_SAMPLES:
+            raise ValueError(
+                f"{self.label}: a period of {self.period:g} s makes {count:.3g} samples in {stop - start:g} s, "
+                f"and {_MOST_SAMPLES:g} are the most; give a longer period, or simulate a shorter time"
+            )
         first = start if self.first is None else self.first
         k = max(0, math.floor((start - first) / self.period) - 1)
         found = []

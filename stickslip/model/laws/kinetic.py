@@ -131,8 +131,10 @@ class Kinetic:
         return slope
 
     def _of_side(self, values: Array, w: Array) -> Array:
-        forward, backward = values if w.ndim == 1 else values[:, :, None]
-        return np.asarray(forward if self._isotropic else np.where(w < 0, backward, forward))
+        forward: Array = values[0] if w.ndim == 1 else values[0, :, None]
+        if self._isotropic:
+            return forward
+        return np.where(w < 0, values[1] if w.ndim == 1 else values[1, :, None], forward)
 
 
 def _difference(curve: Curve, speed: float) -> float:
