@@ -232,9 +232,21 @@ def limit_cycle(
     if transient == 0:
         if guess is None:
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
-        return _closed(Shot(scene, float(guess), False, options))
+        return _once(_closed(Shot(scene, float(guess), False, options)))
     start, about = _returning(scene, guess, transient, options)
-    return _closed(Shot(start, about, False, options))
+    return _once(_closed(Shot(start, about, False, options)))
+
+
+def _once(cycle: Cycle) -> Cycle:
+    """Return a cycle of free period as one turn, where it was found as several."""
+    count = len(cycle.sequence)
+    for turns in range(count, 1, -1):
+        if count % turns:
+            continue
+        shot = Shot(cycle.scene, cycle.period / turns, False, cycle.shot.options)
+        if shot.error <= 1e3 * shot.enough:
+            return _closed(shot)
+    return cycle
 
 
 # -- the loads ---------------------------------------------------------------------------------------------------
@@ -272,9 +284,11 @@ def _check_constant(system: System) -> None:
 
 
 def _read_positions(system: System) -> Array:
-    """Return orthonormal combinations of positions that forces, normal forces or blocks read, a line each."""
+    """Return orthonormal combinations of positions that forces, blocks, stops or gaps read, a line each."""
     places = slice(system.n, system.first_bristle)
     lines = [_dense(system.C)[:, places], _dense(system.block_C)[:, places]]
+    if system.piecewise.count:
+        lines += [_dense(one)[:, places] for one in (system.piecewise.value_y, system.piecewise.border_y)]
     if system.dependence is not None:
         every = np.eye(system.first_bristle - system.n)
         read = np.intersect1d(system.dependence.columns, np.arange(system.n, system.first_bristle))
@@ -817,11 +831,16 @@ def _returning(
     """Return a start near a cycle, and about its period, from a transient."""
     system = compiled(scene)
     span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
-    for _ in range(_TRIES):
+    for trial in range(_TRIES):
         result = simulated(scene, (0.0, span), **options)
         found = _return_of(result, guess)
         if found is not None:
             return found
+        if guess is not None and trial and (other := _return_of(result, None)) is not None:
+            raise CycleError(
+                f"no cycle was found with a period of about {guess:g} s: the motion comes back after {other[1]:.6g} "
+                f"s; give guess={other[1]:.6g} for that cycle"
+            )
         if _has_ended(result):
             raise CycleError("no cycle was found: the motion comes to a state that does not change")
         span *= _LONGER

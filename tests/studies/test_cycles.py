@@ -16,6 +16,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     LuGre,
     Scene,
     Spring,
@@ -24,6 +25,7 @@ from stickslip import (
     limit_cycle,
     output,
     position,
+    saturate,
     simulate,
     sine,
     velocity,
@@ -271,6 +273,28 @@ def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
     )
     with pytest.raises(CycleError, match="only after 2 periods"):
         limit_cycle(scene, period=1.0)
+
+
+def test_a_cycle_that_only_gaps_hold_together() -> None:
+    """A body with play swings by itself; nothing but the gap reads its position."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=0.5),
+        Gap("g", "m", GROUND, lower=-0.2, upper=0.2, stiffness=10.0),
+        Force("m", saturate(velocity("m"), -0.3, 0.3) - 0.2 * velocity("m")),
+    )
+    cycle = limit_cycle(scene)
+    touches = [event.t for event in simulate(scene, (0.0, 200.0)).events if event.after == 1]
+    assert cycle.period == pytest.approx(touches[-1] - touches[-2], abs=1e-9)
+    assert cycle.stable and cycle.multipliers.size == 1
+    sides = [limit_cycle(scene.replace("g", stiffness=10.0 + h)).period for h in (-1e-3, 1e-3)]
+    assert cycle.sensitivities(["g.stiffness"]) == pytest.approx([(sides[1] - sides[0]) / 2e-3], abs=1e-8)
+
+
+def test_a_wrong_guess_of_the_period() -> None:
+    """Two turns are found as one; half a turn is none, and the message tells the period."""
+    assert limit_cycle(belt(), guess=15.2).period == pytest.approx(BELT_PERIOD, abs=1e-12)
+    with pytest.raises(CycleError, match=r"comes back after 7\.61126 s; give guess=7\.61126"):
+        limit_cycle(belt(), guess=3.8)
 
 
 def test_bad_arguments_are_refused() -> None:
