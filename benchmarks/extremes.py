@@ -119,29 +119,39 @@ def measured(family: Family, value: float) -> Point:
 
 
 def draw(found: Sequence[tuple[Family, Sequence[Point]]], path: Path) -> None:
-    """Draw errors above times."""
+    """Draw errors above times, a column for each number that is varied, four of them beside each other."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    fig, axes = plt.subplots(2, len(found), figsize=(2.6 * len(found), 5), sharex="col", sharey="row")
-    for (family, points), above, below in zip(found, *axes, strict=True):
+    beside = 4
+    lines = -(-len(found) // beside)
+    fig, axes = plt.subplots(2 * lines, beside, figsize=(9.0, 4.4 * lines))
+    for axis in axes.flat:
+        axis.set_visible(False)
+    for number, (family, points) in enumerate(found):
+        line, column = divmod(number, beside)
+        above, below = axes[2 * line, column], axes[2 * line + 1, column]
         x = [p.value for p in points]
         # an error of 0 stands at the floor
         above.loglog(x, [max(p.error, 1e-17) for p in points], "o-", ms=3)
-        below.loglog(x, [1e3 * p.seconds for p in points], "o-", ms=3, color="tab:orange")
-        below.set_xlabel(family.name, fontsize=8)
+        below.loglog(x, [1e3 * p.seconds for p in points], "s--", ms=3, color="tab:orange")
+        above.set_ylim(1e-18, 1.0)
+        below.set_ylim(1e-1, 1e6)
+        below.set_xlabel(family.name, fontsize=9)
         for axis in (above, below):
+            axis.set_visible(True)
             axis.grid(True, alpha=0.3)
-            axis.tick_params(labelsize=7)
+            axis.tick_params(labelsize=8)
             refused = [p.value for p in points if math.isnan(p.error)]
             for value in refused:
                 axis.axvline(value, color="tab:red", lw=1, ls=":")
-    axes[0, 0].set_ylabel("error")
-    axes[1, 0].set_ylabel("CPU time / ms")
+        if not column:
+            above.set_ylabel("error")
+            below.set_ylabel("CPU time in ms")
     fig.tight_layout()
-    fig.savefig(path, dpi=110)
+    fig.savefig(path, dpi=150)
     plt.close(fig)
 
 

@@ -45,7 +45,7 @@ def main(figure: Path) -> None:
         result = st.simulate(car(name == "ABS"), (0.0, 10.0), events=[halt])
         print(f"{name}: {result.position('car')[-1]:.6f} m; {result.stats['samples']} samples")
         above.plot(result.t, result.velocity("car"), label="car")
-        above.plot(result.t, RADIUS * result.velocity("wheel"), label="rim", linewidth=0.9)
+        above.plot(result.t, RADIUS * result.velocity("wheel"), label="rim", linestyle="--", linewidth=0.9)
         above.legend(title=name)
         below.plot(result.t, result.force("brake"), linewidth=0.9)
         below.set_xlabel("time [s]")

@@ -1,8 +1,7 @@
 """A car is launched: an engine with a torque map, a clutch whose friction falls with the slip, an elastic driveline.
 
-The map is a table over the speed of the engine; its corners are located like events. Friction that falls with the slip
-feeds the swing of the driveline: judder. How fast it swings and grows is an eigenvalue of a matrix written by hand, of
-the speeds of engine, hub and car, and the twist. Both are printed beside what is simulated.
+The map is a table over the engine's speed; its corners are located like events. Friction that falls with the slip feeds
+the swing of the driveline: judder. How fast it swings and grows is an eigenvalue of a matrix written by hand.
 """
 
 import sys
@@ -44,7 +43,8 @@ def main(figure: Path) -> None:
     print(f"judder at {np.pi * spans.size / (t[-1] - t[0]):.2f} rad/s, by hand {exact.imag:.2f} rad/s")
     print(f"grows by {np.log(spans[-1] / spans[0]) / (t[-2] - t[0]):.2f} /s, by hand {exact.real:.2f} /s")
     axes = Figure(figsize=(9, 7), layout="constrained").subplots(3, sharex=True)
-    axes[0].plot(late.t, np.transpose([late.velocity(name) for name in INERTIAS]), label=[*INERTIAS])
+    for name, line in zip(INERTIAS, ("-", "--", "-."), strict=True):
+        axes[0].plot(late.t, late.velocity(name), line, label=name)
     axes[0].set_ylabel("speed [rad/s]")
     axes[1].plot(late.t, late.force("clutch"))
     axes[1].set_ylabel("torque [N m]")

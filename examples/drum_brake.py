@@ -32,11 +32,12 @@ def main(figure: Path) -> None:
     """Stop the drum with each brake; print the times; draw the speeds, and the torques over the coefficient."""
     drawing = Figure(figsize=(9.0, 4.2), layout="constrained")
     left, right = drawing.subplots(1, 2)
-    for name, shoes in BRAKES.items():
+    lines = ("-", "--", "-.", ":")
+    for line, (name, shoes) in zip(lines, BRAKES.items(), strict=True):
         result = simulate(brake(shoes), (0.0, 9.0))
         torque = sum(MU * RADIUS * FORCE * A / (B - side * MU * C) for side in shoes)
         print(f"{name}: stops at {result.events[0].t:.12f} s, exact {INERTIA * SPEED / torque:.12f} s")
-        left.plot(result.t, result.velocity("drum"), label=name)
+        left.plot(result.t, result.velocity("drum"), line, label=name)
     left.set(xlabel="time [s]", ylabel="speed of the drum [rad/s]")
     left.legend()
     try:
@@ -44,8 +45,8 @@ def main(figure: Path) -> None:
     except ValueError as refusal:
         print(f"refused: {refusal}")
     mu = np.linspace(0.0, 0.99 * B / C, 200)
-    for side, name in ((1, "leading"), (-1, "trailing")):
-        right.plot(mu, mu * RADIUS * FORCE * A / (B - side * mu * C), label=name)
+    for line, side, name in (("-", 1, "leading"), ("--", -1, "trailing")):
+        right.plot(mu, mu * RADIUS * FORCE * A / (B - side * mu * C), line, label=name)
     right.axvline(B / C, color="k", linestyle=":", label="locks")
     right.set(xlabel="coefficient of friction", ylabel="torque [N m]", ylim=(0, 150))
     right.legend()

@@ -37,7 +37,7 @@ def main(figure: Path) -> None:
     axes["W"].plot(late.t, late.position("slide"))
     axes["W"].set(ylabel="position [m]", xlabel="time [s]")
     axes["F"].plot(late.t, late.output("pid"), label="controller")
-    axes["F"].plot(late.t, late.force("guide"), label="friction")
+    axes["F"].plot(late.t, late.force("guide"), label="friction", linestyle="--")
     axes["F"].set(ylabel="force [N]", xlabel="time [s]", xlim=(100, 160), ylim=(-1.8, 2.4))
     axes["F"].legend(loc="upper right", ncols=2)
     axes["P"].plot(late.position("slide"), late.velocity("slide"), linewidth=0.9)

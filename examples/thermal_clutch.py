@@ -43,12 +43,12 @@ def main(figure: Path) -> None:
             exact = atan(SPEED * sqrt(b / a)) / sqrt(a * b) if b else SPEED / a
             made = f"heat {result.state('heat')[-1]:.5f} J, exact {HEAT:.5f} J"
             print(f"fade {part:.0%}: locks at {result.events[0].t:.8f} s, exact {exact:.8f} s; {made}")
-        look = {"color": f"C{number}", "label": f"fades by {part:.0%}"}
+        look = {"color": f"C{number}", "linestyle": ("-", "--", "-.", ":")[number]}
         speeds.plot(result.t, result.velocity("motor"), **look)
-        speeds.plot(result.t, result.velocity("load"), "--", color=f"C{number}")
-        heats.plot(result.t, result.state("heat"), **look)
+        speeds.plot(result.t, result.velocity("load"), linewidth=0.8, **look)
+        heats.plot(result.t, result.state("heat"), label=f"fades by {part:.0%}", **look)
         torques.plot(result.t, result.force("clutch"), **look)
-    speeds.set(ylabel="speed [rad/s]\n(dashed: load)", xlim=(0.0, 0.6))
+    speeds.set(ylabel="speed [rad/s]\n(thin: load)", xlim=(0.0, 0.6))
     heats.set(ylabel="heat [J]")
     heats.legend()
     torques.set(ylabel="torque of the clutch [N m]", xlabel="time [s]")

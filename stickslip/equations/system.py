@@ -373,15 +373,6 @@ class System:
         w = self.G @ y[: self.n]
         return np.asarray(w + self.D @ self.drive_velocities(q) if self.drives else w)
 
-    def level(self, rows: Any, side: int, q: Array) -> Array:
-        """Return the breakaway levels of some rows, forward (0) or backward (1), from inputs and dwells."""
-        level: Array = self.mu_s[side, rows] * q[rows]
-        place = self.dwell_place[rows]
-        rising = place >= 0
-        if rising.any():
-            level[rising] -= self.rise[side, rows][rising] * q[self.inputs + place[rising]]
-        return level
-
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
         limit = self.laws.slips_beyond

@@ -195,7 +195,14 @@ def triangle(start: float, peak: float, stop: float, *, slope: float) -> Signal:
 
 
 def step(time: float, before: float = 0.0, after: float = 1.0) -> Signal:
-    """Return a jump from `before` to `after` at `time` (s).
+    """Return a jump at one time: `before` until then, `after` from then on.
+
+    Parameters
+    ----------
+    time : float
+        In s.
+    before, after : float
+        In the unit of the signal.
 
     Raises
     ------

@@ -232,7 +232,20 @@ def to_frame(result: Outcome) -> Any:
 
 
 class _Output:
-    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""
+    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results.
+
+    Parameters
+    ----------
+    block : str
+        Name of a block.
+    index : int
+        Which of its outputs, from 0 on.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the name is no name, or the number no number from 0 on.
+    """
 
     def __call__(self, block: str, index: int = 0) -> Quantity:
         """Return an output of a block as a quantity.
