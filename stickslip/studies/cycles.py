@@ -28,8 +28,9 @@ from stickslip.model.scene import Block, Body, Contact, Drive, Scene, StateSpace
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled
+from stickslip.studies.directions import Direction, along_parameter, along_start
 from stickslip.studies.parameters import Parameter, named_parameters
-from stickslip.studies.variations import Direction, Variation, along_parameter, along_start, simulated
+from stickslip.studies.variations import Variation, simulated
 
 __all__ = ["Cycle", "CycleError", "limit_cycle"]
 

@@ -14,9 +14,10 @@ from stickslip.model.scene import Scene
 from stickslip.results.units import units
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import Result, SimulationError
+from stickslip.studies.directions import along_parameter
 from stickslip.studies.parameters import Parameter, named_parameters
 from stickslip.studies.sensitivities import from_variation
-from stickslip.studies.variations import Variation, along_parameter, simulated
+from stickslip.studies.variations import Variation, simulated
 
 __all__ = ["Fit", "Measured", "fit"]
 

@@ -14,8 +14,9 @@ from stickslip.equations.motion import Motion
 from stickslip.model.scene import GROUND, Scene
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
+from stickslip.studies.directions import along_parameter
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.variations import Variation, along_parameter, simulated
+from stickslip.studies.variations import Variation, simulated
 
 __all__ = ["Sensitivities", "sensitivities"]
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -29,28 +29,23 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, gauss_nodes
 from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, at_stops
-from stickslip.events.impact import struck
 from stickslip.model.scene import Scene
-from stickslip.results.trajectory import Piece, Trajectory
+from stickslip.results.trajectory import Piece
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
-from stickslip.studies.parameters import Parameter
+from stickslip.studies.directions import CENTRAL, MIRRORED, PART, Direction, start_of
+from stickslip.studies.varied import VariedImpact, VariedPiece
 
-__all__ = ["Direction", "Variation", "along_parameter", "along_start", "simulated"]
+__all__ = ["Variation", "simulated"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Quantity = Callable[[Motion, Array, Array], Array]
 """Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
-_PART, _FINE = 1e-3, 1e-4
-"""Step of a difference as a part of what changes, and as a part of the size of the motion."""
-
-_CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
-_ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
-_MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
-"""Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly."""
+_FINE = 1e-4
+"""Step of a difference as a part of the size of the motion."""
 
 _ORDER = 20
 _REMAINDER = 1e-16
@@ -74,31 +69,6 @@ _REST = 1e-11
 _TINY = np.finfo(float).tiny
 
 
-@dataclass(frozen=True)
-class Direction:
-    """A direction in which the start or the scene changes.
-
-    Attributes
-    ----------
-    name : str
-    near : tuple of (float, System, Loads)
-        Systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where only the
-        start changes.
-    y : array (size,)
-        How the state changes at the start, before held velocities are made equal.
-    since : array (m,)
-        How the times change at which rows became held.
-    size : float
-        Of what changes: derivatives times it have the size of what they are derivatives of.
-    """
-
-    name: str
-    near: tuple[tuple[float, System, Loads], ...]
-    y: Array
-    since: Array
-    size: float = 1.0
-
-
 def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     """Return a simulated motion whose pieces are those of the whole scene, from event to event.
 
@@ -111,171 +81,6 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     """
     span = arguments.span(t_span)
     return simulate(scene, span, max_step=span[1] - span[0], **options)
-
-
-def start_of(system: System, t: float) -> tuple[Array, Array]:
-    """Return the state that a scene starts from, before held velocities are made equal, and since when rows rest."""
-    scene = system.scene
-    y = np.zeros(system.size)
-    y[: system.n] = [body.velocity for body in scene.bodies]
-    places = [*scene.bodies, *scene.drives]
-    y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
-    for j, state in system.bristle_state.items():
-        y[state] = system.rows[j].deflection
-    for place in system.blocks.values():
-        y[place.first : place.first_held] = place.block.states or ()
-    return y, t - np.array([row.rested for row in system.rows])
-
-
-def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
-    """Return the direction in which one parameter grows.
-
-    Raises
-    ------
-    ValueError
-        If the scene exists at no values near by, or has another structure there.
-    """
-    nominal, (start, stop, stepped) = trajectory.system, trajectory.span
-    h = _PART * (abs(parameter.value) or 1.0)
-    refused: Exception | None = None
-    differs = False
-    near: list[tuple[float, System, Loads]] = []
-    for stencil in (_CENTRAL, _ONE_SIDED, _MIRRORED):
-        near = []
-        try:
-            for offset, weight in stencil:
-                system = System(parameter.set(scene, parameter.value + offset * h))
-                differs |= not _alike(nominal, system)
-                near.append((weight / h, system, system.loads(start, stop, stepped)))
-        except (ValueError, TypeError) as error:
-            refused, near = refused or error, []
-        if near:
-            break
-    if differs:
-        raise ValueError(
-            f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts "
-            "(a stiffness, dwell time or coefficient that is 0); give it a value that is not 0"
-        )
-    if not near:
-        raise ValueError(
-            f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}"
-        )
-    starts = [start_of(system, start) for _, system, _ in near]
-    y = sum((w * s[0] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.size))
-    since = sum((w * s[1] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.m))
-    near_ones = () if parameter.only_at_start else tuple(near)
-    return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
-
-
-def along_start(name: str, y: Array, since: Array) -> Direction:
-    """Return the direction in which only the start changes."""
-    return Direction(name, (), y, since)
-
-
-def _alike(nominal: System, other: System) -> bool:
-    """Tell whether two scenes have the same states, and contacts that dwell and carry forces."""
-    return (
-        nominal.size == other.size
-        and nominal.inputs == other.inputs
-        and np.array_equal(nominal.dwelling, other.dwelling)
-        and np.array_equal(nominal.alive, other.alive)
-        and np.array_equal(nominal.placed, other.placed)
-        and np.array_equal(nominal.piecewise.within, other.piecewise.within)
-        and np.array_equal(nominal.piecewise.beyond, other.piecewise.beyond)
-    )
-
-
-@dataclass(frozen=True)
-class VariedPiece:
-    """Variations along one motion.
-
-    Attributes
-    ----------
-    taus : array (k + 1,)
-        Ends of the steps in s since the start of the motion.
-    coefficients : array (k, order + 1, size, directions)
-        In a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1.
-    since : array (m, directions)
-        How the times change at which rows became held.
-    begin, end : array (directions,)
-        How the times change at which the motion begins and ends.
-    until : array (directions,)
-        Local times in s up to which the variations exist.
-    """
-
-    taus: Array
-    coefficients: Array = field(repr=False)
-    since: Array = field(repr=False)
-    begin: Array
-    end: Array
-    until: Array
-
-    def at(self, taus: Array) -> Array:
-        """Return S at local times, (size, k, directions)."""
-        c = self.coefficients
-        if not c.shape[0]:
-            return np.zeros((c.shape[2], taus.size, c.shape[3]))
-        i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
-        h = self.taus[i + 1] - self.taus[i]
-        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)[:, None, None]
-        found = c[i, -1].copy()
-        for j in range(c.shape[1] - 2, -1, -1):
-            found *= s
-            found += c[i, j]
-        found = np.moveaxis(found, 0, 1)
-        return np.asarray(np.where(taus[:, None] < self.until, found, np.nan))
-
-
-@dataclass(frozen=True)
-class _Impact:
-    """How velocities jump at an instant; they do not where there is no system.
-
-    Attributes
-    ----------
-    system : System or None
-    before, now, pace : array (d,)
-        Velocities of the drives before and after, and their accelerations.
-    sides, hit : array (m,)
-        At which limits stops are, and which of them are hit.
-    """
-
-    system: System | None
-    before: Array
-    now: Array
-    pace: Array
-    sides: NDArray[np.int8]
-    hit: NDArray[np.bool_]
-
-    def after(
-        self, v: Array, system: System | None = None, before: Array | None = None, now: Array | None = None
-    ) -> Array:
-        """Return the velocities after the jump, by default in the scene itself."""
-        if self.system is None:
-            return v
-        before, now = self.before if before is None else before, self.now if now is None else now
-        return struck(system or self.system, v, before, now, self.sides, self.hit).v
-
-    def along(self, v: Array, change: Array, later: float) -> tuple[Array, float]:
-        """Return the derivative of the velocities after the jump, and by how much those to the two sides differ.
-
-        Velocities before change by `change`, the time of the jump by `later`. The jump is piecewise linear.
-        """
-        if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
-            return change, 0.0
-        u = self.pace * later
-        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
-        if largest == 0:
-            return np.zeros_like(change), 0.0
-        speeds = np.abs(self.system.G @ v + self.system.D @ self.before)[self.hit]
-        h = (
-            _PART
-            * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0)))
-            / largest
-        )
-        own = self.after(v)
-        ahead = self.after(v + h * change, None, self.before + h * u, self.now + h * u)
-        back = self.after(v - h * change, None, self.before - h * u, self.now - h * u)
-        return (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
 
 
 class Variation:
@@ -408,10 +213,10 @@ class Variation:
         if part == 0:
             return []
         bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
-        h = min(_FINE / part, _PART / bends if bends > 0 else np.inf)
+        h = min(_FINE / part, PART / bends if bends > 0 else np.inf)
         shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
         found = []
-        for offset, weight in _CENTRAL:
+        for offset, weight in CENTRAL:
             moved = motion
             if shifts:
                 moved = Motion(
@@ -493,7 +298,7 @@ class Variation:
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, motion.stretch.at(t))
         hit = sides * system.relative_velocity(y, motion.stretch.at(t)) > 0
-        impact = _Impact(system if hit.any() else None, u, u, none, sides, hit)
+        impact = VariedImpact(system if hit.any() else None, u, u, none, sides, hit)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self._near_ones[k]):
                 self._refuse(
@@ -771,8 +576,8 @@ class Variation:
             return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
         rate = motion.rate(tau, y)
         pace = float((np.abs(rate) / self._size).max(initial=0.0))
-        h = 0.1 * _PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
-        stencil = _CENTRAL if tau + 2 * h <= motion.horizon else _MIRRORED
+        h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
+        stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
         offsets = np.array([offset for offset, _ in stencil]) * h
         weights = np.array([weight for _, weight in stencil]) / h
         # along the tangent and its change: the parabola of the motion
@@ -938,7 +743,7 @@ class Variation:
         since = np.where(newly[:, None], times[None, :], since)
         return found, since
 
-    def _impact(self, number: int, motion: Motion) -> _Impact:
+    def _impact(self, number: int, motion: Motion) -> VariedImpact:
         """Return how the velocities jump between a motion and the next one."""
         system, piece = self.system, self.trajectory.pieces[number]
         path, t = piece.path, self.trajectory.pieces[number + 1].t
@@ -954,8 +759,8 @@ class Variation:
         w = system.relative_velocity(path.last, loads[0])
         hit = new & (sides * w > 0)
         if not hit.any() and (not jumps or (system.is_friction | system.is_gap).all()):
-            return _Impact(None, u[0], u[1], pace, sides, hit)
-        return _Impact(system, u[0], u[1], pace, sides, hit)
+            return VariedImpact(None, u[0], u[1], pace, sides, hit)
+        return VariedImpact(system, u[0], u[1], pace, sides, hit)
 
     def _check_rest(
         self, piece: Piece, following: Piece, motion: Motion, S: Array, moved: Array, times: Array

@@ -1,0 +1,123 @@
+"""Directions in which the start of a scene or the scene itself changes, as scenes near by and their weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.loads import Loads
+from stickslip.equations.system import System
+from stickslip.model.scene import Scene
+from stickslip.results.trajectory import Trajectory
+from stickslip.studies.parameters import Parameter
+
+__all__ = ["CENTRAL", "MIRRORED", "PART", "Direction", "along_parameter", "along_start", "start_of"]
+
+Array = NDArray[np.float64]
+
+PART = 1e-3
+"""Step of a difference as a part of what changes."""
+
+CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
+_ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
+MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
+"""Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction in which the start or the scene changes.
+
+    Attributes
+    ----------
+    name : str
+    near : tuple of (float, System, Loads)
+        Systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where only the
+        start changes.
+    y : array (size,)
+        How the state changes at the start, before held velocities are made equal.
+    since : array (m,)
+        How the times change at which rows became held.
+    size : float
+        Of what changes: derivatives times it have the size of what they are derivatives of.
+    """
+
+    name: str
+    near: tuple[tuple[float, System, Loads], ...]
+    y: Array
+    since: Array
+    size: float = 1.0
+
+
+def start_of(system: System, t: float) -> tuple[Array, Array]:
+    """Return the state that a scene starts from, before held velocities are made equal, and since when rows rest."""
+    scene = system.scene
+    y = np.zeros(system.size)
+    y[: system.n] = [body.velocity for body in scene.bodies]
+    places = [*scene.bodies, *scene.drives]
+    y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
+    for j, state in system.bristle_state.items():
+        y[state] = system.rows[j].deflection
+    for place in system.blocks.values():
+        y[place.first : place.first_held] = place.block.states or ()
+    return y, t - np.array([row.rested for row in system.rows])
+
+
+def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
+    """Return the direction in which one parameter grows.
+
+    Raises
+    ------
+    ValueError
+        If the scene exists at no values near by, or has another structure there.
+    """
+    nominal, (start, stop, stepped) = trajectory.system, trajectory.span
+    h = PART * (abs(parameter.value) or 1.0)
+    refused: Exception | None = None
+    differs = False
+    near: list[tuple[float, System, Loads]] = []
+    for stencil in (CENTRAL, _ONE_SIDED, MIRRORED):
+        near = []
+        try:
+            for offset, weight in stencil:
+                system = System(parameter.set(scene, parameter.value + offset * h))
+                differs |= not _alike(nominal, system)
+                near.append((weight / h, system, system.loads(start, stop, stepped)))
+        except (ValueError, TypeError) as error:
+            refused, near = refused or error, []
+        if near:
+            break
+    if differs:
+        raise ValueError(
+            f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts "
+            "(a stiffness, dwell time or coefficient that is 0); give it a value that is not 0"
+        )
+    if not near:
+        raise ValueError(
+            f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}"
+        )
+    starts = [start_of(system, start) for _, system, _ in near]
+    y = sum((w * s[0] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.size))
+    since = sum((w * s[1] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.m))
+    near_ones = () if parameter.only_at_start else tuple(near)
+    return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
+
+
+def along_start(name: str, y: Array, since: Array) -> Direction:
+    """Return the direction in which only the start changes."""
+    return Direction(name, (), y, since)
+
+
+def _alike(nominal: System, other: System) -> bool:
+    """Tell whether two scenes have the same states, and contacts that dwell and carry forces."""
+    return (
+        nominal.size == other.size
+        and nominal.inputs == other.inputs
+        and np.array_equal(nominal.dwelling, other.dwelling)
+        and np.array_equal(nominal.alive, other.alive)
+        and np.array_equal(nominal.placed, other.placed)
+        and np.array_equal(nominal.piecewise.within, other.piecewise.within)
+        and np.array_equal(nominal.piecewise.beyond, other.piecewise.beyond)
+    )
