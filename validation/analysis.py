@@ -348,7 +348,7 @@ def _leine_end() -> tuple[float, str]:
     return abs(end.value - exact) / exact, f"at {end.value:.8g}, beyond it unstable slipping"
 
 
-QUICK_SCENES, SCENES = 30, 300
+QUICK_SCENES, SCENES = 3, 300
 
 
 def rows(count: int) -> list[Row]:
