@@ -160,7 +160,8 @@ def check(case: Fault) -> None:
     if not isinstance(error, SimulationError):
         return
     result = error.result
-    assert text.count(";") >= 2, "the error names no modes or no remedy"
+    # a scene without contacts has no modes to name
+    assert text.count(";") >= 1 + bool(error.modes), "the error names no modes or no remedy"
     assert math.isfinite(error.t) and error.t >= 0.0
     assert not result.success and result.message == text
     assert np.isfinite(result.y).all()

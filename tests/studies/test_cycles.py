@@ -129,7 +129,8 @@ def test_hunting_of_a_pid_controller() -> None:
     cycle = limit_cycle(scene)
     assert cycle.period == pytest.approx(23.3692722930883, abs=1e-12)
     assert cycle.amplitude("m") == pytest.approx(0.0672401469208670, abs=1e-14)
-    assert cycle.multipliers[0] == pytest.approx(0.0886262150448**2, abs=1e-12)
+    # the flow over a period adds up terms of size 1: derivatives are right to about 1e-12 of these
+    assert cycle.multipliers[0] == pytest.approx(0.0886262150448**2, abs=1e-11)
     assert cycle.multipliers[1] == 0 and len(cycle.sequence) == 4
 
 
