@@ -257,9 +257,11 @@ class Guards:
                     # nothing but roundoff is uncertain where no force can hold it
                     limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
                 else:
+                    # where a load is a function, its slopes are as uncertain as the time
+                    near = adds_up if self.motion.stretch.is_straight or self.motion.is_linear else majorant
                     limits = [
-                        closeness * adds_up[1, i] + ROUNDOFF * majorant[1, i],
-                        AT_LIMIT * adds_up[2, i] + ROUNDOFF * majorant[2, i],
+                        closeness * near[1, i] + ROUNDOFF * majorant[1, i],
+                        AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
                     ]
             else:
                 at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
