@@ -44,6 +44,7 @@ from stickslip import (
 )
 from stickslip.plots.style import COLOURS
 from stickslip.studies.tradeoff import Tradeoff, tradeoff
+from stickslip.studies.tradeoff_setups import calls
 from stickslip.studies.work_precision import Setup, WorkPrecision, WorkRow, work_precision
 from validation.exact import Story, reference, two_flywheels
 
@@ -139,13 +140,6 @@ def exact_error(story: Story) -> Callable[[Result], float]:
     return error
 
 
-def against(case: Case) -> Callable[[Result], float]:
-    """Return the largest deviation from a tight run as an error function."""
-    count, times = len(case.scene.bodies), np.linspace(*case.span, 1001)
-    exact = simulate(case.scene, case.span, rtol=1e-11, atol=1e-13)(times)[:count]
-    return lambda result: float(np.abs(result(times)[:count] - exact).max())
-
-
 def study(case: Case, budget: float) -> Tradeoff:
     """Measure every way to simulate a scene."""
     if case.story is None:
@@ -214,7 +208,11 @@ def advantage(work: WorkPrecision) -> list[str]:
 
 @dataclass(frozen=True)
 class Line:
-    """One family on one scene: its rows, the events found of all, and the creep in m/s or rad/s of what sticks."""
+    """One family on one scene: its rows, the events found of all, and the creep in m/s or rad/s of what sticks.
+
+    Without rows it was left out, for its quickest call took longer than its share of the time. The creep is not a
+    number where no call succeeds.
+    """
 
     family: str
     rows: tuple[WorkRow, ...]
@@ -222,23 +220,23 @@ class Line:
     events: int
     creep: float
 
-    def time(self, error: float) -> str:
-        """Return the shortest time in ms within an error; or, in brackets, the smallest error reached."""
-        times = [row.median for row in self.rows if row.failure is None and row.error <= error]
-        if times:
-            return f"{1e3 * min(times):.3g}"
-        errors = [row.error for row in self.rows if row.failure is None]
-        return f"({min(errors):.0e})" if errors else "fails"
 
-    @property
-    def shown(self) -> str:
-        """Return the events found."""
-        return f"{self.found} of {self.events}" if math.isfinite(self.creep) else "-"
+def time_for(rows: Sequence[WorkRow], error: float) -> str:
+    """Return the shortest time in ms within an error; or, in brackets, the smallest error reached."""
+    valid = [row for row in rows if row.failure is None]
+    times = [row.median for row in valid if row.error <= error]
+    if times:
+        return f"{1e3 * min(times):.3g}"
+    if valid:
+        return f"({min(row.error for row in valid):.0e})"
+    return "fails" if rows else "too slow"
 
-    @property
-    def crept(self) -> str:
-        """Return the creep; what is below roundoff of the velocities is none."""
-        return ("0" if self.creep < 1e-12 else f"{self.creep:.0e}") if math.isfinite(self.creep) else "-"
+
+def told(creep: float) -> str:
+    """Return a creep as text; what is below roundoff of the velocities is none."""
+    if math.isnan(creep):
+        return "-"
+    return "0" if creep < 1e-12 else f"{creep:.0e}"
 
 
 def changes(result: Result) -> list[tuple[float, str, bool]]:
@@ -247,13 +245,21 @@ def changes(result: Result) -> list[tuple[float, str, bool]]:
 
 
 class Judge:
-    """Compares runs of a scene with an exact one."""
+    """Compares runs of a scene with an exact answer, or with a tight run."""
 
     def __init__(self, case: Case) -> None:
-        self._exact = simulate(case.scene, case.span, rtol=1e-11, atol=1e-13)
+        exact = simulate(case.scene, case.span, rtol=1e-11, atol=1e-13)
+        times, self._contacts = np.linspace(*case.span, 1001), case.scene.contacts
         self._near = NEAR * (case.span[1] - case.span[0])
-        self.changes = changes(self._exact)
-        self._sample = self._exact.sample(np.linspace(*case.span, 1001))
+        self.changes = changes(exact)
+        self._sample = exact.sample(times)
+        count = len(case.scene.bodies)
+        velocities = exact(times)[:count]
+
+        def error(result: Result) -> float:
+            return float(np.abs(result(times)[:count] - velocities).max())
+
+        self.error: Callable[[Result], float] = exact_error(case.story) if case.story else error
 
     def found(self, result: Result) -> int:
         """Return how many of the changes a run has, too; each counts once."""
@@ -269,7 +275,7 @@ class Judge:
         """Return the largest relative velocity in m/s or rad/s while a contact sticks in the exact run."""
         t, largest = self._sample.t, 0.0
         values = result.sample(t)
-        for contact in self._exact.scene.contacts:
+        for contact in self._contacts:
             times = np.array([time for time, name, _ in self.changes if name == contact.name])
             apart = np.abs(t[:, None] - times).min(axis=1, initial=math.inf) > self._near
             stuck = apart & (self._sample.mode(contact.name) == 0)
@@ -278,10 +284,12 @@ class Judge:
         return largest
 
 
-def lines_of(case: Case, work: WorkPrecision, runs: dict[str, Callable[[], Result]]) -> list[Line]:
+def lines_of(
+    case: Case, judge: Judge, work: WorkPrecision, runs: dict[str, Callable[[], Result]]
+) -> list[Line]:
     """Return a line for each family; events and creep are those of its quickest run within the second level."""
-    judge, lines = Judge(case), []
-    grouped: dict[str, list[WorkRow]] = {}
+    lines = []
+    grouped: dict[str, list[WorkRow]] = {call.family: [] for call in calls(case.scene, case.span, 1.0)}
     for row in work.rows:
         grouped.setdefault(row.family or row.name, []).append(row)
     for family, rows in grouped.items():
@@ -306,10 +314,10 @@ def table(lines: Sequence[Line]) -> str:
     """
     heads = ["method", *(f"ms to {level:.0e}" for level in LEVELS), "events", "creep"]
     text = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    text += [
-        "| " + " | ".join([x.family, *(x.time(level) for level in LEVELS), x.shown, x.crept]) + " |"
-        for x in lines
-    ]
+    for line in lines:
+        found = "-" if math.isnan(line.creep) else f"{line.found} of {line.events}"
+        cells = [line.family, *(time_for(line.rows, level) for level in LEVELS), found, told(line.creep)]
+        text.append("| " + " | ".join(cells) + " |")
     return "\n".join(text)
 
 
@@ -318,17 +326,16 @@ def overview(lines: dict[str, list[Line]]) -> str:
     heads = ["method", *lines, "events found", "creep"]
     text = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for title, families in NAMES.items():
-        cells, shown = [], []
-        for of_scene in lines.values():
-            chosen = [line for line in of_scene if line.family in families]
-            rows = tuple(row for line in chosen for row in line.rows)
-            shown += chosen
-            both = Line(title, rows, 0, 0, 0.0)
-            cells.append(f"{both.time(1e-2)} / {both.time(1e-6)}" if rows else "does not apply")
-        part = [line.found / max(line.events, 1) for line in shown if math.isfinite(line.creep)]
-        creep = max((line.creep for line in shown if math.isfinite(line.creep)), default=math.nan)
-        worst = Line(title, (), 0, 0, creep).crept
-        text.append("| " + " | ".join([title, *cells, f"{min(part, default=0.0):.0%}", worst]) + " |")
+        shown = [[line for line in of_scene if line.family in families] for of_scene in lines.values()]
+        cells = []
+        for chosen in shown:
+            rows = [row for line in chosen for row in line.rows]
+            times = " / ".join(time_for(rows, level) for level in (1e-2, 1e-6))
+            cells.append((times if rows else "too slow") if chosen else "does not apply")
+        valid = [line for chosen in shown for line in chosen if not math.isnan(line.creep)]
+        part = min((line.found / max(line.events, 1) for line in valid), default=math.nan)
+        creep = max((line.creep for line in valid), default=math.nan)
+        text.append("| " + " | ".join([title, *cells, f"{part:.0%}" if valid else "-", told(creep)]) + " |")
     return "\n".join(text)
 
 
@@ -369,6 +376,7 @@ def other_laws(
 def panels(lines: dict[str, list[Line]], limits: dict[str, float], file: Path) -> None:
     """Draw one small panel per scene: error against time; exact methods stand at the floor."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     figure = Figure(figsize=(11.0, 7.4), layout="constrained")
     axes = figure.subplots(2, 3, sharey=True).ravel()
@@ -390,10 +398,12 @@ def panels(lines: dict[str, list[Line]], limits: dict[str, float], file: Path) -
             )[0]
         ax.axhspan(FLOOR / 3, max(limits[title], FLOOR), color="0.9", zorder=0)
         ax.set(title=title, xlabel="time [ms]", ylim=(FLOOR / 3, 4.0))
+        ax.xaxis.set_minor_formatter(NullFormatter())
         ax.grid(True, linewidth=0.3)
     for ax in axes[::3]:
         ax.set_ylabel("largest velocity error\n[m/s or rad/s]")
-    axes[-1].axis("off")
+    for ax in axes[len(lines) :]:
+        ax.axis("off")
     known = [name for name in NAMES if name in handles]
     axes[-1].legend([handles[name] for name in known], known, loc="center", fontsize="small", frameon=False)
     figure.savefig(file, dpi=150)
@@ -428,11 +438,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except ValueError as too_slow:
             print(f"\n## {case.title}\n\n{too_slow}")
             continue
-        others, runs = other_laws(case, found, exact_error(case.story) if case.story else against(case))
+        judge = Judge(case)
+        others, runs = other_laws(case, found, judge.error)
         both = WorkPrecision((*found.work.rows, *others.rows))
-        lines[case.title], limits[case.title] = lines_of(case, both, runs), found.limit
-        judge = "exact answer" if case.story else f"reference converged to {found.limit:.1e}"
-        print(f"\n## {case.title} ({judge})\n\n{table(lines[case.title])}\n")
+        lines[case.title], limits[case.title] = lines_of(case, judge, both, runs), found.limit
+        reference = "exact answer" if case.story else f"reference converged to {found.limit:.1e}"
+        print(f"\n## {case.title} ({reference})\n\n{table(lines[case.title])}\n")
         print("\n".join(failures(both.rows)))
         for line in str(found).splitlines():
             if line.startswith("left out"):

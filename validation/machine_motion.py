@@ -21,14 +21,6 @@ RANK = 1e-10
 """Singular values below this part of the largest are 0."""
 
 
-class Doubt(Exception):
-    """From a time on the model has no unique answer, or double precision cannot tell which it is."""
-
-    def __init__(self, time: float, reason: str) -> None:
-        super().__init__(f"{reason} at t = {time:.9g} s")
-        self.time, self.reason = time, reason
-
-
 @dataclass(frozen=True)
 class Modes:
     """What every row does: slipping contacts by sign, rows held, and the side and branch of gaps pressed.

@@ -19,10 +19,11 @@ from itertools import combinations, product
 import numpy as np
 from scipy.optimize import brentq
 
-from validation.machine_motion import Array, Data, Doubt, Machine, Modes, Motion
+from validation.machine_motion import Array, Data, Machine, Modes, Motion
+from validation.oracle import Event
 from validation.oracle_signals import just_after
+from validation.oracle_system import Doubt
 
-Event = tuple[float, str, int, int]
 """Time in s, row, mode before, mode after."""
 OPEN = 2
 """Mode of a gap or stop between its limits."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from random import Random
 from typing import Any
@@ -22,18 +22,16 @@ from stickslip import (
     OneWay,
     Result,
     Scene,
-    Signal,
     Spring,
     Stop,
     Tie,
-    piecewise_linear,
     simulate,
-    sine,
 )
-from validation.machine_oracle import Event, solve
+from validation.comparison import AT_THE_END, compare_events, over_family, signal_of
+from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
-from validation.rows import Array, Row, Wrong, require
-from validation.tried import Tried, try_each
+from validation.oracle import Event
+from validation.rows import Array, Row, Wrong
 
 machine_row = partial(Row, "Machines")
 GROUPS: dict[str, dict[str, Any]] = {
@@ -50,8 +48,8 @@ BOUNDS = {"auto": 1e-9, "BDF": 1e-6, "merged": 1e-6, "multiplier": 1e-5}
 FORCES = {"auto": 1e-7}
 FORCE = 1e-4
 """Largest errors of forces over the largest: they follow stiff springs."""
-BEFORE, POINTS, PATIENCE = 0.99, 60, 60.0
-"""Part of the time up to which the answer is unique; how many times are compared; after how many s a scene hangs."""
+BEFORE, POINTS = 0.99, 60
+"""Part of the time up to which the answer is unique, and how many times are compared."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,7 @@ def truth(family: str, number: int) -> Truth:
     data = FAMILIES[family][0](number)
     found = solve(data)
     stop = BEFORE * found.known if found.doubt else found.known
-    events = [event for event in found.events if event[0] < stop * (1 - 2e-7)]
+    events = [event for event in found.events if event[0] < stop * (1 - AT_THE_END)]
     t = stop * (np.arange(POINTS) + 0.37) / POINTS
     jumps = np.array([*found.machine.breaks, *(event[0] for event in events)])
     t = t[[bool(np.abs(jumps - s).min() > 1e-5 * data["t_end"]) for s in t]]
@@ -106,7 +104,7 @@ def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
     elements: list[Any] = []
     for body in data["bodies"]:
         if body["inertia"] is None:
-            elements.append(Drive(body["name"], velocity=_signal(body["velocity"])))
+            elements.append(Drive(body["name"], velocity=signal_of(body["velocity"])))
         else:
             elements.append(Body(**body))
     elements += [_element(row) for row in data["rows"]]
@@ -116,7 +114,7 @@ def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
             elements.append(Spring(a, b, stiffness=s["k"], damping=s["c"], **radii))
         else:
             elements.append(Damper(a, b, damping=s["c"], **radii))
-    elements += [Force(force["body"], _signal(force["load"])) for force in data["forces"]]
+    elements += [Force(force["body"], signal_of(force["load"])) for force in data["forces"]]
     Random(order).shuffle(elements)
     return Scene(*elements)
 
@@ -142,15 +140,7 @@ def _element(row: Mapping[str, Any]) -> Any:
     if "mu_s_back" in row:
         more = {"mu_static_backward": row["mu_s_back"], "mu_coulomb_backward": row["mu_c_back"]}
     law = DryFriction(row["mu_s"], row["mu_c"], dwell=row["tau"], **more)
-    return Contact(name, a, b, law, normal=_signal(row["normal"]), rested=row.get("rested", 0.0), **radii)
-
-
-def _signal(data: Any) -> Signal | float:
-    if isinstance(data, Mapping):
-        return sine(**data)
-    if isinstance(data, (int, float)):
-        return float(data)
-    return piecewise_linear(*zip(*data, strict=True))
+    return Contact(name, a, b, law, normal=signal_of(row["normal"]), rested=row.get("rested", 0.0), **radii)
 
 
 # Comparison
@@ -161,7 +151,7 @@ def difference(family: str, group: str, number: int) -> float:
     right, data = truth(family, number), FAMILIES[family][0](number)
     scene = scene_of(data, order=number + list(GROUPS).index(group))
     result = simulate(scene, (0.0, right.stop), t_eval=right.t, **GROUPS[group])
-    _compare_events(right, result, TIMES[group])
+    compare_events(right, result, TIMES[group])
     largest = float(np.abs(right.velocities).max(initial=1e-3))
     error = 0.0
     for k, body in enumerate(data["bodies"]):
@@ -169,20 +159,6 @@ def difference(family: str, group: str, number: int) -> float:
         error = max(error, float(off.max(initial=0.0)))
     _compare_forces(right, result, [row["name"] for row in data["rows"]], FORCES.get(group, FORCE))
     return error
-
-
-def _compare_events(right: Truth, result: Result, tolerance: float) -> None:
-    """Compare the events of each row, in order; those of different rows may come in any order."""
-    last = right.stop * (1 - 2e-7)
-    found = [(e.t, e.contact, int(e.before), int(e.after)) for e in result.events if e.t < last]
-    for name in sorted({event[1] for event in [*right.events, *found]}):
-        wanted = [event for event in right.events if event[1] == name]
-        have = [event for event in found if event[1] == name]
-        told = f"{name} has {_story(have)} instead of {_story(wanted)}"
-        require([e[2:] for e in have] == [e[2:] for e in wanted], told)
-        for a, b in zip(have, wanted, strict=True):
-            late = abs(a[0] - b[0]) / right.stop
-            require(late <= tolerance, f"{name}: time {a[0]:.12g} s instead of {b[0]:.12g} s")
 
 
 def _compare_forces(right: Truth, result: Result, names: list[str], bound: float) -> None:
@@ -196,24 +172,6 @@ def _compare_forces(right: Truth, result: Result, names: list[str], bound: float
                 raise Wrong(f"{name}: force {have:.9g} instead of {wanted:.9g} at t = {right.t[k]:.6g} s")
 
 
-def _story(events: list[Event]) -> str:
-    return "[" + ", ".join(f"{t:.9g} s {before:+d}>{after:+d}" for t, _, before, after in events[:6]) + "]"
-
-
-def over_family(family: str, group: str, count: int) -> Tried:
-    """Return the worst of scenes 1 to `count` of a family; where the oracle has no answer, nothing is compared."""
-    numbers = [n for n in range(1, count + 1) if truth(family, n).t.size]
-    tried = try_each(((f"{family} {n}", partial(difference, family, group, n)) for n in numbers), PATIENCE)
-    events = sum(len(truth(family, n).events) for n in numbers)
-    truncated = sum(bool(truth(family, n).doubt) for n in numbers)
-    remark = f"{tried.remark}; {events} events"
-    if truncated:
-        remark += f"; {truncated} scenes up to where the answer is no longer unique"
-    if len(numbers) < count:
-        remark += f", {count - len(numbers)} left out where it never is"
-    return replace(tried, remark=remark)
-
-
 def rows(count: int) -> list[Row]:
     """Return the rows: `count` scenes of each family in each engine."""
     return [
@@ -221,7 +179,7 @@ def rows(count: int) -> list[Row]:
             f"machines-{family}/{group}",
             f"{count} scenes of {what}: events, forces; velocities over the largest ({group})",
             "an independent simulator of the model; validation.machine_oracle",
-            partial(over_family, family, group, count),
+            partial(over_family, truth, difference, family, group, count),
             BOUNDS[group],
             quick=group == "auto",
             limit=60.0 + 10.0 * count,

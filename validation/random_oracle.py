@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from random import Random
 from typing import Any
@@ -19,20 +19,17 @@ from stickslip import (
     Force,
     Result,
     Scene,
-    Signal,
     Spring,
-    piecewise_linear,
     position,
     relative_velocity,
     simulate,
-    sine,
     stretch,
     velocity,
 )
+from validation.comparison import AT_THE_END, compare_events, over_family, signal_of
 from validation.oracle import Event, solve
 from validation.oracle_scenes import FAMILIES
-from validation.rows import Array, Row, Tried, Wrong, require
-from validation.tried import try_each
+from validation.rows import Array, Row, Wrong
 
 oracle_row = partial(Row, "Oracle")
 GROUPS: dict[str, dict[str, Any]] = {
@@ -58,8 +55,6 @@ QUANTITIES = {
     "stretch": stretch,
     "relative_velocity": relative_velocity,
 }
-PATIENCE = 60.0
-"""Time in s after which a scene counts as hanging."""
 
 
 # The oracle's answer
@@ -100,7 +95,7 @@ def truth(family: str, number: int) -> Truth:
     data = FAMILIES[family][0](number)
     found = solve(data)
     stop = BEFORE * found.known if found.doubt else found.known
-    events = [event for event in found.events if event[0] < stop * (1 - 2 * TIME)]
+    events = [event for event in found.events if event[0] < stop * (1 - AT_THE_END)]
     t = stop * (np.arange(POINTS) + 0.37) / POINTS
     jumps = np.array([*found.system.breaks, *(event[0] for event in events)])
     t = t[[bool(np.abs(jumps - s).min() > 1e-5 * stop) for s in t]]
@@ -121,7 +116,7 @@ def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
     elements: list[Any] = []
     for body in data["bodies"]:
         if body["inertia"] is None:
-            elements.append(Drive(body["name"], velocity=_signal(body["velocity"])))
+            elements.append(Drive(body["name"], velocity=signal_of(body["velocity"])))
         else:
             given = {"velocity": body["velocity"], "position": body.get("position", 0.0)}
             elements.append(Body(body["name"], inertia=body["inertia"], **given))
@@ -132,7 +127,7 @@ def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
             elements.append(Spring(s["a"], s["b"], stiffness=s["k"], **more))
         else:
             elements.append(Damper(s["a"], s["b"], damping=s["c"]))
-    elements += [Force(force["body"], _signal(force["load"])) for force in data["forces"]]
+    elements += [Force(force["body"], signal_of(force["load"])) for force in data["forces"]]
     Random(order).shuffle(elements)
     return Scene(*elements)
 
@@ -144,18 +139,10 @@ def _contact(data: Mapping[str, Any]) -> Contact:
     if data.get("vs"):
         more |= {"stribeck_velocity": data["vs"], "stribeck_exponent": data["delta"]}
     law = DryFriction(data["mu_s"], data["mu_c"], dwell=data["tau"], **more)
-    normal, rested = _signal(data["normal"]), data.get("rested", 0.0)
+    normal, rested = signal_of(data["normal"]), data.get("rested", 0.0)
     for quantity, name, factor in data.get("pressed_by", []):
         normal = normal + factor * QUANTITIES[quantity](name)
     return Contact(data["name"], data["a"], data["b"], law, normal=normal, rested=rested)
-
-
-def _signal(data: Any) -> Signal | float:
-    if isinstance(data, Mapping):
-        return sine(**data)
-    if isinstance(data, (int, float)):
-        return float(data)
-    return piecewise_linear(*zip(*data, strict=True))
 
 
 # Comparison
@@ -167,27 +154,13 @@ def difference(family: str, group: str, number: int) -> float:
     data = FAMILIES[family][0](number)
     scene = scene_of(data, order=number + list(GROUPS).index(group))
     result = simulate(scene, (0.0, right.stop), t_eval=right.t, **GROUPS[group])
-    _compare_events(right, result, TIMES.get(group, TIME))
+    compare_events(right, result, TIMES.get(group, TIME))
     largest = float(np.abs(right.velocities).max(initial=1e-3))
     free = [k for k, body in enumerate(data["bodies"]) if body["inertia"] is not None]
     found = np.array([result.velocity(right.bodies[k]) for k in free]).T
     error = float(np.abs(found - right.velocities[:, free]).max(initial=0.0)) / largest
     _compare_forces(right, result, [contact["name"] for contact in data["contacts"]])
     return error
-
-
-def _compare_events(right: Truth, result: Result, tolerance: float) -> None:
-    """Compare the events of each contact, in order; those of different contacts may come in any order."""
-    last = right.stop * (1 - 2 * TIME)
-    found = [(e.t, e.contact, int(e.before), int(e.after)) for e in result.events if e.t < last]
-    for contact in sorted({event[1] for event in [*right.events, *found]}):
-        wanted = [event for event in right.events if event[1] == contact]
-        have = [event for event in found if event[1] == contact]
-        told = f"{contact} has {_story(have)} instead of {_story(wanted)}"
-        require([e[2:] for e in have] == [e[2:] for e in wanted], told)
-        for a, b in zip(have, wanted, strict=True):
-            late = abs(a[0] - b[0]) / right.stop
-            require(late <= tolerance, f"{contact}: time {a[0]:.9g} s instead of {b[0]:.9g} s")
 
 
 def _compare_forces(right: Truth, result: Result, contacts: list[str]) -> None:
@@ -202,24 +175,6 @@ def _compare_forces(right: Truth, result: Result, contacts: list[str]) -> None:
             raise Wrong(f"{name}: force {found:.6g} instead of {wanted[at]:.6g} at t = {right.t[at]:.6g} s")
 
 
-def _story(events: list[Event]) -> str:
-    return "[" + ", ".join(f"{t:.9g} s {before:+d}>{after:+d}" for t, _, before, after in events[:6]) + "]"
-
-
-def over_family(family: str, group: str, count: int) -> Tried:
-    """Return the worst of scenes 1 to `count` of a family; where the oracle has no answer, nothing is compared."""
-    numbers = [n for n in range(1, count + 1) if truth(family, n).t.size]
-    tried = try_each(((f"{family} {n}", partial(difference, family, group, n)) for n in numbers), PATIENCE)
-    events = sum(len(truth(family, n).events) for n in numbers)
-    truncated = sum(bool(truth(family, n).doubt) for n in numbers)
-    remark = f"{tried.remark}; {events} events"
-    if truncated:
-        remark += f"; {truncated} scenes up to where the answer is no longer unique"
-    if len(numbers) < count:
-        remark += f", {count - len(numbers)} left out where it never is"
-    return replace(tried, remark=remark)
-
-
 def rows(count: int) -> list[Row]:
     """Return the rows: `count` scenes of each family in each formulation."""
     return [
@@ -227,7 +182,7 @@ def rows(count: int) -> list[Row]:
             f"oracle-{family}/{group}",
             f"{count} scenes of {what}: events, forces; velocities over the largest ({group})",
             "an independent simulator of the model; validation.oracle",
-            partial(over_family, family, group, count),
+            partial(over_family, truth, difference, family, group, count),
             BOUNDS.get(group, BOUND),
             limit=60.0 + 10.0 * count,
             tries="runs against the oracle",

@@ -26,38 +26,15 @@ from stickslip import (
     output,
     piecewise_linear,
     simulate,
-    sine,
-    triangle,
 )
-from validation.continuation import CASES, ONLY_CVODE, SERIES, continued
+from validation.continuation import CASES, ONLY_CVODE, SERIES, continued, dwell, on_a_belt
 
 LAW = DryFriction(0.4, 0.25, dwell=0.3)
 
 
 def belt() -> Scene:
-    """Three blocks on a belt that swings, bound by springs, one pressed by a triangle."""
-    return Scene(
-        Body("a", inertia=1.0),
-        Body("b", inertia=2.0, velocity=0.3),
-        Body("c", inertia=0.5),
-        Drive("belt", velocity=0.5 * sine(1.0, 0.4) + 0.1),
-        Spring("a", "b", stiffness=30.0, damping=0.2),
-        Spring("b", GROUND, stiffness=10.0, rest=0.1),
-        Contact("ca", "a", "belt", LAW, normal=5.0, rested=0.1),
-        Contact("cb", "b", "belt", DryFriction(0.3, 0.2, mu_static_backward=0.5), normal=8.0),
-        Contact("cc", "c", "belt", LAW, normal=triangle(0.5, 1.0, 1.5, slope=20.0) + 3.0),
-        Force("c", piecewise_linear([0.0, 2.0, 4.0], [0.0, 3.0, -2.0])),
-    )
-
-
-def regularized(law: Any) -> Scene:
-    """A block on a belt, held by a spring, with a smooth law or a pre-slip velocity."""
-    return Scene(
-        Body("a", inertia=1.0, position=0.2),
-        Drive("belt", velocity=0.2),
-        Spring("a", GROUND, stiffness=20.0),
-        Contact("rub", "a", "belt", law, normal=5.0),
-    )
+    """Three blocks on a belt that swings, one of them pushed besides."""
+    return Scene(*dwell().elements, Force("c", piecewise_linear([0.0, 2.0, 4.0], [0.0, 3.0, -2.0])))
 
 
 def same_events(one: Result, parts: list[Result], tolerance: float) -> None:
@@ -99,8 +76,8 @@ def test_a_run_cut_at_many_times_is_the_run(name: str) -> None:
     "law", [LuGre(LAW, stiffness=1e4, damping=50.0), PreSlip(DryFriction(0.4, 0.25), 1e-3)]
 )
 def test_bristles_and_slip_states_go_on(law: Any) -> None:
-    whole = simulate(regularized(law), (0.0, 3.0), rtol=1e-9)
-    parts = cut(regularized(law), [0.0, 0.4, 0.9, 1.7, 3.0], rtol=1e-9)
+    whole = simulate(on_a_belt(law), (0.0, 3.0), rtol=1e-9)
+    parts = cut(on_a_belt(law), [0.0, 0.4, 0.9, 1.7, 3.0], rtol=1e-9)
     same_events(whole, parts, 1e-5)
     assert abs(parts[-1].velocity("a")[-1] - whole.velocity("a")[-1]) < 1e-5
 

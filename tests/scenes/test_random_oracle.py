@@ -10,9 +10,10 @@ import pytest
 from stickslip import Body, Contact, Drive, simulate
 from stickslip.model.quantities import Expression
 from validation import random_oracle
+from validation.comparison import over_family
 from validation.oracle import Solution, solve
 from validation.oracle_scenes import FAMILIES
-from validation.random_oracle import GROUPS, difference, over_family, rows, scene_of, truth
+from validation.random_oracle import GROUPS, difference, rows, scene_of, truth
 from validation.rows import Wrong
 
 
@@ -84,7 +85,7 @@ def test_a_scene_in_doubt_is_compared_up_to_there_and_counted() -> None:
     answer = truth("loops", number)
     found: Solution = solve(FAMILIES["loops"][0](number))
     assert 0 < answer.stop < found.known < FAMILIES["loops"][0](number)["t_end"]
-    tried = over_family("loops", "merged", number + 1)
+    tried = over_family(truth, difference, "loops", "merged", number + 1)
     assert tried.wrong == tried.hung == 0
     assert "events" in tried.remark and "no longer unique" in tried.remark
 
