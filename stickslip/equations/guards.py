@@ -245,8 +245,8 @@ class Guards:
         size, has_fired = self.scale, np.append(fired, False)
         functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
         of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
-        horizon = max(self.motion.horizon, _TINY)
         for i in rows.tolist():
+            flat = 0.0
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
@@ -270,21 +270,22 @@ class Guards:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough
-                limits = [max(flat / horizon**k, ROUNDOFF * majorant[k, i]) for k in (1, 2)]
+                limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
             if not self.motion.is_linear:
                 differenced = _DIFFERENCED * majorant[2, i]
                 limits[1] += differenced
-            order = self._way_out(i, limits)
+            order = self._way_out(i, limits, flat)
             self.order[i] = 0 if order == _DOWN else order
             self.violated[i] = order == _DOWN
 
-    def _way_out(self, i: int, limits: list[float]) -> int:
-        """Return the order with which a guard leaves 0."""
+    def _way_out(self, i: int, limits: list[float], flat: float) -> int:
+        """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""
         if self._never[i]:
             return NEVER
+        horizon = self.motion.horizon
         for k, limit in enumerate(limits, start=1):
             value = self.start[k, i]
-            if abs(value) > limit:
+            if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         if not self.motion.is_linear:
             return NEVER
@@ -292,7 +293,8 @@ class Guards:
         coefficients, adds_up, majorant = self._higher
         for k in range(3, _HIGHEST + 1):
             value = coefficients[k, i]
-            if abs(value) > 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i]):
+            limit = 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i])
+            if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         return NEVER
 

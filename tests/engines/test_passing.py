@@ -12,13 +12,16 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Damper,
     DryFriction,
     Force,
+    OneWay,
     Scene,
     Spring,
     piecewise_linear,
     simulate,
     sine,
+    velocity,
 )
 
 ENGINES: list[dict[str, Any]] = [
@@ -214,3 +217,52 @@ def test_many_blocks_touch_rest_one_after_another() -> None:
     assert result.stats["engine"] == "Taylor series"
     assert [e.contact for e in result.events] == [f"c{k}" for k in range(20)]
     assert [e.t for e in result.events] == pytest.approx([1.0 + 0.001 * k for k in range(20)], abs=1e-12)
+
+
+SOLVERS = ENGINES[:-1]
+
+
+@pytest.mark.parametrize("options", SOLVERS)
+@pytest.mark.parametrize(("by", "rate"), [("normal force", 1e6), ("normal force", 1e9), ("damper", 1e6)])
+def test_a_body_that_comes_to_rest_just_beyond_0_has_passed_it(
+    by: str, rate: float, options: dict[str, Any]
+) -> None:
+    """v' = -rate v - 0.2 passes 0 at log(1 + 5 rate) / rate; on the other side it would end at -0.2 / rate.
+
+    That is nearer to 0 than the solver's errors are. The contact holds the body.
+    """
+    damped = by == "damper"
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0),
+        Damper("b", GROUND, damping=rate if damped else 0.0),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(0.2, 0.2),
+            normal=1.0 + (0.0 if damped else 5 * rate) * velocity("b"),
+        ),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    (event,) = result.events
+    assert (event.before, event.after, event.cause) == (1, 0, "relative velocity 0")
+    # the last e-folds are within the tolerance of 1e-8 of the first velocity
+    assert event.t == pytest.approx(math.log1p(5 * rate) / rate, rel=0.05)
+    assert result.velocity("b")[-1] == 0.0
+
+
+@pytest.mark.parametrize("options", SOLVERS)
+def test_a_one_way_clutch_locks_where_a_strong_damper_lets_it_turn_hardly(options: dict[str, Any]) -> None:
+    """The driver runs back at first, then forward; locked, the clutch hands on all of its 0.5 N."""
+    scene = Scene(
+        Body("driver", inertia=1.0, velocity=-1.0),
+        Body("driven", inertia=1.0),
+        Force("driver", 0.5),
+        Damper("driver", GROUND, damping=1e6),
+        Contact("brake", "driven", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+        OneWay("clutch", "driver", "driven"),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    assert [(e.contact, e.before, e.after) for e in result.events] == [("clutch", -1, 0)]
+    assert result.events[0].t == pytest.approx(math.log1p(2e6) / 1e6, rel=1e-4)
+    assert result.force("clutch")[-1] == pytest.approx(0.5, rel=1e-9)
