@@ -41,6 +41,9 @@ _NEAR_IN_TIME = 1e-12
 _TIME = 1e-15
 """Part of the time that is uncertain."""
 
+_IF_DWELLING = 1e-2
+"""Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell."""
+
 _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
@@ -458,6 +461,23 @@ class Guards:
         found[self.passing] = holds_more & (np.abs(mode) == 1) & (self.order[self.passing] != NEVER)
         return found
 
+    @cached_property
+    def leeway(self) -> Array:
+        """How far each guard has to go beyond 0 before it has passed it.
+
+        A contact that may stick where its velocity only touches 0 needs none: whether the motion or an error takes it
+        beyond 0, it is at rest there. Where its level rises with the dwell only, it is held if it rises fast enough.
+        """
+        found = np.zeros(self.size)
+        found[self.passing] = self.uncertain
+        sticks = self.stick_at_touch
+        least = np.where(
+            np.isin(self.row[sticks], self.motion.system.dwelling), _IF_DWELLING * self.uncertain, 0.0
+        )
+        beyond = 2 * np.maximum(-self.start[0, sticks], 0.0)
+        found[sticks] = np.minimum(self.uncertain, np.maximum(least, beyond))
+        return found
+
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
@@ -466,13 +486,14 @@ class Guards:
         motion = self.motion
         q = motion.inputs(tau, y, self._wanted)
         g = self.raw(motion.watched(tau, y, q), q)
-        if late and self.uncertain:
-            g[self.passing] += self.uncertain
-        if self.is_plain:
-            return g
 
         def column(values: Array) -> Array:
             return values[:, None] if g.ndim == 2 else values
+
+        if late and self.uncertain:
+            g += column(self.leeway)
+        if self.is_plain:
+            return g
 
         settled, stray = self._roundoff
         stays = (self.order == NEVER).nonzero()[0]
@@ -519,7 +540,7 @@ class Guards:
                 g[self._rising, :, j] -= self._rise[:, None] * q[self._dwell]
         low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.uncertain:
-            low[self.passing] += self.uncertain
+            low += self.leeway[:, None]
         if self._offset is not None:
             low += self._offset[:, None]
         low[unknown] = -math.inf
@@ -548,7 +569,7 @@ class Guards:
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
         if self.uncertain:
-            g[self.passing] += self.uncertain
+            g += self.leeway
         if self._offset is not None:
             g += self._offset
         return float(g.min())
@@ -565,7 +586,7 @@ class Guards:
             value += self._mu * motion.start_inputs[self._row]
             slope = slope + self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
         if self.uncertain:
-            value[self.passing] += self.uncertain
+            value += self.leeway
         if self._offset is not None:
             value += self._offset
         return value, slope

@@ -114,8 +114,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
-            passed = values[guards.passing] / guards.uncertain
-            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
+            velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
+            at[guards.passing] &= (velocities >= (_FULLY - 1) * leeway) | (velocities <= -_FULLY * leeway)
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
