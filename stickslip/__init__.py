@@ -35,7 +35,8 @@ from stickslip.model.quantities import (
     velocity,
 )
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.model.signal_makers import piecewise_linear, signal, sine, step, triangle
+from stickslip.model.signals import Signal
 from stickslip.model.when import When
 from stickslip.results.files import output
 from stickslip.results.outcome import Event

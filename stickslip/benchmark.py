@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.modes import Mode
 from stickslip.model.scene import GROUND, Body, Contact, Damper, Element, Scene
-from stickslip.model.signal_makers import Signal, triangle
+from stickslip.model.signal_makers import triangle
+from stickslip.model.signals import Signal
 from stickslip.simulation.result import Event
 
 __all__ = [

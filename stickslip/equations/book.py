@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Linear, Region
 from stickslip.model.scene import GROUND, AnyBlock, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Load, Signal
+from stickslip.model.signals import Constant, Load, Signal
 
 __all__ = ["Book", "Coupling", "Piecewise", "Row"]
 

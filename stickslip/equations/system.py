@@ -26,7 +26,7 @@ from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
 from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Load, PiecewiseLinear, Signal
+from stickslip.model.signals import Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 

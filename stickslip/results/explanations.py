@@ -18,7 +18,7 @@ from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
 from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
-from stickslip.model.signal_makers import Constant, as_signal
+from stickslip.model.signals import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.units import units

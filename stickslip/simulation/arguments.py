@@ -17,7 +17,7 @@ from stickslip.model.checks import finite
 from stickslip.model.laws.base import Use
 from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import as_signal
+from stickslip.model.signals import as_signal
 from stickslip.model.when import When
 from stickslip.simulation.tolerances import largest_value
 

@@ -11,8 +11,7 @@ from stickslip.model.checks import NamedArguments, finite
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity, as_load
-from stickslip.model.signal_makers import as_signal
-from stickslip.model.signals import Load
+from stickslip.model.signals import Load, as_signal
 
 __all__ = [
     "GROUND",
