@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.book import Book
 from stickslip.model import quantities as of
 from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
+from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
@@ -171,7 +171,7 @@ class Reader:
     def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:
         self._book, self._position_state, self._places = book, position_state, places
         self._functions: dict[str, int] = {}
-        self._row_of = {row.name: j for j, row in enumerate(book.rows)}
+        self._row_of = book.row_index
         self._resolving: list[tuple[Quantity, str]] = []
         self._known: dict[Quantity, Form] = {}
         self.signals: list[Signal] = []

@@ -124,7 +124,6 @@ class DryFriction(Law):
     kinetic: Callable[[float], float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the coefficients."""
         for name in ("mu_static", "mu_coulomb", "dwell", "mu_static_backward", "mu_coulomb_backward"):
             if getattr(self, name) is None and name.endswith("_backward"):
                 continue
