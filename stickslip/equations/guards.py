@@ -41,6 +41,9 @@ _NEAR_IN_TIME = 1e-12
 _TIME = 1e-15
 """Part of the time that is uncertain."""
 
+_IF_DWELLING = 1e-2
+"""Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell."""
+
 _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
@@ -189,8 +192,8 @@ class Guards:
         if self.rows.has_borders:
             functions = motion.system.piecewise
             of_stop[self.is_border] = functions.is_stop[functions.owner[motion.equations.borders]]
-        horizon = max(motion.horizon, _TINY)
         for i in close:
+            flat = 0.0
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
@@ -214,23 +217,24 @@ class Guards:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough
-                limits = [max(flat / horizon**k, ROUNDOFF * majorant[k, i]) for k in (1, 2)]
+                limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
             if not motion.is_linear:
                 differenced = _DIFFERENCED * majorant[2, i]
                 limits[1] += differenced
-            order = self._way_out(i, limits)
+            order = self._way_out(i, limits, flat)
             if order == _DOWN:
                 self.violated[i] = True
             else:
                 self.order[i], self.is_plain = order, False
 
-    def _way_out(self, i: int, limits: list[float]) -> int:
-        """Return the order with which a guard leaves 0."""
+    def _way_out(self, i: int, limits: list[float], flat: float) -> int:
+        """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""
         if self._never[i]:
             return NEVER
+        horizon = self.motion.horizon
         for k, limit in enumerate(limits, start=1):
             value = self.start[k, i]
-            if abs(value) > limit:
+            if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         if not self.motion.is_linear:
             return NEVER
@@ -238,7 +242,8 @@ class Guards:
         coefficients, adds_up, majorant = self._higher
         for k in range(3, _HIGHEST + 1):
             value = coefficients[k, i]
-            if abs(value) > 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i]):
+            limit = 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i])
+            if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         return NEVER
 
@@ -379,6 +384,23 @@ class Guards:
             found = found & (self._constant == 0)
         return found if self.is_plain else found & (self.order != NEVER)
 
+    @cached_property
+    def leeway(self) -> Array:
+        """How far each guard has to go beyond 0 before it has passed it.
+
+        A contact that may stick where its velocity only touches 0 needs none: whether the motion or an error takes it
+        beyond 0, it is at rest there. Where its level rises with the dwell only, it is held if it rises fast enough.
+        """
+        found = np.zeros(self.size)
+        found[self.passing] = self.uncertain
+        sticks = self.stick_at_touch
+        least = np.where(
+            np.isin(self.row[sticks], self.motion.system.dwelling), _IF_DWELLING * self.uncertain, 0.0
+        )
+        beyond = 2 * np.maximum(-self.start[0, sticks], 0.0)
+        found[sticks] = np.minimum(self.uncertain, np.maximum(least, beyond))
+        return found
+
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
         """Return the guards at local time `tau` from the state, zeros at the start divided out.
 
@@ -387,7 +409,7 @@ class Guards:
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
         if late and self.uncertain:
-            g[self.passing] += self.uncertain
+            g += self.leeway[:, None] if g.ndim == 2 else self.leeway
         return self._divided(g, tau)
 
     def _divided(self, g: Array, tau: float | Array) -> Array:
@@ -443,7 +465,7 @@ class Guards:
                 g[self.rows.rising, :, j] -= self.rows.rise[:, None] * q[self.rows.dwell]
         low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.uncertain:
-            low[self.passing] += self.uncertain
+            low += self.leeway[:, None]
         if self._offset is not None:
             low += self._offset[:, None]
         low[unknown] = -math.inf
@@ -472,7 +494,7 @@ class Guards:
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
         if self.uncertain:
-            g[self.passing] += self.uncertain
+            g += self.leeway
         if self._offset is not None:
             g += self._offset
         return float(g.min())
@@ -489,7 +511,7 @@ class Guards:
             value += self.rows.mu * motion.start_inputs[self.rows.row]
             slope = slope + self.rows.mu * np.append(motion.stretch.slope, 0.0)[self.rows.row]
         if self.uncertain:
-            value[self.passing] += self.uncertain
+            value += self.leeway
         if self._offset is not None:
             value += self._offset
         return value, slope

@@ -5,7 +5,8 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from stickslip.model.elements import (
     Stop,
     Tie,
 )
-from stickslip.model.elements.base import listed
+from stickslip.model.elements.base import Motion, check_motion, listed
 from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
@@ -72,9 +73,6 @@ __all__ = [
     "Tie",
 ]
 
-Motion = Literal["rotation", "translation"]
-"""How the bodies of a scene move: it decides the units that tables and drawings show, and no number."""
-
 _FIELDS = {
     kind: {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
     for kind in KINDS.values()
@@ -94,7 +92,8 @@ class Scene:
         Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper, Block, StateSpace, Sampled or
         Force; they refer to bodies by name.
     motion : "rotation" or "translation", optional
-        How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
+        How the bodies move that do not say it themselves. It changes no number, only the units that tables and
+        drawings show: by default both.
 
     Attributes
     ----------
@@ -119,10 +118,7 @@ class Scene:
 
     def __init__(self, *elements: Element, motion: Motion | None = None) -> None:
         """Sort the elements by kind and check that they fit together."""
-        if motion is not None and motion not in get_args(Motion):
-            raise ValueError(
-                f"Scene: motion must be 'rotation' or 'translation', got {motion!r}; leave it out for both"
-            )
+        check_motion(motion, "Scene", "for both")
         object.__setattr__(self, "motion", motion)
         sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
         for element in elements:
@@ -150,6 +146,11 @@ class Scene:
     def all_blocks(self) -> tuple[AnyBlock, ...]:
         """All elements with states of their own: blocks, state spaces, sampled blocks."""
         return (*self.blocks, *self.state_spaces, *self.sampled)
+
+    @cached_property
+    def motions(self) -> dict[str, Motion | None]:
+        """How each body and drive moves, by name: as it says itself, else as the scene says."""
+        return {one.name: one.motion or self.motion for one in (*self.bodies, *self.drives)}
 
     def _check_names(self) -> None:
         if not self.bodies:

@@ -29,7 +29,7 @@ from stickslip.plots.style import (
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["modes", "velocities"]
+__all__ = ["modes", "velocities", "velocity_units"]
 
 MANY = 12
 """More curves or strips than this become a raster."""
@@ -47,9 +47,9 @@ _STRIPS: dict[int, dict[str, Any]] = {
 def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
-    Markers are times fit for a plot, or ticks at the bottom where they are many, one in so many as the legend
-    says; a broad grey line runs under a body while a contact with a normal force holds it. More than a dozen
-    bodies become a raster with a colour bar.
+    Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
+    ticks at the bottom where they are many, one in so many as the legend says; a broad grey line runs under a body
+    while a contact with a normal force holds it. More than a dozen bodies become a raster with a colour bar.
 
     Parameters
     ----------
@@ -78,13 +78,14 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
 def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     held = _bands(fine, names, ax)
+    shared, labels = _units(result, names)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
     for k, name in enumerate(names):
-        ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
+        ax.plot(fine.t, fine.velocity(name), label=labels[k], zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(f"velocity [{units(result.scene).velocity}]")
+    ax.set_ylabel(f"velocity [{shared}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -94,6 +95,29 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     else:
         _rug(ax, computed.t, points)
     beside(ax)
+
+
+def velocity_units(result: Drawable, names: Sequence[str]) -> dict[str, str]:
+    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
+    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
+    for name in names:
+        if name not in moving:
+            result.velocity(name)  # says which there are
+    return {name: units(result.scene, moving[name]).velocity for name in names}
+
+
+def _units(result: Drawable, names: list[str]) -> tuple[str, list[str]]:
+    """Return the unit of the axis, and the names of bodies: with units of their own where these differ."""
+    own = velocity_units(result, names)
+    if len(set(own.values())) == 1:
+        return own[names[0]], names
+    return units(result.scene).velocity, [f"{name} [{unit}]" for name, unit in own.items()]
 
 
 def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
@@ -138,7 +162,8 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
-    value_raster(ax, coarse.t, rows, names, f"velocity [{units(result.scene).velocity}]")
+    shared, labels = _units(result, names)
+    value_raster(ax, coarse.t, rows, labels, f"velocity [{shared}]")
     ax.set_ylabel("body")
 
 

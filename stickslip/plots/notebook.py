@@ -125,9 +125,12 @@ def events_table(events: list[Event], most: int) -> str:
 
 def final_table(result: Drawable) -> str:
     """Return a table of the velocities at the last time."""
-    unit = units(result.scene).velocity
-    rows = [(body.name, float(result.velocity(body.name)[-1])) for body in result.scene.bodies[:MOST]]
-    left = len(result.scene.bodies) - MOST
+    scene = result.scene
+    rows = [
+        (body.name, float(result.velocity(body.name)[-1]), units(scene, body).velocity)
+        for body in scene.bodies[:MOST]
+    ]
+    left = len(scene.bodies) - MOST
     return table(
-        ("body", f"velocity at {result.t[-1]:.9g} s [{unit}]"), rows, f"and {left} more" if left > 0 else ""
+        ("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, f"and {left} more" if left > 0 else ""
     )

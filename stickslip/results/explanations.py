@@ -352,10 +352,15 @@ def _event_sentences(result: Outcome) -> list[str]:
     events, samples = result.events, result.samples
     if not events:
         return ["Events: none"]
-    unit = units(samples.system.scene)
-    lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
+    scene = samples.system.scene
     names = {row.name: j for j, row in enumerate(samples.system.rows)}
     of_rows = [event for event in events if event.contact in names]
+    elements = {row.name: row for row in scene.rows}
+    changing = {event.contact: elements[event.contact] for event in of_rows}
+    shared = units(scene, *changing.values())
+    own = {name: units(scene, row) for name, row in changing.items()}
+    lines = [f"Events: {len(events)} (forces in {shared.force}, velocities in {shared.velocity})"]
+    noted = {name: f" [{unit.force}, {unit.velocity}]" for name, unit in own.items() if unit != shared}
     rows = [names[event.contact] for event in of_rows]
     dense = bool(of_rows) and samples.trajectory.is_dense
     around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
@@ -365,7 +370,7 @@ def _event_sentences(result: Outcome) -> list[str]:
             event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
         )
         change = f"{event.before.name} -> {event.after.name}"
-        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}")
+        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}{noted.get(event.contact, '')}")
     return lines
 
 

@@ -81,17 +81,17 @@ def columns(result: Outcome) -> dict[str, NDArray[Any]]:
 def column_units(result: Outcome) -> dict[str, str]:
     """Return the unit of each column; modes have none.
 
-    The scene says whether its bodies rotate or move along lines; where it does not, both units are named.
+    The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
 
     Parameters
     ----------
     result : Outcome
     """
     scene = result.samples.system.scene
-    body = units_of(scene)
     found = {"time": "s"}
     for one in (*scene.bodies, *scene.drives):
-        found |= {f"velocity {one.name}": body.velocity, f"position {one.name}": body.position}
+        unit = units_of(scene, one)
+        found |= {f"velocity {one.name}": unit.velocity, f"position {one.name}": unit.position}
     for row in scene.rows:
         force = units_of(scene, row).force
         found |= {f"force {row.name}": force, f"breakaway {row.name}": force, f"mode {row.name}": ""}
@@ -128,15 +128,15 @@ def to_csv(result: Outcome, path: Target, *, units: bool | None = None) -> None:
     path : path
         Times stand in s, everything else in the SI units of the scene.
     units : bool, optional
-        Whether the heads of the columns say the units, as in ``velocity wheel [rad/s]``. By default they do where the
-        scene says whether it rotates.
+        Whether the heads of the columns say the units, as in ``velocity wheel [rad/s]``. By default they do where all
+        bodies, or the scene, say whether they rotate.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
-    with_units = result.samples.system.scene.motion is not None if units is None else units
+    with_units = None not in result.samples.system.scene.motions.values() if units is None else units
     write_columns(columns(result), path, column_units(result) if with_units else {})
 
 

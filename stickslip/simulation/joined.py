@@ -143,7 +143,7 @@ class Joined:
         known: dict[str, str] = {}
         for result in self.results:
             known |= files.column_units(result)
-        with_units = self.scene.motion is not None if units is None else units
+        with_units = None not in self.scene.motions.values() if units is None else units
         files.write_columns(self._columns(), path, known if with_units else {})
 
     def _columns(self) -> dict[str, NDArray[Any]]:

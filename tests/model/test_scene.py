@@ -84,7 +84,9 @@ def test_a_scene_is_frozen_and_compares_by_value() -> None:
 
 def test_a_scene_prints_the_call_that_makes_it() -> None:
     text = repr(WHEELS)
-    assert text.startswith("Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0), ")
+    assert text.startswith(
+        "Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0, motion=None), "
+    )
     assert "Contact(name='brake', a='wheel1', b='ground'" in text
 
 

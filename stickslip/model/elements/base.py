@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 from stickslip.model.checks import NamedArguments, finite
 from stickslip.model.laws.dry_friction import Law
@@ -14,10 +14,26 @@ from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signal_makers import as_signal
 from stickslip.model.signals import Load
 
-__all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
+__all__ = [
+    "GROUND",
+    "Book",
+    "Element",
+    "Link",
+    "Motion",
+    "Moving",
+    "Named",
+    "Radii",
+    "Row",
+    "check_members",
+    "check_motion",
+    "listed",
+]
 
 GROUND = "ground"
 """Name of the ground: a body that never moves."""
+
+Motion = Literal["rotation", "translation"]
+"""How a body moves: it decides the units that tables and drawings show, and no number."""
 
 
 class Book(Protocol):
@@ -174,14 +190,21 @@ class Named(Element):
         """How messages name the element."""
         return f"{self.noun()} {self.name!r}"
 
-    def _free_name(self) -> None:
-        """Check the name of a body or a drive: a contact may be called what it likes."""
+
+class Moving(Named):
+    """A body or a drive: it has a velocity and a position, and may say how it moves."""
+
+    motion: Motion | None
+
+    def _check_name_and_motion(self) -> None:
+        """Check what a body and a drive have in common; a contact may be called what it likes."""
         self._identifier("name")
         if self.name == GROUND:
             raise ValueError(
                 f"{type(self).__name__}: the name {GROUND!r} is taken by the ground, which is always there; "
                 f"rename {self.label}, or leave it out and join to GROUND"
             )
+        check_motion(self.motion, self.label, "for what the scene says")
 
 
 class Link(Element):
@@ -224,6 +247,11 @@ class Radii(Link):
         """What the velocities of the ends are multiplied by in the relative velocity."""
         return {self.a: self.radius_a, self.b: -self.radius_b}
 
+    @property
+    def radii(self) -> tuple[float, float]:
+        """The radii of both ends."""
+        return self.radius_a, self.radius_b
+
     def _check_limits(self) -> None:
         """Check the limits of a stretch: in order, and at least one of them finite."""
         lower, upper = (getattr(self, name) for name in ("lower", "upper"))
@@ -246,6 +274,14 @@ class Radii(Link):
     def _check_radii(self) -> None:
         for name in ("radius_a", "radius_b"):
             self._not_zero(name, "an end at radius 0 transmits no force; use 1 for the body's own velocity")
+
+
+def check_motion(motion: Any, label: str, default: str) -> None:
+    """Refuse what is no kind of motion."""
+    if motion is not None and motion not in get_args(Motion):
+        raise ValueError(
+            f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
+        )
 
 
 def check_members(label: str, members: Iterable[str], free: frozenset[str], known: frozenset[str]) -> None:
