@@ -162,7 +162,7 @@ class Series:
             root, which, touches = self._first(g, motion, guards, watched)
             guard = int(watched[which])
             touched = int(guards.row[guard]) if touches else None
-        if not np.count_nonzero(c[-1]):
+        if motion.stretch.is_straight and not np.count_nonzero(c[-1]):
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
         return _Step(c, h, root, guard, touched)
