@@ -3,22 +3,41 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.piecewise import Regions
+from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
 
-if TYPE_CHECKING:
-    from stickslip.equations.mode_equations import ModeEquations
-
-__all__ = ["GuardRows"]
+__all__ = ["GuardRows", "InModes"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
+
+
+class InModes(Protocol):
+    """The equations in one set of modes, as far as guards need them: which rows are what, and what adds up."""
+
+    system: System
+    modes: Modes
+    regions: Regions
+    side: Indices
+    slip: Indices
+    held: Indices
+    pre: Indices
+    open: Indices
+    at_level: Indices
+    pressed: Indices
+    borders: Indices
+
+    def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
+        """Return what adds up in the rates and in the watched quantities."""
+        ...
 
 
 class GuardRows:
@@ -30,7 +49,7 @@ class GuardRows:
 
     Parameters
     ----------
-    equations : ModeEquations
+    equations : InModes
         What they are the guards of.
     loose : array of int
         Open rows whose velocity is watched.
@@ -50,7 +69,7 @@ class GuardRows:
         How many are velocities of open rows.
     """
 
-    def __init__(self, equations: ModeEquations, loose: Indices, signs: Modes) -> None:
+    def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
         self.equations, self.loose = equations, loose.size
         system, modes, borders = equations.system, equations.modes, equations.borders
         m, held = system.m, equations.held
