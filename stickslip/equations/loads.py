@@ -246,19 +246,18 @@ class Stretch:
                 angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
         return found
 
-    def magnitudes(self, t: float, order: int) -> list[Array]:
-        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order`."""
-        none = np.zeros(self.value.size)
-        found = [np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)]
-        found += [none.copy() for _ in range(order - 1)]
+    def magnitudes(self, t: float, order: int) -> Array:
+        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
+        found = np.zeros((order + 1, self.value.size))
+        found[0], found[1] = np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)
         if self.has_waves:
             size = np.abs(self._amplitude)
             for k, part in enumerate(found):
                 np.add.at(part, self._entry, size)
                 size = size * np.abs(self._turn) / (k + 1)
         for i, function in self._functions:
-            found[0][i] += abs(function(min(t, self._before_stop)))
-            found[1][i] += abs(self._slope_of(function, t))
+            found[0, i] += abs(function(min(t, self._before_stop)))
+            found[1, i] += abs(self._slope_of(function, t))
         return found
 
     @property
