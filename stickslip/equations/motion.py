@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.floats import Acting, Line, lines
+from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
@@ -662,27 +663,31 @@ class Motion:
             y = rate / (k + 1)
         return found
 
-    def guard_magnitudes(self, order: int) -> Array | None:
-        """Return the same of the guards of a small motion, an order per row, None where it has no map for them."""
-        sizes = None if self.dependence is not None else self.equations.guard_sizes(order)
+    def guard_magnitudes(self, rows: GuardRows, order: int) -> Array:
+        """Return the same of guards, an order per row."""
+        sizes = None if self.dependence is not None else rows.sizes(order)
         if sizes is None:
-            return None
-        found: Array = sizes @ np.concatenate([np.abs(self.y), *self._input_magnitudes(order)])
-        return found.reshape(order + 1, -1)
+            return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
+        x = np.concatenate([np.abs(self.y), self._input_magnitudes(order).ravel()])
+        found: Array = (sizes @ x).reshape(order + 1, -1)
+        return found
 
-    def _input_magnitudes(self, order: int) -> list[Array]:
-        """Return what adds up in inputs and dwells at the start, but for what depends on the state."""
+    def _input_magnitudes(self, order: int) -> Array:
+        """Return what adds up in inputs and dwells at the start, an order per row, without feedback."""
         parts = self.stretch.magnitudes(self.t, order)
         if not self._dwelling.size:
             return parts
-        inputs, found = self.system.inputs, np.zeros((order + 1, self.system.inputs + self._dwelling.size))
+        inputs = self.system.inputs
+        found = np.zeros((order + 1, inputs + self._dwelling.size))
         found[:, :inputs] = parts
         if self._rising.size:
-            rows = self._dwelling[self._rising]
-            fall = [self._rate**i / math.factorial(i) for i in range(order + 1)]
-            for k in range(order + 1):
-                found[k, inputs + self._rising] = sum(fall[i] * parts[k - i][rows] for i in range(k + 1))
-        return list(found)
+            normals = parts[:, self._dwelling[self._rising]]
+            decay = np.array([self._rate**k / math.factorial(k) for k in range(order + 1)])
+            rises = np.zeros(normals.shape)
+            for k in range(order + 1 if self.stretch.has_waves else 2):
+                rises[k:] += decay[: order + 1 - k] * normals[k]
+            found[:, inputs + self._rising] = rises
+        return found
 
     # -- starts ----------------------------------------------------------------------------------------------
 

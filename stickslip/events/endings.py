@@ -105,11 +105,9 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     if path.touched is not None:
         touching[path.touched] = fired[path.touched] = True
     if path.hit:
-        tau = float(path.taus[-1])
-        values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         with np.errstate(over="ignore"):
-            size = guards.sizes(tau, path.last, path.largest)
+            values, size = guards.at_end(path)
             part = values / np.where(size > 0, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:

@@ -552,10 +552,9 @@ class _Search:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
         found = np.empty(over.size)
         expansion, noise = motion.start, ROUNDOFF * guards.majorant
-        equations = motion.equations
         for place, i in enumerate(over.tolist()):
             sign, ratio = guards.direction[i], np.inf
-            source = int(equations.guard_source[i])
+            source = int(guards.rows.source[i])
             for k in range(3):
                 q = expansion.q[k]
                 level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
