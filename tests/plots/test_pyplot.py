@@ -83,7 +83,7 @@ def test_axes_of_a_user_stay_a_users(wheels: Result) -> None:
     ],
 )
 def test_what_is_refused_leaves_no_empty_figure(refused: Callable[[Result], Any], wheels: Result) -> None:
-    with pytest.raises(ValueError, match="'wheel3'|'clutch'|panels need as many axes"):
+    with pytest.raises(ValueError, match=r"'wheel3'|'clutch'|panels need as many axes"):
         refused(wheels)
     assert plt.get_fignums() == []
 
