@@ -62,8 +62,8 @@ _LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
 """Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
 is a touch."""
 
-_QUADRATURE, _REFINED = 1e-10, 6
-"""Part of an integral that a finer rule may change, and how often steps are halved for that."""
+_QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
+"""Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved."""
 
 _REST = 1e-11
 _TINY = np.finfo(float).tiny
@@ -851,6 +851,7 @@ class Variation:
         """
         place = self.trajectory.places(times)
         local = self.trajectory.local(place, times)
+        sizes = np.array([one.size for one in self.directions])
         parts: list[Array] = []
         total: Array | float = 0.0
         for number in range(int(place.max(initial=-1)) + 1):
@@ -863,15 +864,17 @@ class Variation:
             ends = np.array([0.0, piece.end])
             limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
             sums = self._sums(quantity, number, edges)
+            rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / sizes
             for _ in range(_REFINED):
                 if edges.size < 2:
                     break
                 middles = 0.5 * (edges[1:] + edges[:-1])
                 edges = np.insert(edges, np.arange(1, edges.size), middles)
                 finer = self._sums(quantity, number, edges)
-                off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=1, keepdims=True)
+                off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=(0, 1))
                 sums = finer
-                if not np.any(off > _QUADRATURE * size):
+                # a line that hardly changes is roundoff of those that do, and of the quantity itself
+                if not np.any(off > _QUADRATURE * size + rough):
                     break
             sums += total - limits[:, :1] * varied.begin
             parts.append(sums[:, np.searchsorted(edges, wanted)])
