@@ -196,7 +196,7 @@ class Motion:
         """Tell whether a static coefficient still rises at local time `tau`."""
         return tau < self._over
 
-    @property
+    @cached_property
     def shortest_dwell(self) -> float:
         """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
         return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
