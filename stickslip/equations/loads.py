@@ -7,22 +7,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.signal_makers import (
-    Clipped,
-    Constant,
-    Function,
-    Line,
-    PiecewiseLinear,
-    Signal,
-    Sine,
-    Sum,
-    time_scale,
-)
+from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 __all__ = ["Loads", "Stretch"]
 
@@ -83,7 +73,9 @@ class Loads:
         breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
-        self.has_functions = stepped or any(_has_function(s) for s in self._signals)
+        straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
+        parts = (part for s in self._signals for part in s.parts())
+        self.has_functions = stepped or any(not isinstance(part, straight_or_sine) for part in parts)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0
         for i, s in enumerate(self._signals):
@@ -128,7 +120,7 @@ class Loads:
                 if rate is not None:
                     functions.append((rate, signal.slope))
                 continue
-            for term in _terms(signal, t):
+            for term in signal.parts(t):
                 if isinstance(term, Sine):
                     value[i] += term.offset
                     waves.append((i, term.amplitude, term.frequency, term.phase))
@@ -289,26 +281,6 @@ class Stretch:
     def _angle(self, t: float) -> Array:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
         return np.asarray(2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase)
-
-
-def _terms(signal: Signal, t: float) -> Iterator[Signal]:
-    """Yield lines, sines and functions that add up to a signal from `t` on, up to its next break."""
-    if isinstance(signal, Sum):
-        for term in signal.terms:
-            yield from _terms(term, t)
-    elif isinstance(signal, Clipped):
-        if signal.positive[bisect_right(signal.kinks, t)]:
-            yield from _terms(signal.base, t)
-    else:
-        yield signal
-
-
-def _has_function(signal: Signal) -> bool:
-    if isinstance(signal, Sum):
-        return any(_has_function(term) for term in signal.terms)
-    if isinstance(signal, Clipped):
-        return _has_function(signal.base)
-    return isinstance(signal, Function) or not isinstance(signal, (Constant, Line, PiecewiseLinear, Sine))
 
 
 def _sample(function: Callable[[float], float], times: Array) -> Array:

@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from stickslip.model.elements import Contact
 from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Contact
-from stickslip.model.signal_makers import Constant
+from stickslip.model.signals import Constant
 from stickslip.plots.motion import MANY
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
-from stickslip.model.elements import KINDS, AnyBlock, Sampled, StateSpace
+from stickslip.model.elements import KINDS, AnyBlock, Contact, Gap, OneWay, Sampled, StateSpace, Stop
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
-from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
-from stickslip.model.signal_makers import Constant, as_signal
+from stickslip.model.scene import Scene
+from stickslip.model.signals import Constant, as_signal
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
