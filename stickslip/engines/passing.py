@@ -39,7 +39,9 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
         return guards.values(taus, motion.exact(taus, path.at(taus).T))
 
     rows = guards.passing
-    rows = rows[guards.values(float(taus[-1]), path.last, late=True)[rows] <= (1 - _FULLY) * guards.uncertain]
+    rows = rows[
+        guards.values(float(taus[-1]), path.last, late=True)[rows] <= (1 - _FULLY) * guards.leeway[rows]
+    ]
     if not rows.size:
         return path
     found = float(taus[-1])

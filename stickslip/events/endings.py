@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,16 @@ from stickslip.equations.system import System
 from stickslip.events.impact import struck
 from stickslip.model.crossings import root_between
 
-__all__ = ["AtLimit", "Jump", "at_limit", "at_stops", "jumped", "relaxed", "shown_at_end"]
+__all__ = [
+    "AtLimit",
+    "Jump",
+    "at_limit",
+    "at_stops",
+    "jumped",
+    "relaxed",
+    "shown_at_end",
+    "until_unseen_crossing",
+]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -26,7 +36,11 @@ Modes = NDArray[np.int8]
 _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
+_NOTHING = 1e-200
 _CONSTANT = 1e-7
+_DRIVEN = 1e-3
+"""Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
+
 _FULLY = 0.999
 """Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
 
@@ -92,17 +106,14 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     if path.touched is not None:
         touching[path.touched] = fired[path.touched] = True
     if path.hit:
-        tau = float(path.taus[-1])
-        values = guards.values(tau, path.last)
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
-        with np.errstate(over="ignore"):
-            size = guards.sizes(tau, path.last, path.largest)
-            part = values / np.where(size > 0, size, 1.0)
+        values, size = guards.at_end(path)
+        part = values / np.where(size > _NOTHING, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
-            passed = values[guards.passing] / guards.uncertain
-            at[guards.passing] &= (passed >= _FULLY - 1) | (passed <= -_FULLY)
+            velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
+            at[guards.passing] &= (velocities >= (_FULLY - 1) * leeway) | (velocities <= -_FULLY * leeway)
         fired[guards.row[at & ~guards.is_border]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
@@ -230,6 +241,50 @@ def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
     return shown
 
 
+def until_unseen_crossing(motion: Motion, path: Path, uncertain: float) -> Path:
+    """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
+
+    A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
+    force that follows the velocity, stops a row nearer than that. There its acceleration is gone, which at ``w = 0``
+    drove it on: that is a crossing, and no touch of 0.
+    """
+    rows = motion.equations.slip[motion.system.hard[motion.equations.slip]]
+    if not (uncertain and rows.size) or path.taus.size < 2:
+        return path
+    w = _signed(motion, path.taus, path.points.T, rows)
+    found = float(path.taus[-1])
+    for k in np.flatnonzero((w < 0).any(axis=1)).tolist():
+        row, beyond = rows[[k]], (w[k] < 0).astype(np.int8)
+        for left, right in np.flatnonzero(np.diff(beyond, prepend=0, append=0)).reshape(-1, 2).tolist():
+            # where it is farthest beyond 0 the velocity is constant
+            at = left + int(np.argmin(w[k, left:right]))
+            tau = float(path.taus[at])
+            if not tau or w[k, at] <= -uncertain or not _stopped(motion, tau, path.state(tau), int(row[0])):
+                continue
+
+            def signed(tau: float, row: Indices = row) -> float:
+                at = np.array([tau])
+                return float(_signed(motion, at, path.at(at).T, row)[0, 0])
+
+            before, after = path.taus[[max(left - 1, 0), left]].tolist()
+            found = min(found, root_between(signed, before, after) if left else tau)
+            break
+    if not 0 < found < path.taus[-1]:
+        return path
+    cut = path.cut(found)
+    return replace(cut, last=motion.exact(found, cut.last), hit=True)
+
+
+def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
+    """Tell whether most of the acceleration is gone that a moving row had at ``w = 0``, where it drove it beyond."""
+    sign = float(motion.equations.modes[row])
+    equal = _brought_to_rest(motion, tau, y, row)
+    driven, left = (sign * _acceleration(motion, tau, state, row) for state in (equal, y))
+    rates, _ = motion.equations.magnitudes(np.abs(equal), np.abs(motion.inputs(tau, equal)))
+    adds_up = float((motion.system.abs_G[[row]] @ rates[: motion.system.n])[0])
+    return driven < -_DRIVEN * adds_up and left > 0.5 * driven
+
+
 def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]:
     """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
 
@@ -244,7 +299,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     points = path.points[:count].T
     w = _signed(motion, path.taus[:count], points, rows)
     near = (w <= margin) & (w > 0)
-    if not near.any():
+    if not np.count_nonzero(near):
         return path, []
     some = np.flatnonzero(near.any(axis=0))
     near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
@@ -322,11 +377,7 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     w = float(motion.watched(tau, y)[row])
     if sign * _acceleration(motion, tau, y, row) > 0:
         return False
-    held = equations.is_held.copy()
-    held[row] = True
-    equal = y.copy()
-    u = system.drive_velocities(motion.loads(tau))
-    equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    equal = _brought_to_rest(motion, tau, y, row)
     pull = dense(system.G[[row]])[0]
     total = float(pull @ equations.balance.accelerations(pull))
     q = motion.inputs(tau, y)
@@ -335,6 +386,16 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
     return abs(_acceleration(motion, tau, equal, row)) <= _CONSTANT * scale
+
+
+def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
+    """Return the state in which a moving row is at rest, too."""
+    system, equal = motion.system, y.copy()
+    held = motion.equations.is_held.copy()
+    held[row] = True
+    u = system.drive_velocities(motion.loads(tau))
+    equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    return equal
 
 
 def _acceleration(motion: Motion, tau: float, y: Array, row: int) -> float:

@@ -15,7 +15,15 @@ from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import Jump, at_limit, at_stops, jumped, relaxed, shown_at_end
+from stickslip.events.endings import (
+    Jump,
+    at_limit,
+    at_stops,
+    jumped,
+    relaxed,
+    shown_at_end,
+    until_unseen_crossing,
+)
 from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.modes import Mode
@@ -173,6 +181,7 @@ class Run:
             path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
+        path = until_unseen_crossing(motion, path, now.guards.uncertain)
         path, ones = relaxed(motion, path, self._margin)
         tau = float(path.taus[-1])
         t = motion.t + tau

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,7 @@ from stickslip import (
     piecewise_linear,
     simulate,
     sine,
+    velocity,
 )
 
 DRY = DryFriction(0.3, 0.2)
@@ -305,3 +307,31 @@ def test_it_moves_whatever_the_unit_of_time(time: float, method: str) -> None:
     )
     result = simulate(scene, (0.0, time), method=method)
     assert set(result.mode("open").tolist()) == {1}
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}]
+)
+def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[str, Any]) -> None:
+    """A contact lets go as N = 16355 (3.66 - t) + 26.9 v comes to 44.5 x / 0.294, and opens 4e-14 s before 3.66 s.
+
+    Whether it is open in between is roundoff of the time. The block swings from there on: half a period of
+    ``0.5 x'' + 0.2 x' + 44.5 x = 0``.
+    """
+    stretched = 6.92624817e-06
+    scene = Scene(
+        Body("b", inertia=0.5, position=stretched),
+        Spring("b", GROUND, stiffness=44.5, damping=0.2),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(0.294, 0.21),
+            normal=piecewise_linear([2.04, 3.64, 3.66], [0.0, 327.1, 0.0]) + 26.9 * velocity("b"),
+        ),
+    )
+    result = simulate(Scene.from_dict(scene.to_dict()), (3.6, 4.1), rtol=1e-10, atol=1e-13, **options)
+    assert [(e.before, e.after) for e in result.events] == [(0, -1), (-1, 1)]
+    slips, turns = (e.t for e in result.events)
+    assert slips == pytest.approx(3.66 - 44.5 * stretched / (0.294 * 16355.0), abs=1e-14)
+    assert turns == pytest.approx(3.66 + math.pi / math.sqrt(89.0 - 0.04), abs=1e-7)
