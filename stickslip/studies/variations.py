@@ -610,7 +610,7 @@ class Variation:
 
     def _straight(self, guards: Guards) -> NDArray[np.bool_]:
         """Tell which guards are linear in the state: velocities and distances, but no forces."""
-        return (guards.is_velocity | guards.is_border) & (self.system.dependence is None)
+        return np.asarray((guards.is_velocity | guards.is_border) & (self.system.dependence is None))
 
     def _check_guards_at_break(
         self, piece: Piece, motion: Motion, tau: float, S: Array, since: Array, times: Array
