@@ -30,7 +30,7 @@ from stickslip.model.elements import (
 )
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
 from stickslip.results.units import units
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.system import System
-from stickslip.model.signal_makers import Signal
+from stickslip.model.signals import Signal
 
 __all__ = ["Tolerances", "largest_value", "tolerances"]
 

@@ -10,7 +10,7 @@ from typing import Any
 from stickslip.model.checks import finite
 from stickslip.model.elements.base import Element, Named, listed
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.signals import Constant, Signal
 from stickslip.results.units import units
 
 __all__ = ["Parameter", "named_parameters"]

@@ -27,7 +27,7 @@ from stickslip import (
     step,
     triangle,
 )
-from stickslip.model.signal_makers import Constant
+from stickslip.model.signals import Constant
 
 DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1, dwell=0.1)
 BRAKE = triangle(0.05, 0.10, 0.15, slope=3000) + triangle(0.4, 0.5, 0.6, slope=3000)

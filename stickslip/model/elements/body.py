@@ -42,7 +42,6 @@ class Body(Moving):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._check_name_and_motion()
         if (inertia := self._number("inertia")) < _LEAST and inertia != 0:
             raise ValueError(

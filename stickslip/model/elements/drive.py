@@ -38,7 +38,6 @@ class Drive(Moving):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._check_name_and_motion()
         self._signal("velocity")
         self._number("position")
