@@ -84,6 +84,7 @@ class System:
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
+        self._loads = lru_cache(maxsize=1)(self._made_loads)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
@@ -285,6 +286,12 @@ class System:
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
+        # where tables are, a run notes in its loads which region it is in
+        make = self._loads if self.dependence is None else self._made_loads
+        found: Loads = make(start, stop, stepped)
+        return found
+
+    def _made_loads(self, start: float, stop: float, stepped: bool) -> Loads:
         clipped = [
             s if pressed else s.clipped(start, stop)
             for s, pressed in zip(self.normals, self.pressed.tolist(), strict=True)
