@@ -35,14 +35,15 @@ from stickslip.model.quantities import (
     velocity,
 )
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Signal, piecewise_linear, signal, sine, step, triangle
+from stickslip.model.signal_makers import piecewise_linear, signal, sine, step, triangle
+from stickslip.model.signals import Signal
 from stickslip.model.when import When
-from stickslip.results.files import output
 from stickslip.results.outcome import Event
+from stickslip.results.output import output
 from stickslip.simulation.explain import explain
 from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
-from stickslip.simulation.showing import attach as _let_scenes_show_themselves
+from stickslip.simulation.showing import let_scenes_show_themselves as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.branches import Branch, continue_cycle
 from stickslip.studies.cycles import Cycle, CycleError, limit_cycle

@@ -20,7 +20,8 @@ import numpy as np
 from stickslip import __version__
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.scene import Scene
-from stickslip.results.files import save, to_csv, to_json
+from stickslip.results.files import save
+from stickslip.results.tables import to_csv, to_json
 from stickslip.results.units import units
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
@@ -399,27 +400,28 @@ def _sweep(chosen: argparse.Namespace) -> int:
 
 
 def _write_points(runs: SceneRuns, found: SweepResult, path: str) -> None:
-    def head(name: str) -> str:
-        unit = runs.unit(name)
-        return f"{name} [{unit}]" if unit else name
-
     try:
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*map(head, found.parameters), *map(head, found.values)])
+            writer.writerow(_heads(runs, found).values())
             for point, values in found.points():
                 writer.writerow([*point.values(), *(float(value) for value in values.values())])
     except OSError as error:
         raise _BadInput(f"--csv {path}: cannot be written: {error.strerror}") from None
 
 
+def _heads(runs: SceneRuns, found: SweepResult) -> dict[str, str]:
+    """Return the parameters and values of a sweep by name, with their units."""
+    names = (*found.parameters, *found.values)
+    return {name: f"{name} [{unit}]" if (unit := runs.unit(name)) else name for name in names}
+
+
 def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: argparse.Namespace) -> None:
     from stickslip import plots
 
     value = chosen.value or "events"
-    labels = {name: f"{name} [{unit}]" for name in (*varied, value) if (unit := runs.unit(name))}
     try:
-        ax = plots.sweep_map(found, varied[0], varied[1], value, labels=labels)
+        ax = plots.sweep_map(found, varied[0], varied[1], value, labels=_heads(runs, found))
     except (ValueError, TypeError) as error:
         raise _BadInput(f"--value {value}: {error}") from None
     _save_figure(ax.figure, chosen.plot)
@@ -498,9 +500,10 @@ def _print_run(result: Result) -> None:
     if len(result.events) > _EVENTS_SHOWN:
         print(f"  ... and {len(result.events) - _EVENTS_SHOWN} more events; --json FILE writes all")
     if result.t.size:
-        print(f"velocities at {result.t[-1]:.12g} s [{units(result.scene).velocity}]")
+        print(f"velocities at {result.t[-1]:.12g} s")
         for body in result.scene.bodies[:_EVENTS_SHOWN]:
-            print(f"  {body.name}: {result.velocity(body.name)[-1]:.12g}")
+            unit = units(result.scene, body).velocity
+            print(f"  {body.name}: {result.velocity(body.name)[-1]:.12g} {unit}")
     print("work: " + ", ".join(f"{name} {value}" for name, value in result.stats.items()))
 
 

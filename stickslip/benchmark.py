@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stickslip.model.elements import GROUND, Body, Contact, Damper, Element
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.modes import Mode
-from stickslip.model.scene import GROUND, Body, Contact, Damper, Element, Scene
-from stickslip.model.signal_makers import Signal, triangle
+from stickslip.model.scene import Scene
+from stickslip.model.signal_makers import triangle
+from stickslip.model.signals import Signal
 from stickslip.simulation.result import Event
 
 __all__ = [

@@ -35,7 +35,7 @@ from stickslip import (
     sine,
     velocity,
 )
-from stickslip.model.signal_makers import Signal
+from stickslip.model.signals import Signal
 from stickslip.studies.parameters import Parameter, named_parameters
 from stickslip.studies.sensitivities import Sensitivities
 from validation import random_scenes

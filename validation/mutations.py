@@ -165,9 +165,11 @@ def _no_drives(original: Any) -> Any:
     return lambda self, forces, drives=None: original(self, forces, None)
 
 
-def _one_sided(equations: Any) -> None:
+def _one_sided(rows: Any) -> None:
     """The lower breakaway level is never reached."""
-    equations.guard_constant[(equations.direction < 0) & ~equations.is_velocity] += 1e6
+    lower = (rows.direction < 0) & ~rows.is_velocity
+    rows.constant[lower] += 1e6
+    rows.has_constant |= lower.any()
 
 
 def _straight(original: Any) -> Any:
@@ -339,7 +341,7 @@ MUTATIONS = (
     Mutation(
         "one-sided",
         "no breakaway backwards",
-        "stickslip.equations.mode_equations:ModeEquations._place_guards",
+        "stickslip.equations.guard_rows:GuardRows.__init__",
         _after(_one_sided),
     ),
     Mutation(

@@ -7,7 +7,7 @@ follow from small products, and so do those of the guards. No step error, nothin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -144,7 +144,7 @@ class Series:
         if frozen and motion.stretch.has_waves:
             g[0] -= guards.allowance
         if not polynomial:
-            h = scale * self._reach(expansion.y, g, guards, motion.system.n)
+            h = scale * self._reach(expansion.y, g, guards)
             if h < scale or scale < longest:
                 # a step that ends with the motion says nothing about longer ones
                 self._guess = _GROWTH * h
@@ -159,61 +159,58 @@ class Series:
             if tau == 0 and not guards.is_plain:
                 g = _divided(g, guards.order[watched])
             self._note_speed(motion, y)
-            root, which, touches = self._first(
-                g, lambda: (self._floor(motion, guards)[watched], guards.stick_at_touch[watched])
-            )
+            root, which, touches = self._first(g, motion, guards, watched)
             guard = int(watched[which])
             touched = int(guards.row[guard]) if touches else None
-        if motion.stretch.is_straight:
+        if motion.stretch.is_straight and not np.count_nonzero(c[-1]):
             # a motion that is a short polynomial is kept as one
             c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
         return _Step(c, h, root, guard, touched)
 
     @staticmethod
-    def _reach(y: Array, g: Array, guards: Guards, n: int) -> float:
+    def _reach(y: Array, g: Array, guards: Guards) -> float:
         """Return the step, in units of that of the coefficients, whose remainder is below roundoff.
 
         The last two terms are compared with the largest one over the step; at most the step of the coefficients.
         """
-        order = y.shape[0] - 1
-        absolute = np.abs(y)
-        groups = [absolute[:, :n].max(axis=1)]
-        if y.shape[1] > n:
-            groups.append(absolute[:, n:].max(axis=1))
-        held = ~guards.is_velocity
-        if not held.all():
+        rows = guards.rows
+        terms = np.abs(np.concatenate([y, g[:, rows.by_kind]], axis=1))
+        if rows.others.size:
+            own, scale = slice(-rows.others.size, None), guards.value_scale[rows.others]
+            if np.count_nonzero(scale) < scale.size:
+                scale = np.where(scale > 0, scale, np.maximum(terms[:, own].max(axis=0), _TINY))
+            terms[:, own] /= scale
+        sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T.tolist()
+        if rows.others.size:
+            sizes[-1][0] = max(sizes[-1][0], 1.0)
+        if rows.velocities.size:
             # a drive may turn while no state does
-            moving = np.abs(g[:, guards.is_velocity]).max(axis=1)
-            moving[0] = max(moving[0], groups[0][0])
-            groups.append(moving)
-        if held.any():
-            size = np.abs(g[:, held])
-            scale = guards.value_scale[held]
-            scale = np.where(scale > 0, scale, np.maximum(size.max(axis=0), _TINY))
-            groups.append((size / scale).max(axis=1))
-        sizes = np.array(groups)
-        if held.any():
-            sizes[-1, 0] = max(sizes[-1, 0], 1.0)
-        powers, reach = np.arange(order + 1), 1.0
+            of_guards = sizes[-2 if rows.others.size else -1]
+            of_guards[0] = max(of_guards[0], sizes[0][0])
+        order, reach = y.shape[0] - 1, 1.0
         for _ in range(30):
-            terms = sizes * reach**powers
-            part = (terms[:, order - 1 :].max(axis=1) / np.maximum(terms.max(axis=1), _TINY)).max()
+            powers, part = [reach**k for k in range(order + 1)], 0.0
+            for size in sizes:
+                each = list(map(mul, size, powers))
+                part = max(part, max(each[-2:]) / max(_TINY, *each))
             if part <= 2 * _REMAINDER:
                 break
             reach *= 0.99 * (_REMAINDER / part) ** (1.0 / order)
-        return float(reach)
+        return reach
 
     def _note_speed(self, motion: Motion, y: Array) -> None:
         speed = np.abs(y[: motion.system.n])
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
 
-    def _floor(self, motion: Motion, guards: Guards) -> Array:
-        """Return what each guard has the roundoff of: the largest speeds so far, or forces at the start."""
-        speeds = np.append(motion.system.abs_G @ self._speed, 0.0)[guards.row]
-        return np.where(guards.is_velocity, speeds, guards.value_scale)
+    def _floor(self, motion: Motion, guards: Guards, some: Indices) -> Array:
+        """Return what some guards have the roundoff of: the largest speeds so far, or forces at the start."""
+        found, moving = guards.value_scale[some], guards.is_velocity[some]
+        if np.count_nonzero(moving):
+            found[moving] = (motion.system.abs_G @ self._speed)[guards.row[some[moving]]]
+        return found
 
     def _first(
-        self, g: Array, floors: Callable[[], tuple[Array, NDArray[np.bool_]]]
+        self, g: Array, motion: Motion, guards: Guards, watched: Indices
     ) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any column of power coefficients, its column, and if it only touches 0."""
         close = may_vanish(g)
@@ -222,13 +219,14 @@ class Series:
         which, touches_only = -1, False
         if not close.size:
             return None, which, touches_only
-        floor, touches = (x.tolist() for x in floors())
-        for i in close.tolist():
+        some = watched[close]
+        floors, touches = self._floor(motion, guards, some), guards.stick_at_touch[some]
+        for i, floor, may_stick in zip(close.tolist(), floors.tolist(), touches.tolist(), strict=True):
             c = g[:, i]
             if found is not None:
                 # only what comes before is of interest
                 c = c * found ** np.arange(c.size)
-            root, only = first_touch(c, floor[i]) if touches[i] else (first_root(c, floor[i]), False)
+            root, only = first_touch(c, floor) if may_stick else (first_root(c, floor), False)
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root

@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.book import Book
 from stickslip.model import quantities as of
 from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
+from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
@@ -32,6 +32,9 @@ Key = tuple[str, int, int]
 
 Regions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
+
+_STEP, _SMALL = 1e-7, 1e-3
+"""Differences are this part of an argument, or of a small number."""
 
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
@@ -133,7 +136,17 @@ class Node:
         """Return the derivatives of the values, a line each."""
         if self.given is not None:
             return self.given(t, arguments)
-        return of.differences(lambda x: self.at(t, x), arguments, self.at(t, arguments))
+        return _differences(lambda x: self.at(t, x), arguments, self.at(t, arguments))
+
+
+def _differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
+    """Return the derivatives of a function by forward differences, a line per value."""
+    found = np.empty((value.size, arguments.size))
+    for k, x in enumerate(arguments.tolist()):
+        moved = arguments.copy()
+        moved[k] += _STEP * max(abs(x), _SMALL)
+        found[:, k] = (function(moved) - value) / (moved[k] - x)
+    return found
 
 
 class Reader:
@@ -158,7 +171,7 @@ class Reader:
     def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:
         self._book, self._position_state, self._places = book, position_state, places
         self._functions: dict[str, int] = {}
-        self._row_of = {row.name: j for j, row in enumerate(book.rows)}
+        self._row_of = book.row_index
         self._resolving: list[tuple[Quantity, str]] = []
         self._known: dict[Quantity, Form] = {}
         self.signals: list[Signal] = []
@@ -588,7 +601,7 @@ class Dependence:
                 def heat(x: Array, node: Node = node) -> Array:
                     return np.array([_power(node, x, tau, y, friction)])
 
-                by_arguments = of.differences(heat, arguments, q[own])
+                by_arguments = _differences(heat, arguments, q[own])
             found[own] = by_arguments @ part.slopes(self.columns, found)
         if self.rows.size:
             found[self.rows] += self._normals.slopes(self.columns, found)

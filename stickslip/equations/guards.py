@@ -49,7 +49,7 @@ _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
 _HIGHEST = 8
-_FALSE = np.zeros(1, dtype=bool)
+_NO_ROWS = np.empty(0, dtype=np.intp)
 
 
 class Guards:
@@ -90,129 +90,76 @@ class Guards:
         fired: Mask,
         uncertain: float = 0.0,
     ) -> None:
-        # guards of no row have the number -1
-        self.motion, self.at_rest, self.uncertain = motion, np.concatenate([at_rest, _FALSE]), uncertain
-        equations = motion.equations
-        loose = equations.open
-        if loose.size:
-            loose = loose[labels[loose] != 0]
-        self._row, self._turn = equations.guard_row, equations.guard_turn
-        self._source, self._mu = equations.guard_source, equations.guard_mu
-        self._constant, self._has_constant = equations.guard_constant, equations.has_constant
-        self._has_levels = equations.has_levels
-        self.is_velocity, self.direction = equations.is_velocity, equations.direction
-        self.is_border = equations.is_border
-        self._rising, self._rise = equations.rising, equations.rise_of_rising
-        self._dwell = equations.dwell_of_rising
-        self._is_force, self.is_normal = equations.is_force, equations.is_normal
-        if equations.has_threshold:
-            self._constant = self._constant.copy()
-            slips = equations.slips
-            self._constant[:slips] = np.where(self.at_rest[equations.slip], 0.0, equations.threshold)
+        self.motion, self.at_rest, self.uncertain = motion, at_rest, uncertain
+        rows = self.rows = motion.equations.guard_rows(labels)
+        self.row, self.size, self.direction = rows.row, rows.size, rows.direction
+        self.is_velocity, self.is_border, self.is_normal = rows.is_velocity, rows.is_border, rows.is_normal
+        # borders have the number -1
+        self.rests = rows.is_velocity & (np.append(at_rest, False) if rows.has_borders else at_rest)[rows.row]
+        self._constant, self._has_constant = rows.constant, rows.has_constant
+        if rows.has_threshold:
+            self._constant = rows.constant.copy()
+            self._constant[: rows.slips] = np.where(self.rests[: rows.slips], 0.0, rows.threshold)
             self._has_constant = bool(self._constant.any())
-        if loose.size:
-            none, no = np.zeros(loose.size), np.zeros(loose.size, dtype=bool)
-            self._row, self._source = (np.concatenate([x, loose]) for x in (self._row, self._source))
-            self._turn = np.concatenate([self._turn, labels[loose]])
-            self._mu, self._constant, self.direction = (
-                np.concatenate([x, none]) for x in (self._mu, self._constant, self.direction)
-            )
-            self.is_velocity = np.concatenate([self.is_velocity, ~no])
-            self.is_border, self._is_force, self.is_normal = (
-                np.concatenate([x, no]) for x in (self.is_border, self._is_force, self.is_normal)
-            )
-        pressed = equations.pressed
         # functions of the state act on forces; of the others only normal forces may read them
-        self._wanted: Any = () if equations.only_velocities else None
-        if pressed.size:
-            self._watch_normals(pressed)
-        self._beside = self._row.size - equations.guard_row.size
-        self.row, self._loose = self._row, loose.size
-        self.size = self._row.size
+        self._wanted: Any = None
+        if rows.is_of_velocities:
+            self._wanted = motion.for_normals if rows.has_normals else ()
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
+        self.is_plain = True
         if self.size:
             self._classify(fired)
-        if pressed.size:
+        self.misjudged = _NO_ROWS
+        if rows.has_normals:
             self.misjudged = self.row[self.violated & self.is_normal]
             self.violated &= ~self.is_normal
-        else:
-            self.misjudged = pressed
-        self.is_plain = not self.order.any()
-        self.armed = self.size - self._loose
+        self.armed = self.size - rows.loose
         if not self.is_plain:
-            self.armed -= np.count_nonzero(self.order == NEVER)
-
-    def _watch_normals(self, pressed: Indices) -> None:
-        """Add the guards of normal forces that depend on the state: N while closed, -N while open."""
-        motion, equations = self.motion, self.motion.equations
-        none = np.zeros(pressed.size)
-        self._row = np.append(self._row, pressed)
-        self._source = np.append(self._source, none.astype(np.intp))
-        self._turn, self._constant, self.direction = (
-            np.append(x, none) for x in (self._turn, self._constant, self.direction)
-        )
-        self.is_border = np.append(self.is_border, none > 0)
-        self._mu = np.append(self._mu, np.where(equations.modes[pressed] == OPEN, -1.0, 1.0))
-        self.is_velocity = np.append(self.is_velocity, none > 0)
-        self.is_normal, self._is_force = (np.append(x, none == 0) for x in (self.is_normal, self._is_force))
-        self._has_levels = True
-        if self._wanted is not None:
-            self._wanted = motion.for_normals
+            self.armed -= int(np.count_nonzero(self.order == NEVER))
 
     # -- values ----------------------------------------------------------------------------------------------
 
     def raw(self, z: Array, q: Array) -> Array:
         """Return the guards as they are, one column per time where `z` and `q` have columns."""
-        many = z.ndim == 2
-        if not many:
-            g = self._turn * z[self._source]
-            if self._has_levels:
-                g += self._mu * q[self._row]
-            if self._has_constant:
-                g += self._constant
-            if self._rising.size:
-                g[self._rising] -= self._rise * q[self._dwell]
-            return g
-        g = self._turn[:, None] * z[self._source] + self._mu[:, None] * q[self._row]
-        g += self._constant[:, None]
-        if self._rising.size:
-            g[self._rising] -= self._rise[:, None] * q[self._dwell]
+        rows, column = self.rows, (slice(None), None) if z.ndim == 2 else slice(None)
+        g: Array = rows.turn[column] * z[rows.source]
+        if rows.has_levels:
+            g += rows.mu[column] * q[rows.row]
+        if self._has_constant:
+            g += self._constant[column]
+        if rows.rising.size:
+            g[rows.rising] -= rows.rise[column] * q[rows.dwell]
         return g
 
     def series(self, expansion: Expansion) -> Array:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
+        rows = self.rows
         if expansion.g is not None:
             g = expansion.g
-            if self._beside:
-                own = slice(-self._beside, None)
-                beside = expansion.z[:, self._source[own]] * self._turn[own]
-                if self._mu[own].any():
-                    # normal forces that depend on the state: every order of the inputs is there
-                    beside += self._mu[own] * np.array(expansion.q)[:, self._row[own]]
-                g = np.concatenate([g, beside], axis=1)
+            if rows.loose:
+                own = slice(-rows.loose, None)
+                g = np.concatenate([g, expansion.z[:, rows.source[own]] * rows.turn[own]], axis=1)
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
             return g
-        g = expansion.z[:, self._source]
-        g *= self._turn
+        g = expansion.z[:, rows.source]
+        g *= rows.turn
         for k, q in enumerate(expansion.q):
             if q is None:
                 continue
-            if self._has_levels:
-                g[k] += self._mu * q[self._row]
-            if self._rising.size:
-                g[k, self._rising] -= self._rise * q[self._dwell]
+            if rows.has_levels:
+                g[k] += rows.mu * q[rows.row]
+            if rows.rising.size:
+                g[k, rows.rising] -= rows.rise * q[rows.dwell]
         if self._has_constant:
             g[0] += self._constant
         return g
 
-    def levels(self, q: Array) -> Array:
-        """Return the limits of the guards' forces: breakaway levels, 0 for velocities."""
-        level = self._mu * q[self._row]
-        if self._rising.size:
-            level[self._rising] -= self._rise * q[self._dwell]
-        return np.abs(level)
+    @cached_property
+    def first(self) -> Array:
+        """Taylor coefficients of the guards at the start, orders 0 and 1 at least."""
+        return self.start if self.motion.is_linear else self.series(self.motion.first)
 
     @cached_property
     def start(self) -> Array:
@@ -222,47 +169,49 @@ class Guards:
     # -- the start -------------------------------------------------------------------------------------------
 
     def _classify(self, fired: Mask) -> None:
-        g0 = self.start[0]
+        g0, rows = self.first[0], self.rows
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         near: Array | float = 0.0
-        held = self._is_force
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
-        if held.any():
-            near = held * (soon * np.abs(self.start[1]) + _NEAR * self.force_scale[held].max())
+        if rows.has_forces:
+            near = rows.is_force * (
+                soon * np.abs(self.first[1]) + _NEAR * self.force_scale[rows.is_force].max()
+            )
         if self._has_constant:
             near = near + _NEAR * self._constant
-        if self.motion.equations.borders.size:
+        if rows.has_borders:
             size = self.motion.equations.border_magnitudes(
                 np.abs(self.motion.y), np.abs(self.motion.start_inputs)
             )
             near = near + np.zeros(self.size)
-            near[self.is_border] = _NEAR * size + soon * np.abs(self.start[1, self.is_border])
-        close = ~(g0 > near)
-        if self.at_rest.any():
-            close |= self.is_velocity & self.at_rest[self.row]
-        rows = close.nonzero()[0]
-        if rows.size:
-            self._look_closer(rows, fired)
+            near[self.is_border] = _NEAR * size + soon * np.abs(self.first[1, self.is_border])
+        close = ~(g0 > near) | self.rests
+        some = close.nonzero()[0]
+        if some.size:
+            self._look_closer(some.tolist(), fired)
 
-    def _look_closer(self, rows: Indices, fired: Mask) -> None:
-        coefficients, majorant, adds_up = self.start, self.majorant, self._adds_up
-        size, has_fired = self.scale, np.append(fired, False)
-        functions, of_stop = self.motion.system.piecewise, np.zeros(self.size, dtype=bool)
-        of_stop[self.is_border] = functions.is_stop[functions.owner[self.motion.equations.borders]]
-        for i in rows.tolist():
+    def _look_closer(self, close: list[int], fired: Mask) -> None:
+        coefficients, majorant = self.first, self.majorant
+        size, motion, modes = self.scale, self.motion, self.motion.equations.modes
+        has_fired = np.append(fired, False)
+        of_stop = np.zeros(self.size, dtype=bool)
+        if self.rows.has_borders:
+            functions = motion.system.piecewise
+            of_stop[self.is_border] = functions.is_stop[functions.owner[motion.equations.borders]]
+        for i in close:
             flat = 0.0
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
-                if not self.at_rest[self.row[i]]:
+                if not self.rests[i]:
                     self.violated[i] = coefficients[0, i] < -self.uncertain
                     continue
-                if self.motion.equations.modes[self.row[i]] == OPEN:
+                if modes[self.row[i]] == OPEN:
                     # nothing but roundoff is uncertain where no force can hold it
                     limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
                 else:
                     # where a load is a function, its slopes are as uncertain as the time
-                    near = adds_up if self.motion.stretch.is_straight or self.motion.is_linear else majorant
+                    near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
                     found_at = _AS_FIRED * self._given_by_level(i) if has_fired[self.row[i]] else 0.0
                     limits = [
                         max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
@@ -276,12 +225,14 @@ class Guards:
                     continue
                 flat = AT_LIMIT * size[i] + rough
                 limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
-            if not self.motion.is_linear:
+            if not motion.is_linear:
                 differenced = _DIFFERENCED * majorant[2, i]
                 limits[1] += differenced
             order = self._way_out(i, limits, flat)
-            self.order[i] = 0 if order == _DOWN else order
-            self.violated[i] = order == _DOWN
+            if order == _DOWN:
+                self.violated[i] = True
+            else:
+                self.order[i], self.is_plain = order, False
 
     def _way_out(self, i: int, limits: list[float], flat: float) -> int:
         """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""
@@ -289,7 +240,7 @@ class Guards:
             return NEVER
         horizon = self.motion.horizon
         for k, limit in enumerate(limits, start=1):
-            value = self.start[k, i]
+            value = (self.first if k == 1 else self.start)[k, i]
             if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         if not self.motion.is_linear:
@@ -315,15 +266,17 @@ class Guards:
     @cached_property
     def _never(self) -> Mask:
         """Guards of rows that cannot move because held rows lock the same motion."""
-        never = np.asarray(self.is_velocity & self.at_rest[self.row])
-        rows = never.nonzero()[0]
-        never[rows] = self.motion.equations.locked(self.row[rows])
+        never = np.zeros(self.size, dtype=bool)
+        if self.motion.equations.held.size:
+            rows = self.rests.nonzero()[0]
+            never[rows] = self.motion.equations.locked(self.row[rows])
         return never
 
     @cached_property
     def _higher(self) -> tuple[Array, Array, Array]:
-        expansion, adds_up = self.motion.expand(0.0, self.motion.y, _HIGHEST), self._sizes(_HIGHEST)
-        return self.series(expansion), adds_up, self._with_time(adds_up)
+        motion = self.motion
+        adds_up = motion.guard_magnitudes(self.rows, _HIGHEST + 1)
+        return self.series(motion.expand(0.0, motion.y, _HIGHEST)), adds_up, self._with_time(adds_up)
 
     @cached_property
     def majorant(self) -> Array:
@@ -331,25 +284,9 @@ class Guards:
         return self._with_time(self._adds_up)
 
     @cached_property
-    def value_majorant(self) -> Array:
-        """The same of the guards themselves."""
-        return np.asarray(self._with_time(self._sizes(0))[0])
-
-    @cached_property
     def _adds_up(self) -> Array:
-        """What adds up in the Taylor coefficients of the guards, orders 0 to 3, at exactly this time."""
-        return self._sizes(2)
-
-    def _sizes(self, order: int) -> Array:
-        """Return what adds up in the Taylor coefficients of the guards, up to one order more."""
-        found = None if self._beside else self.motion.guard_magnitudes(order + 1)
-        if found is None:
-            found = np.zeros((order + 2, self.size))
-            for k, (q, z) in enumerate(self.motion.magnitudes(order + 1)):
-                found[k] = np.abs(self._turn) * z[self._source] + np.abs(self._mu) * q[self._row]
-                if self._rising.size:
-                    found[k, self._rising] += np.abs(self._rise) * q[self._dwell]
-        return np.asarray(found)
+        """The same at exactly this time, orders 0 to 3."""
+        return self.motion.guard_magnitudes(self.rows, 3)
 
     def _with_time(self, sizes: Array) -> Array:
         """Return what adds up with the roundoff of the time: it is one of all that changes."""
@@ -361,47 +298,41 @@ class Guards:
     def scale(self) -> Array:
         """For each guard the size of what it compares at the start: level and force, or velocities."""
         adds_up = self.is_velocity | self.is_border
-        return np.where(adds_up, self.value_majorant + np.abs(self._constant), self.force_scale)
+        return np.where(adds_up, self.majorant[0] + np.abs(self._constant), self.force_scale)
 
     @cached_property
     def value_scale(self) -> Array:
         """The same for guards of forces and borders; without meaning for velocities."""
-        if not self.is_border.any():
+        if not self.rows.has_borders:
             return self.force_scale
-        return np.where(self.is_border, self.value_majorant, self.force_scale)
+        return np.where(self.is_border, self.majorant[0], self.force_scale)
 
     @cached_property
     def force_scale(self) -> Array:
         """The same for guards of forces; without meaning for others."""
-        size = self.levels(self.motion.start_inputs) + np.abs(
-            self._turn * self.motion.start.z[0][self._source]
-        )
-        return np.where(self.is_normal, self.value_majorant, size) if self.is_normal.any() else size
+        force = self.rows.turn * self.motion.first.z[0][self.rows.source]
+        size = np.abs(force) + np.abs(self.first[0] - force)
+        return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
 
-    def sizes(self, tau: float, y: Array, largest: Array) -> Array:
-        """Return for each guard the size of what it compares from the start up to a state.
+    def at_end(self, path: Path) -> tuple[Array, Array]:
+        """Return the guards at the end of a path, and for each the size of what it compares from the start up to there.
 
         Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
-
-        Parameters
-        ----------
-        tau : float
-            Local time in s.
-        y : array (size,)
-            State there.
-        largest : array (size,)
-            Bounds of the sizes of the states since the start.
         """
-        motion, system = self.motion, self.motion.system
-        q = motion.inputs(tau, y)
-        speeds = system.abs_G @ largest[: system.n]
+        motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
+        q = motion.inputs(tau, path.last)
+        z, system = motion.watched(tau, path.last, q), motion.system
+        g, force = self.raw(z, q), rows.turn * z[rows.source]
+        size = np.abs(force) + np.abs(g - force)
+        speeds = system.abs_G @ path.largest[: system.n]
         if system.drives:
             speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
-        forces = self.levels(q) + np.abs(self._turn * motion.watched(tau, y, q)[self._source])
-        # guards of no row have the number -1
-        now = np.where(self.is_velocity, np.append(speeds, 0.0)[self.row], forces)
-        now[self.is_border] = 0.0
-        return np.asarray(np.maximum(np.maximum(self.scale, self.value_majorant), now))
+        some = rows.velocities
+        size[some] = speeds[self.row[some]]
+        if rows.has_borders:
+            size[self.is_border] = 0.0
+        start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
+        return self._divided(g, tau), np.maximum(start, size)
 
     @cached_property
     def allowance(self) -> Array:
@@ -412,13 +343,12 @@ class Guards:
         for i in amplitudes.nonzero()[0].tolist():
             q = np.zeros(system.inputs + system.dwelling.size)
             q[i] = amplitudes[i]
-            z = motion.equations.respond(q)[system.size :]
-            found += np.abs(self._turn * z[self._source]) + np.abs(self._mu) * q[self._row]
+            found += self.rows.majorants(np.abs(motion.equations.respond(q)[system.size :]), q)
         return found
 
     def is_followed_frozen(self, i: int) -> bool:
         """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
-        return not (self._rising == i).any() and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
+        return i not in self.rows.rising and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
 
     @property
     def idle(self) -> Indices:
@@ -433,11 +363,13 @@ class Guards:
     @cached_property
     def _roundoff(self) -> tuple[Array, Array]:
         """Until when a guard that leaves 0 is roundoff, and how far one that stays 0 may stray from it."""
-        g = self.start
+        g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
         rough = ROUNDOFF * self.scale + noise[0]
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k, rows in ((1, (self.order == 1).nonzero()[0]), (2, self._bent)):
+            if not rows.size:
+                continue
             settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
@@ -459,18 +391,16 @@ class Guards:
         """Guards of velocities that pass 0."""
         return np.asarray((self.is_velocity & (self._constant == 0)).nonzero()[0])
 
-    @cached_property
+    @property
     def stick_at_touch(self) -> Mask:
         """Guards of contacts that may stick where their velocity only touches 0: they hold more at rest (MODEL rule 2).
 
         All others would go on at once: what moves them there is no more than their friction in motion.
         """
-        found = np.zeros(self.size, dtype=bool)
-        rows = self.row[self.passing]
-        mode = self.motion.equations.modes[rows]
-        holds_more = self.motion.system.holds_more[np.where(mode < 0, 1, 0), rows]
-        found[self.passing] = holds_more & (np.abs(mode) == 1) & (self.order[self.passing] != NEVER)
-        return found
+        found = self.rows.may_stick
+        if self.rows.has_threshold:
+            found = found & (self._constant == 0)
+        return found if self.is_plain else found & (self.order != NEVER)
 
     @cached_property
     def leeway(self) -> Array:
@@ -485,7 +415,7 @@ class Guards:
         least = np.where(
             np.isin(self.row[sticks], self.motion.system.dwelling), _IF_DWELLING * self.uncertain, 0.0
         )
-        beyond = 2 * np.maximum(-self.start[0, sticks], 0.0)
+        beyond = 2 * np.maximum(-self.first[0, sticks], 0.0)
         found[sticks] = np.minimum(self.uncertain, np.maximum(least, beyond))
         return found
 
@@ -494,17 +424,19 @@ class Guards:
 
         If `late`, velocities have passed 0 once they are beyond what is uncertain.
         """
-        motion = self.motion
-        q = motion.inputs(tau, y, self._wanted)
-        g = self.raw(motion.watched(tau, y, q), q)
+        q = self.motion.inputs(tau, y, self._wanted)
+        g = self.raw(self.motion.watched(tau, y, q), q)
+        if late and self.uncertain:
+            g += self.leeway[:, None] if g.ndim == 2 else self.leeway
+        return self._divided(g, tau)
+
+    def _divided(self, g: Array, tau: float | Array) -> Array:
+        """Divide zeros at the start out of the guards, in place, and return these."""
+        if self.is_plain:
+            return g
 
         def column(values: Array) -> Array:
             return values[:, None] if g.ndim == 2 else values
-
-        if late and self.uncertain:
-            g += column(self.leeway)
-        if self.is_plain:
-            return g
 
         settled, stray = self._roundoff
         stays = (self.order == NEVER).nonzero()[0]
@@ -513,11 +445,12 @@ class Guards:
             rows = (self.order == 1).nonzero()[0] if k == 1 else self._bent
             if not rows.size:
                 continue
-            rest = g[rows] - column(self.start[0, rows])
+            start = self.first if k == 1 else self.start
+            rest = g[rows] - column(start[0, rows])
             if k == 2:
-                rest -= tau * column(self.start[1, rows])
+                rest -= tau * column(start[1, rows])
             told = tau > column(settled[rows])
-            lead = column(np.maximum(self.start[k, rows], _TINY))
+            lead = column(np.maximum(start[k, rows], _TINY))
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 
@@ -531,24 +464,24 @@ class Guards:
         motion, system, equations = self.motion, self.motion.system, self.motion.equations
         k, order, size = path.coefficients.shape
         is_rising = motion.is_rising(0.0)
-        unknown = equations.watched_by_laws[self._source]
+        unknown = equations.watched_by_laws[self.rows.source]
         if is_rising:
-            unknown[self._rising] |= self._rise < 0
+            unknown[self.rows.rising] |= self.rows.rise < 0
         bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
         if bends or not path.is_chebyshev or order < 2 or unknown.all():
             return np.full((self.size, k), -math.inf)
-        turn, mu = self._turn[:, None], self._mu[:, None]
+        turn, mu = self.rows.turn[:, None], self.rows.mu[:, None]
         z = equations.watch(path.coefficients.reshape(k * order, size).T)
-        g = turn[:, :, None] * z[self._source].reshape(-1, k, order)
+        g = turn[:, :, None] * z[self.rows.source].reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
         middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
         middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
         slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
         for j, q in enumerate((middle, slope)):
-            g[:, :, j] += turn * equations.respond(q)[size:][self._source] + mu * q[self._row]
+            g[:, :, j] += turn * equations.respond(q)[size:][self.rows.source] + mu * q[self.rows.row]
             if is_rising:
                 q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
-                g[self._rising, :, j] -= self._rise[:, None] * q[self._dwell]
+                g[self.rows.rising, :, j] -= self.rows.rise[:, None] * q[self.rows.dwell]
         low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.uncertain:
             low += self.leeway[:, None]
@@ -575,7 +508,7 @@ class Guards:
             if not motion.stretch.is_steady:
                 g += tau * slope
             return float(g.min())
-        if self._has_levels or self._rising.size or motion.dependence is not None:
+        if self.rows.has_levels or self.rows.rising.size or motion.dependence is not None:
             q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
@@ -589,13 +522,13 @@ class Guards:
     def _on_lines(self) -> tuple[Array, Array] | None:
         """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
         motion = self.motion
-        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self._source, self._turn)
+        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self.rows.source, self.rows.turn)
         if known is None:
             return None
         value, slope = known[0] + self._constant, known[1]
-        if self._has_levels:
-            value += self._mu * motion.start_inputs[self._row]
-            slope = slope + self._mu * np.append(motion.stretch.slope, 0.0)[self._row]
+        if self.rows.has_levels:
+            value += self.rows.mu * motion.start_inputs[self.rows.row]
+            slope = slope + self.rows.mu * np.append(motion.stretch.slope, 0.0)[self.rows.row]
         if self.uncertain:
             value += self.leeway
         if self._offset is not None:
@@ -607,16 +540,18 @@ class Guards:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
         if self.motion.in_floats is None or self._on_lines is None:
             return None
-        equations, turn = self.motion.equations, self._turn[:, None]
-        return lines(*self._on_lines, turn * equations.E[self._source], turn * equations.L[self._source])
+        equations, turn = self.motion.equations, self.rows.turn[:, None]
+        return lines(
+            *self._on_lines, turn * equations.E[self.rows.source], turn * equations.L[self.rows.source]
+        )
 
     @cached_property
     def _of_states(self) -> Array | None:
         """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
         equations = self.motion.equations
-        if self._on_lines is None or equations.watched_by_laws[self._source].any():
+        if self._on_lines is None or equations.watched_by_laws[self.rows.source].any():
             return None
-        return np.asarray(self._turn[:, None] * equations.E[self._source])
+        return np.asarray(self.rows.turn[:, None] * equations.E[self.rows.source])
 
     @cached_property
     def _told(self) -> float:

@@ -7,27 +7,21 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.signal_makers import (
-    Clipped,
-    Constant,
-    Function,
-    Line,
-    PiecewiseLinear,
-    Signal,
-    Sine,
-    Sum,
-    time_scale,
-)
+from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 __all__ = ["Loads", "Stretch"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+
+_MOST_ENTRIES = 10_000
+"""Entries of stretches that are kept at most."""
 
 
 class Loads:
@@ -79,13 +73,15 @@ class Loads:
         breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
-        self.has_functions = stepped or any(_has_function(s) for s in self._signals)
+        straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
+        parts = (part for s in self._signals for part in s.parts())
+        self.has_functions = stepped or any(not isinstance(part, straight_or_sine) for part in parts)
         self._constant = np.zeros(self.size)
         self._constant[-1] = 1.0
         for i, s in enumerate(self._signals):
             if isinstance(s, Constant):
                 self._constant[i] = s.value
-        self._last: tuple[int, Stretch] | None = None
+        self._known: dict[int, Stretch] = {}
         self.regions: tuple[int, ...] | None = None
 
     def goes_on(self, t: float) -> bool:
@@ -100,13 +96,14 @@ class Loads:
     def after(self, t: float) -> Stretch:
         """Return the stretch that begins at `t` or goes on there."""
         number = bisect_right(self.breaks, t)
-        if self._last is not None and self._last[0] == number:
-            self._last[1].regions = self.regions
-            return self._last[1]
-        found = self._stretch(
-            self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop)
-        )
-        self._last, found.regions = (number, found), self.regions
+        found = self._known.get(number)
+        if found is None:
+            start = self.breaks[number - 1] if number else self._start
+            found = self._stretch(start, self.next_break(t, self._stop))
+            if len(self._known) * self.size >= _MOST_ENTRIES:
+                self._known.clear()
+            self._known[number] = found
+        found.regions = self.regions
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -123,7 +120,7 @@ class Loads:
                 if rate is not None:
                     functions.append((rate, signal.slope))
                 continue
-            for term in _terms(signal, t):
+            for term in signal.parts(t):
                 if isinstance(term, Sine):
                     value[i] += term.offset
                     waves.append((i, term.amplitude, term.frequency, term.phase))
@@ -254,19 +251,18 @@ class Stretch:
                 angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
         return found
 
-    def magnitudes(self, t: float, order: int) -> list[Array]:
-        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order`."""
-        none = np.zeros(self.value.size)
-        found = [np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)]
-        found += [none.copy() for _ in range(order - 1)]
+    def magnitudes(self, t: float, order: int) -> Array:
+        """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
+        found = np.zeros((order + 1, self.value.size))
+        found[0], found[1] = np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)
         if self.has_waves:
             size = np.abs(self._amplitude)
             for k, part in enumerate(found):
                 np.add.at(part, self._entry, size)
                 size = size * np.abs(self._turn) / (k + 1)
         for i, function in self._functions:
-            found[0][i] += abs(function(min(t, self._before_stop)))
-            found[1][i] += abs(self._slope_of(function, t))
+            found[0, i] += abs(function(min(t, self._before_stop)))
+            found[1, i] += abs(self._slope_of(function, t))
         return found
 
     @property
@@ -285,26 +281,6 @@ class Stretch:
     def _angle(self, t: float) -> Array:
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
         return np.asarray(2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase)
-
-
-def _terms(signal: Signal, t: float) -> Iterator[Signal]:
-    """Yield lines, sines and functions that add up to a signal from `t` on, up to its next break."""
-    if isinstance(signal, Sum):
-        for term in signal.terms:
-            yield from _terms(term, t)
-    elif isinstance(signal, Clipped):
-        if signal.positive[bisect_right(signal.kinks, t)]:
-            yield from _terms(signal.base, t)
-    else:
-        yield signal
-
-
-def _has_function(signal: Signal) -> bool:
-    if isinstance(signal, Sum):
-        return any(_has_function(term) for term in signal.terms)
-    if isinstance(signal, Clipped):
-        return _has_function(signal.base)
-    return isinstance(signal, Function) or not isinstance(signal, (Constant, Line, PiecewiseLinear, Sine))
 
 
 def _sample(function: Callable[[float], float], times: Array) -> Array:

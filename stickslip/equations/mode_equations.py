@@ -10,10 +10,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_small, is_small_map
+from stickslip.equations.taylor import TaylorMap, is_small
 from stickslip.model.laws.table import ActingForces
 
 __all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
@@ -93,12 +94,16 @@ class ModeEquations:
         self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
         self._place_regions()
         self._place_friction()
-        self._place_guards()
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
+        rests = (modes == 0) | (modes == AT_HIGH) | (modes == AT_LOW)
+        self.resting_dwells = rests[system.dwelling].nonzero()[0]
+        self.guards = GuardRows(self, self.open[:0], modes[:0])
+        self._guard_rows: dict[bytes, GuardRows] = {}
         self._shares = self._place_shares() if self.at_level.size else None
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
         self._maps: dict[tuple[int, bool, tuple[int, ...] | None], TaylorMap | None] = {}
-        self._guard_sizes: dict[int, Array | None] = {}
         if not system.sparse:
             self._assemble()
 
@@ -152,84 +157,16 @@ class ModeEquations:
 
     # -- guards ----------------------------------------------------------------------------------------------
 
-    def _place_guards(self) -> None:
-        """Each guard is ``turn z[source] + level``, with a level from a normal force, a dwell and a velocity.
-
-        First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the
-        rows that carry their level, then the borders of regions, which belong to no row (-1).
-        """
-        system, c = self.system, self.system.laws
-        m, h = system.m, self.held.size
-        held_place = np.full(m, -1)
-        held_place[self.held] = m + np.arange(h)
-        # a stop at its lower limit is bounded above, at its upper one below
-        at_lower = np.zeros(m, dtype=bool)
-        if system.has_stops:
-            functions = system.piecewise
-            at_lower[functions.row[functions.is_stop & (self.regions == 2)]] = True
-        friction = self.held[(system.is_friction | at_lower)[self.held]]
-        lower = self.held[~(system.is_tie | at_lower)[self.held]]
-        pre, top = self.pre, self.at_level
-        first = m + h
-        none = np.zeros
-        self.slips = self.slip.size
-        edge = np.full(self.borders.size, -1)
-        contacts = [self.slip, friction, lower, pre, pre, top, edge]
-        source = [self.slip, held_place[friction], held_place[lower], pre, pre, first + np.arange(top.size)]
-        source.append(first + top.size + np.arange(edge.size))
-        ones = [np.ones(x.size) for x in contacts]
-        sign_top = np.where(self.modes[top] == AT_HIGH, 1.0, -1.0)
-        turn = [self.modes[self.slip].astype(float), -ones[1], ones[2], -ones[3], ones[4], sign_top, ones[6]]
-        side_top = self.side[top]
-        friction_lower = system.is_friction[lower]
-        mu = [
-            none(self.slips),
-            system.mu_s[0, friction],
-            np.where(friction_lower, system.mu_s[1, lower], 0.0),
-            none(pre.size),
-            none(pre.size),
-            -system.mu_s[side_top, top],
-            none(edge.size),
-        ]
-        rise = [
-            none(self.slips),
-            system.rise[0, friction],
-            np.where(friction_lower, system.rise[1, lower], 0.0),
-            none(pre.size),
-            none(pre.size),
-            -system.rise[side_top, top],
-            none(edge.size),
-        ]
-        banded = c.slips_beyond[pre]
-        constant = [none(self.slips), none(friction.size), none(lower.size), banded, banded, none(top.size)]
-        constant.append(none(edge.size))
-        self.guard_row = np.concatenate(contacts).astype(np.intp)
-        self.guard_source = np.concatenate(source).astype(np.intp)
-        self.guard_turn, self.guard_mu = np.concatenate(turn), np.concatenate(mu)
-        self.guard_rise, self.guard_constant = np.concatenate(rise), np.concatenate(constant)
-        dwell_place = np.append(system.dwell_place, -1)
-        self.guard_dwell = system.inputs + dwell_place[self.guard_row]
-        self.rising = (self.guard_rise != 0).nonzero()[0]
-        self.rise_of_rising, self.dwell_of_rising = (
-            self.guard_rise[self.rising],
-            self.guard_dwell[self.rising],
-        )
-        self.threshold = -c.rests_below[self.slip]
-        self.has_threshold = bool(self.threshold.any())
-        sizes = np.cumsum([0, *(x.size for x in contacts)])
-        self.is_velocity = np.zeros(self.guard_row.size, dtype=bool)
-        self.is_velocity[: sizes[1]] = self.is_velocity[sizes[3] : sizes[5]] = True
-        self.is_border = self.guard_row < 0
-        self.is_force, self.is_normal = ~(self.is_velocity | self.is_border), np.zeros(sizes[-1], dtype=bool)
-        self.only_velocities = bool(self.is_velocity.all())
-        self.direction = np.concatenate(
-            [none(self.slips), ones[1], -ones[2], ones[3], -ones[4], 0 * ones[5], 0 * ones[6]]
-        )
-        self.has_levels, self.has_constant = bool(self.guard_mu.any()), bool(self.guard_constant.any())
-        # a row that carries its level pushes with it: where that rises, the motion follows
-        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
-        rests = (self.modes == 0) | (self.modes == AT_HIGH) | (self.modes == AT_LOW)
-        self.resting_dwells = rests[system.dwelling].nonzero()[0]
+    def guard_rows(self, labels: NDArray[np.int8]) -> GuardRows:
+        """Return the guards where rows show these labels: open ones that show a mode are watched, too."""
+        signs = labels[self.open]
+        if not signs.any():
+            return self.guards
+        found = self._guard_rows.get(key := signs.tobytes())
+        if found is None:
+            shows = signs != 0
+            found = self._guard_rows[key] = GuardRows(self, self.open[shows], signs[shows])
+        return found
 
     def _place_shares(self) -> Array:
         """Return the map from forces on the bodies to what rows at their level would carry if they had none.
@@ -274,11 +211,11 @@ class ModeEquations:
 
     def _place_maps(self) -> None:
         """Rates, watched quantities and guards, but for constants, from states and from inputs."""
-        by_state = self.guard_turn[:, None] * self.E[self.guard_source]
-        by_input = self.guard_turn[:, None] * self.H[self.guard_source]
-        guards = np.arange(self.guard_row.size)
-        by_input[guards, self.guard_row] += self.guard_mu
-        by_input[self.rising, self.guard_dwell[self.rising]] -= self.guard_rise[self.rising]
+        own = self.guards
+        by_state = own.turn[:, None] * self.E[own.source]
+        by_input = own.turn[:, None] * self.H[own.source]
+        by_input[np.arange(own.size), own.row] += own.mu
+        by_input[own.rising, own.dwell] -= own.rise
         self._of_states_all = np.vstack([self._AE, by_state])
         self._of_inputs_all = np.vstack([self._BH, by_input])
 
@@ -296,7 +233,7 @@ class ModeEquations:
         key = order, frozen, lines
         if key not in self._maps:
             found, system = None, self.system
-            if is_small(system, system.size + self.rows + self.guard_row.size, order):
+            if is_small(system, system.size + self.rows + self.guards.size, order):
                 of, link = system.dependence, None
                 if of is not None:
                     link = partial(of.add_linear, regions=lines)
@@ -474,29 +411,6 @@ class ModeEquations:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
         units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
-
-    def guard_sizes(self, order: int) -> Array | None:
-        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
-
-        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
-        """
-        if order not in self._guard_sizes:
-            size, width = self.system.size, self.system.inputs + self.system.dwelling.size
-            columns = size + (order + 1) * width
-            found = None
-            if is_small_map(self.system, columns, self.guard_row.size * (order + 1)):
-                found = np.zeros((order + 1, self.guard_row.size, columns))
-                y = np.eye(size, columns)
-                turn, mu = np.abs(self.guard_turn)[:, None], np.abs(self.guard_mu)[:, None]
-                for k in range(order + 1):
-                    q = np.eye(width, columns, size + k * width)
-                    rate, z = self.magnitudes(y, q)
-                    found[k] = turn * z[self.guard_source] + mu * q[self.guard_row]
-                    found[k, self.rising] += np.abs(self.rise_of_rising)[:, None] * q[self.dwell_of_rising]
-                    y = rate / (k + 1)
-                found = found.reshape(-1, columns)
-            self._guard_sizes[order] = found
-        return self._guard_sizes[order]
 
     def _magnitudes(self, y: Array, q: Array) -> Array:
         system, balance = self.system, self.balance

@@ -8,9 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.book import Book
+from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.piecewise import Linear
-from stickslip.model.scene import GROUND
 
 __all__ = ["PiecewiseMatrices", "Regions", "Triplets"]
 

@@ -17,16 +17,16 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
-from stickslip.equations.book import Book
 from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
 from stickslip.equations.loads import Loads
 from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
 from stickslip.model.elements import Block, Sampled, StateSpace
+from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
 from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Load, PiecewiseLinear, Signal
+from stickslip.model.signals import Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -68,7 +68,7 @@ class System:
 
     def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
         self.scene, self.watched = scene, tuple(watched)
-        book = Book(scene, watched)
+        book = Book(scene.elements, watched)
         self.index, self.rows = book.index, book.rows
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -84,6 +84,7 @@ class System:
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
+        self._loads = lru_cache(maxsize=1)(self._made_loads)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
@@ -141,7 +142,7 @@ class System:
             *(own for own, _ in parts),
             *reader.signals,
             *(Constant(0.0) for _ in range(sum(widths))),
-            *(_signal(d.velocity) for d in book.drives),
+            *(drive.velocity for drive in book.drives),
         ]
         self.force_count = len(book.forces)
         self.first_force, self.first_drive = m, first_node + sum(widths)
@@ -285,6 +286,12 @@ class System:
 
     def loads(self, start: float, stop: float, stepped: bool = False) -> Loads:
         """Return the inputs over a time span; normal forces that are mere loads are cut off at 0."""
+        # where tables are, a run notes in its loads which region it is in
+        make = self._loads if self.dependence is None else self._made_loads
+        found: Loads = make(start, stop, stepped)
+        return found
+
+    def _made_loads(self, start: float, stop: float, stepped: bool) -> Loads:
         clipped = [
             s if pressed else s.clipped(start, stop)
             for s, pressed in zip(self.normals, self.pressed.tolist(), strict=True)
@@ -419,10 +426,6 @@ def _parts(load: Load) -> tuple[Signal, Expression | None]:
         return load, None
     own = as_expression(load)
     return own.signal, Expression(own.terms) if own.terms else None
-
-
-def _signal(value: Signal | float) -> Signal:
-    return value if isinstance(value, Signal) else Constant(float(value))
 
 
 def _ever_positive(signal: Signal) -> bool:

@@ -18,6 +18,7 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPE
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.events.collapse import collapse
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
@@ -204,7 +205,7 @@ def _settled(
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
-    all_closed = bool(closed.all())
+    all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(rough, system.laws.rests_below)
@@ -219,7 +220,7 @@ def _settled(
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
         also = closed & ~resting & (np.abs(w) <= rough)
-        if also.any() and (also := also & system.hard).any():
+        if np.count_nonzero(also) and (also := also & system.hard).any():
             resting |= also
             candidates = closed & resting
             y = _project(system, now.y, u, candidates)
@@ -288,7 +289,7 @@ def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
-    if not held.any():
+    if not np.count_nonzero(held):
         return y
     y = y.copy()
     y[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
@@ -308,7 +309,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     presses = q[: system.m] > 0
-    if not presses.all():
+    if np.count_nonzero(presses) < presses.size:
         # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
         presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
@@ -419,7 +420,7 @@ class _Search:
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        if not guards.violated.any():
+        if not np.count_nonzero(guards.violated):
             return None
         violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:
@@ -436,6 +437,8 @@ class _Search:
         if not over.size:
             following[guards.row[violated]] = 0
             return following
+        if (torn := collapse(motion, guards)) is not None:
+            return self._released(trial, motion, *torn)
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
@@ -552,10 +555,9 @@ class _Search:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
         found = np.empty(over.size)
         expansion, noise = motion.start, ROUNDOFF * guards.majorant
-        equations = motion.equations
         for place, i in enumerate(over.tolist()):
             sign, ratio = guards.direction[i], np.inf
-            source = int(equations.guard_source[i])
+            source = int(guards.rows.source[i])
             for k in range(3):
                 q = expansion.q[k]
                 level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])

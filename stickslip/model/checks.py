@@ -5,11 +5,12 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["NamedArguments", "check_entries", "check_takes_one", "finite", "sequence"]
+__all__ = ["NamedArguments", "check_entries", "check_name", "check_takes", "finite", "sequence"]
 
 
 class NamedArguments(type):
@@ -89,43 +90,53 @@ def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
     return tuple(finite(value, what) for value in listed)
 
 
+def check_name(value: Any, what: str) -> str:
+    """Return a name, refuse what is none; `what` begins the message."""
+    if not isinstance(value, str) or not value:
+        raise TypeError(f"{what} must be a name (a string that is not empty), got {value!r}")
+    return value
+
+
 def check_entries(
-    maker: Callable[..., Any], kind: str, given: Mapping[str, Any], what: str, code: tuple[str, ...] = ()
+    maker: Callable[..., Any],
+    kind: str,
+    given: Mapping[str, Any],
+    what: str,
+    error: type[Exception] = ValueError,
+    code: tuple[str, ...] = (),
 ) -> None:
     """Refuse entries of a table that what is made from it does not know, and tables that lack one it needs.
 
-    Arguments named in `code` cannot stand in a table.
-
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
+    The entries are the arguments of `maker`, but for those in `code`; `what` begins the message of the error.
     """
-    arguments = inspect.signature(maker).parameters
-    known = {name: argument for name, argument in arguments.items() if name not in code}
+    known = {name: needed for name, needed in _arguments(maker).items() if name not in code}
     for name in given:
         if name not in known:
-            raise TypeError(f"{what}: unknown field {name!r}; a {kind} has {', '.join(known)}")
-    for name, argument in known.items():
-        if argument.default is argument.empty and name not in given:
-            raise TypeError(f"{what}: field {name!r} is missing; a {kind} needs it")
+            raise error(f"{what}: unknown field {name!r}; a {kind} has {', '.join(known)}")
+    for name, needed in known.items():
+        if needed and name not in given:
+            raise error(f"{what}: field {name!r} is missing; a {kind} needs it")
 
 
-def check_takes_one(function: Callable[..., Any], what: str, argument: str) -> None:
-    """Refuse a function that cannot be called with one argument; one that does not tell is taken as it is.
+@lru_cache
+def _arguments(maker: Callable[..., Any]) -> dict[str, bool]:
+    """Return the names of the arguments of a function, and whether each must be given."""
+    arguments = inspect.signature(maker).parameters
+    return {name: one.default is one.empty for name, one in arguments.items()}
 
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
+
+def check_takes(function: Callable[..., Any], count: int, what: str, arguments: str) -> None:
+    """Refuse a function that cannot be called with so many arguments; one that does not tell is taken as it is.
+
+    `what` and `arguments` say in the message what it is and what it must take.
     """
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):
         return
     try:
-        signature.bind(0.0)
+        signature.bind(*[0.0] * count)
     except TypeError:
         raise TypeError(
-            f"{what} must take one argument, {argument}, but it is declared as {signature}: {function!r}"
+            f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"
         ) from None

@@ -6,17 +6,17 @@ smooth function of them.
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite, sequence
+from stickslip.model.checks import check_entries, check_name, check_takes, finite, sequence
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import Constant, Line, Load, Signal, as_signal
 
@@ -50,36 +50,30 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_STEP, _SMALL = 1e-7, 1e-3
-"""Differences are this part of an argument, or of a small number."""
-
-
 _NOTHING = Constant(0.0)
 
 
 class Quantity(Load):
     """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
 
+    kind: ClassVar[str]
+    """What files call it."""
+
     def __add__(self, other: Load | float) -> Expression:
-        """Return the sum with a quantity, a signal or a number."""
         return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
 
     __radd__ = __add__
 
     def __neg__(self) -> Expression:
-        """Return the quantity with its sign changed."""
         return self * -1.0
 
     def __sub__(self, other: Load | float) -> Expression:
-        """Return the difference from a quantity, a signal or a number."""
         return self + -as_expression(other, "a quantity's subtrahend")
 
     def __rsub__(self, other: Load | float) -> Expression:
-        """Return a signal or a number minus the quantity."""
         return -self + other
 
     def __mul__(self, factor: float) -> Expression:
-        """Return the quantity times a number."""
         if isinstance(factor, Load):
             raise TypeError(
                 "quantities are scaled by numbers; use feedback(lambda a, b: a * b, first, second) for a product"
@@ -90,7 +84,6 @@ class Quantity(Load):
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: float) -> Expression:
-        """Return the quantity divided by a number."""
         number = finite(divisor, "a quantity's divisor")
         if number == 0:
             raise ValueError("a quantity's divisor must not be 0")
@@ -108,13 +101,14 @@ class Quantity(Load):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the quantity as plain data."""
-        raise NotImplementedError
+        return {"type": self.kind, **vars(self)}
 
 
 @dataclass(frozen=True)
 class Expression(Quantity):
     """``sum factor quantity + signal``."""
 
+    kind = "expression"
     terms: tuple[tuple[Quantity, float], ...]
     signal: Signal = _NOTHING
 
@@ -125,30 +119,24 @@ class Expression(Quantity):
     def to_dict(self) -> dict[str, Any]:
         """Return terms and signal."""
         terms = [{"factor": factor, "quantity": atom.to_dict()} for atom, factor in self.terms]
-        data: dict[str, Any] = {"type": "expression", "terms": terms}
-        return data if self.signal == Constant(0.0) else data | {"signal": self.signal.to_dict()}
+        data: dict[str, Any] = {"type": self.kind, "terms": terms}
+        return data if self.signal == _NOTHING else data | {"signal": self.signal.to_dict()}
 
 
 @dataclass(frozen=True)
 class Position(Quantity):
     """Position of a body or drive in m or rad."""
 
+    kind = "position"
     body: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the name."""
-        return {"type": "position", "body": self.body}
 
 
 @dataclass(frozen=True)
 class Velocity(Quantity):
     """Velocity of a body or drive in m/s or rad/s."""
 
+    kind = "velocity"
     body: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the name."""
-        return {"type": "velocity", "body": self.body}
 
 
 @dataclass(frozen=True)
@@ -157,41 +145,42 @@ class OfRow(Quantity):
 
     row: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the name."""
-        return {"type": _KIND_OF[type(self)], "row": self.row}
-
 
 @dataclass(frozen=True)
 class RelativeVelocity(OfRow):
     """``w`` of a row in m/s or rad/s."""
+
+    kind = "relative_velocity"
 
 
 @dataclass(frozen=True)
 class Stretch(OfRow):
     """``radius_a x_a - radius_b x_b`` of a row in m or rad."""
 
+    kind = "stretch"
+
 
 @dataclass(frozen=True)
 class Normal(OfRow):
     """Normal force of a contact in N, 0 where it is open."""
+
+    kind = "normal"
 
 
 @dataclass(frozen=True)
 class Power(OfRow):
     """Power ``r w`` that a row turns into heat, in W."""
 
+    kind = "power"
+
 
 @dataclass(frozen=True)
 class Output(Quantity):
     """An output of a block."""
 
+    kind = "output"
     block: str
     index: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return name and number."""
-        return {"type": "output", "block": self.block, "index": self.index}
 
 
 @dataclass(frozen=True)
@@ -245,6 +234,7 @@ class Feedback(Quantity):
 class Table(Quantity):
     """Straight lines through points over a quantity, with given slopes before the first and after the last."""
 
+    kind = "table"
     quantity: Expression
     xs: tuple[float, ...]
     ys: tuple[float, ...]
@@ -257,7 +247,7 @@ class Table(Quantity):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the points and the quantity."""
-        data: dict[str, Any] = {"type": "table", "quantity": self.quantity.to_dict()}
+        data: dict[str, Any] = {"type": self.kind, "quantity": self.quantity.to_dict()}
         data |= {"xs": list(self.xs), "ys": list(self.ys)}
         if self.before or self.after:
             data |= {"before": self.before, "after": self.after}
@@ -266,13 +256,10 @@ class Table(Quantity):
     @property
     def lines(self) -> list[tuple[float, float]]:
         """Value at 0 and slope of each line, the ones before the first and after the last point among them."""
-        slopes = [self.before, *((y1 - y0) / (x1 - x0) for x0, y0, x1, y1 in self._pairs()), self.after]
-        points = [0, *range(len(self.xs))]
-        return [(self.ys[k] - slope * self.xs[k], slope) for k, slope in zip(points, slopes, strict=True)]
-
-    def _pairs(self) -> Iterator[tuple[float, float, float, float]]:
-        for (x0, y0), (x1, y1) in pairwise(zip(self.xs, self.ys, strict=True)):
-            yield x0, y0, x1, y1
+        points = list(zip(self.xs, self.ys, strict=True))
+        inner = [(y1 - y0) / (x1 - x0) for (x0, y0), (x1, y1) in pairwise(points)]
+        slopes = [self.before, *inner, self.after]
+        return [(y - slope * x, slope) for (x, y), slope in zip([points[0], *points], slopes, strict=True)]
 
 
 def position(body: str) -> Quantity:
@@ -288,7 +275,7 @@ def position(body: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return Position(_name(body, "position: body"))
+    return Position(check_name(body, "position: body"))
 
 
 def velocity(body: str) -> Quantity:
@@ -304,7 +291,7 @@ def velocity(body: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return Velocity(_name(body, "velocity: body"))
+    return Velocity(check_name(body, "velocity: body"))
 
 
 def relative_velocity(row: str) -> Quantity:
@@ -320,7 +307,7 @@ def relative_velocity(row: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return RelativeVelocity(_name(row, "relative_velocity: row"))
+    return RelativeVelocity(check_name(row, "relative_velocity: row"))
 
 
 def stretch(row: str) -> Quantity:
@@ -336,7 +323,7 @@ def stretch(row: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return Stretch(_name(row, "stretch: row"))
+    return Stretch(check_name(row, "stretch: row"))
 
 
 def normal(contact: str) -> Quantity:
@@ -352,7 +339,7 @@ def normal(contact: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return Normal(_name(contact, "normal: contact"))
+    return Normal(check_name(contact, "normal: contact"))
 
 
 def power(row: str) -> Quantity:
@@ -368,7 +355,7 @@ def power(row: str) -> Quantity:
     TypeError
         If it is no name.
     """
-    return Power(_name(row, "power: row"))
+    return Power(check_name(row, "power: row"))
 
 
 def output(block: str, index: int = 0) -> Quantity:
@@ -390,7 +377,7 @@ def output(block: str, index: int = 0) -> Quantity:
         raise TypeError(f"output: index must be a whole number, got {index!r}")
     if index < 0:
         raise ValueError(f"output: index must not be negative, got {index}")
-    return Output(_name(block, "output: block"), int(index))
+    return Output(check_name(block, "output: block"), int(index))
 
 
 TIME = Expression((), Line(1.0))
@@ -425,12 +412,14 @@ def feedback(
     if not quantities:
         raise TypeError("feedback: give at least one quantity, such as feedback(math.sin, position('bob'))")
     arguments = tuple(as_expression(q, f"feedback: argument {k + 1}") for k, q in enumerate(quantities))
-    _check_takes(function, len(arguments), "feedback: function")
+    count = len(arguments)
+    taken = f"{count} argument{'s' * (count > 1)}, one for each quantity"
+    check_takes(function, count, "feedback: function", taken)
     if derivatives is not None and not callable(derivatives):
         given = tuple(derivatives)
-        if len(given) != len(arguments) or not all(callable(one) for one in given):
+        if len(given) != count or not all(callable(one) for one in given):
             raise TypeError(
-                f"feedback: derivatives must be a function, or one function for each of the {len(arguments)} "
+                f"feedback: derivatives must be a function, or one function for each of the {count} "
                 f"quantities, got {derivatives!r}"
             )
         return Feedback(function, arguments, given)
@@ -462,7 +451,7 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
     return Table(own, limits, limits, float(lowest == -math.inf), float(highest == math.inf))
 
 
-def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> Quantity:
+def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> Table:
     """Return straight lines through points ``(xs[i], ys[i])`` over a quantity; the end values are held.
 
     Its corners are located like events, and it is exact in the series engine.
@@ -538,28 +527,22 @@ def load_from_dict(data: Any, what: str) -> Load:
         If the data do not describe one; `what` begins the message.
     """
     kind = data.get("type") if isinstance(data, Mapping) else None
-    if not isinstance(kind, str) or kind not in _READERS:
+    makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
+    if not isinstance(kind, str) or kind not in makers:
         return signal_from_dict(data, what)
     fields = {name: value for name, value in data.items() if name != "type"}
-    known, required = _FIELDS[kind]
-    for name in fields:
-        if name not in known:
-            raise ValueError(f"{what}: unknown field {name!r}; a {kind} has {', '.join(known)}")
-    for name in known[:required]:
-        if name not in fields:
-            raise ValueError(f"{what}: field {name!r} is missing; a {kind} needs it")
+    check_entries(makers[kind], kind, fields, what)
     try:
-        return _READERS[kind](fields, what)
+        return makers[kind](**fields)
     except (TypeError, ValueError) as error:
         text = str(error)
         raise type(error)(text if text.startswith(what) else f"{what}: {text}") from None
 
 
-def _read_expression(fields: Mapping[str, Any], what: str) -> Load:
-    terms = fields["terms"]
+def _read_expression(what: str, terms: Any, signal: Any = 0.0) -> Load:
     if not isinstance(terms, (list, tuple)):
         raise TypeError(f"{what}: terms must be a list of tables, got {terms!r}")
-    total = as_expression(load_from_dict(fields.get("signal", 0.0), f"{what}.signal"))
+    total = as_expression(load_from_dict(signal, f"{what}.signal"))
     for number, term in enumerate(terms):
         place = f"{what}.terms[{number}]"
         if not isinstance(term, Mapping) or set(term) != {"factor", "quantity"}:
@@ -568,76 +551,40 @@ def _read_expression(fields: Mapping[str, Any], what: str) -> Load:
     return total
 
 
-def _read_table(fields: Mapping[str, Any], what: str) -> Load:
-    own = as_expression(load_from_dict(fields["quantity"], f"{what}.quantity"))
-    ends = [finite(fields.get(name, 0.0), f"{what}.{name}") for name in ("before", "after")]
-    if len(sequence(fields["xs"], f"{what}.xs")) > 1:
-        found = table(own, fields["xs"], fields["ys"])
-        assert isinstance(found, Table)
-        return Table(own, found.xs, found.ys, *ends)
-    return Table(own, sequence(fields["xs"], f"{what}.xs"), sequence(fields["ys"], f"{what}.ys"), *ends)
+def _read_table(what: str, quantity: Any, xs: Any, ys: Any, before: Any = 0.0, after: Any = 0.0) -> Load:
+    own = as_expression(load_from_dict(quantity, f"{what}.quantity"))
+    before, after = finite(before, f"{what}.before"), finite(after, f"{what}.after")
+    places = sequence(xs, f"{what}.xs")
+    # what limits leave is a table of one point
+    found = table(own, xs, ys) if len(places) > 1 else Table(own, places, sequence(ys, f"{what}.ys"))
+    return replace(found, before=before, after=after)
 
 
-_KIND_OF: dict[type[OfRow], str] = {
-    RelativeVelocity: "relative_velocity",
-    Stretch: "stretch",
-    Normal: "normal",
-    Power: "power",
+def _read_normal(row: str) -> Load:
+    return normal(row)
+
+
+_MAKERS: dict[str, Callable[..., Load]] = {
+    "position": position,
+    "velocity": velocity,
+    "relative_velocity": relative_velocity,
+    "stretch": stretch,
+    "normal": _read_normal,
+    "power": power,
+    "output": output,
 }
-_FIELDS: dict[str, tuple[tuple[str, ...], int]] = {
-    "position": (("body",), 1),
-    "velocity": (("body",), 1),
-    "relative_velocity": (("row",), 1),
-    "stretch": (("row",), 1),
-    "normal": (("row",), 1),
-    "power": (("row",), 1),
-    "output": (("block", "index"), 1),
-    "table": (("quantity", "xs", "ys", "before", "after"), 3),
-    "expression": (("terms", "signal"), 1),
-}
-"""Of each kind of quantity in files the names of its fields, and how many of them must be given."""
-
-_READERS: dict[str, Callable[[Mapping[str, Any], str], Load]] = {
-    "position": lambda f, what: position(f["body"]),
-    "velocity": lambda f, what: velocity(f["body"]),
-    "relative_velocity": lambda f, what: relative_velocity(f["row"]),
-    "stretch": lambda f, what: stretch(f["row"]),
-    "normal": lambda f, what: normal(f["row"]),
-    "power": lambda f, what: power(f["row"]),
-    "output": lambda f, what: output(f["block"], f.get("index", 0)),
-    "table": _read_table,
-    "expression": _read_expression,
-}
-
-
-def differences(
-    function: Callable[[Array], Array], arguments: Sequence[float] | Array, value: Array
-) -> Array:
-    """Return the derivatives of a function by forward differences, a line per value."""
-    x = np.array(arguments, dtype=float)
-    found = np.empty((value.size, x.size))
-    for k in range(x.size):
-        moved = x.copy()
-        moved[k] += _STEP * max(abs(float(x[k])), _SMALL)
-        found[:, k] = (function(moved) - value) / (moved[k] - x[k])
-    return found
+"""By what files call them the quantities that are made of names."""
 
 
 def _sum(*parts: Expression) -> Expression:
     """Return the sum with each quantity once."""
     factors: dict[Quantity, float] = {}
-    total: Signal = Constant(0.0)
+    total: Signal = _NOTHING
     for part in parts:
         for atom, factor in part.terms:
             factors[atom] = factors.get(atom, 0.0) + factor
         total = total + part.signal
     return Expression(tuple((atom, factor) for atom, factor in factors.items() if factor), total)
-
-
-def _name(value: str, what: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise TypeError(f"{what} must be a name (a string that is not empty), got {value!r}")
-    return value
 
 
 def _number(value: Any, what: str) -> float:
@@ -649,18 +596,3 @@ def _number(value: Any, what: str) -> float:
         if math.isfinite(number):
             return number
     raise ValueError(f"{what} {value!r}")
-
-
-def _check_takes(function: Callable[..., Any], count: int, what: str) -> None:
-    """Refuse a function that cannot be called with so many arguments; one that does not tell is taken as it is."""
-    try:
-        signature = inspect.signature(function)
-    except (TypeError, ValueError):
-        return
-    try:
-        signature.bind(*[0.0] * count)
-    except TypeError:
-        raise TypeError(
-            f"{what} must take {count} argument{'s' * (count > 1)}, one for each quantity, "
-            f"but it is declared as {signature}: {function!r}"
-        ) from None

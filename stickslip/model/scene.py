@@ -3,36 +3,16 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import MISSING, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from stickslip.model.elements import (
-    GROUND,
-    KINDS,
-    AnyBlock,
-    Block,
-    Body,
-    Contact,
-    Damper,
-    Drive,
-    Element,
-    Force,
-    Gap,
-    Gear,
-    Named,
-    OneWay,
-    Planetary,
-    Row,
-    Sampled,
-    Spring,
-    StateSpace,
-    Stop,
-    Tie,
-)
-from stickslip.model.elements.base import listed
+from stickslip.model.checks import check_entries
+from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row, StateSpace
+from stickslip.model.elements.base import GROUND, Motion, check_motion, listed
 from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
@@ -46,40 +26,8 @@ from stickslip.model.quantities import (
     Velocity,
     load_from_dict,
 )
-from stickslip.model.showing import shown_by
 
-__all__ = [
-    "GROUND",
-    "AnyBlock",
-    "Block",
-    "Body",
-    "Contact",
-    "Damper",
-    "Drive",
-    "Element",
-    "Force",
-    "Gap",
-    "Gear",
-    "Motion",
-    "OneWay",
-    "Planetary",
-    "Row",
-    "Sampled",
-    "Scene",
-    "Spring",
-    "StateSpace",
-    "Stop",
-    "Tie",
-]
-
-Motion = Literal["rotation", "translation"]
-"""How the bodies of a scene move: it decides the units that tables and drawings show, and no number."""
-
-_FIELDS = {
-    kind: {field.name: field.default is MISSING for field in fields(kind)}  # type: ignore[arg-type]
-    for kind in KINDS.values()
-}
-"""Of each kind of element the names of its fields, and whether they must be given."""
+__all__ = ["Scene"]
 
 _ROUNDOFF = 1e-9
 
@@ -94,7 +42,8 @@ class Scene:
         Body, Drive, Contact, Tie, Gear, Planetary, OneWay, Gap, Stop, Spring, Damper, Block, StateSpace, Sampled or
         Force; they refer to bodies by name.
     motion : "rotation" or "translation", optional
-        How the bodies move. It changes no number, only the units that tables and drawings show: by default both.
+        How the bodies move that do not say it themselves. It changes no number, only the units that tables and
+        drawings show: by default both.
 
     Attributes
     ----------
@@ -113,16 +62,28 @@ class Scene:
     elements: tuple[Element, ...]
     motion: Motion | None = None
 
+    shown_by: ClassVar[dict[str, Callable[..., Any]]] = {}
+    """What draws a scene ("draw") and what notebooks show ("html"): the model knows no drawings, others enter them."""
+
     if TYPE_CHECKING:
 
         def __getattr__(self, kind: str) -> tuple[Any, ...]: ...
 
     def __init__(self, *elements: Element, motion: Motion | None = None) -> None:
         """Sort the elements by kind and check that they fit together."""
-        if motion is not None and motion not in get_args(Motion):
-            raise ValueError(
-                f"Scene: motion must be 'rotation' or 'translation', got {motion!r}; leave it out for both"
-            )
+        check_motion(motion, "Scene", "for both")
+        self._sort(elements, motion)
+        self._check_names()
+        free = frozenset(body.name for body in self.bodies)
+        for element in self.elements:
+            element.check_ends(free, self._moving)
+        for element in self.elements:
+            for load in element.quantities():
+                self.check_quantities(load, element.label)
+        self._check_weightless()
+
+    def _sort(self, elements: Iterable[Element], motion: Motion | None) -> None:
+        """Set the attributes, elements kind by kind."""
         object.__setattr__(self, "motion", motion)
         sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
         for element in elements:
@@ -136,10 +97,28 @@ class Scene:
         for name, kind in KINDS.items():
             object.__setattr__(self, name, tuple(sorted_[kind]))
         object.__setattr__(self, "elements", tuple(e for of_kind in sorted_.values() for e in of_kind))
-        self._check_names()
-        self._check_references()
-        self._check_quantities()
-        self._check_weightless()
+
+    @classmethod
+    def of_all(cls, scenes: Sequence[Scene]) -> Scene:
+        """Return what any of some scenes has, for drawings; it is not checked, and nothing to simulate.
+
+        Of elements of one name the last counts, but a body before a drive; of those without a name all different ones.
+        """
+        found: dict[Any, Element] = {}
+        for scene in scenes:
+            for element in scene.elements:
+                match element:
+                    case Drive(name=name) if isinstance(found.get(("moving", name)), Body):
+                        pass
+                    case Body(name=name) | Drive(name=name):
+                        found["moving", name] = replace(element, motion=scene.motions[name])
+                    case Named(name=name):
+                        found["row" if isinstance(element, Row) else "block", name] = element
+                    case _:
+                        found[repr(element)] = element
+        whole: Scene = object.__new__(cls)
+        whole._sort(found.values(), scenes[-1].motion)
+        return whole
 
     @property
     def rows(self) -> tuple[Any, ...]:
@@ -151,31 +130,33 @@ class Scene:
         """All elements with states of their own: blocks, state spaces, sampled blocks."""
         return (*self.blocks, *self.state_spaces, *self.sampled)
 
+    @cached_property
+    def _moving(self) -> frozenset[str]:
+        """The names of bodies, drives and the ground."""
+        return frozenset({GROUND, *(one.name for one in (*self.bodies, *self.drives))})
+
+    @cached_property
+    def _row_named(self) -> dict[str, Row]:
+        return {row.name: row for row in self.rows}
+
+    @cached_property
+    def _block_named(self) -> dict[str, AnyBlock]:
+        return {block.name: block for block in self.all_blocks}
+
+    @cached_property
+    def motions(self) -> dict[str, Motion | None]:
+        """How each body and drive moves, by name: as it says itself, else as the scene says."""
+        return {one.name: one.motion or self.motion for one in (*self.bodies, *self.drives)}
+
     def _check_names(self) -> None:
         if not self.bodies:
             raise ValueError("Scene: there is no free body; add at least one Body")
-        groups: tuple[tuple[Named, ...], ...] = (
-            (*self.bodies, *self.drives),
-            self.rows,
-            self.all_blocks,
-        )
-        for named in groups:
+        for named in ((*self.bodies, *self.drives), self.rows, self.all_blocks):
             seen: set[str] = set()
             for one in named:
                 if one.name in seen:
                     raise ValueError(f"Scene: the name of {one.label} stands twice; rename one of the two")
                 seen.add(one.name)
-
-    def _check_references(self) -> None:
-        free = frozenset(body.name for body in self.bodies)
-        known = free | {drive.name for drive in self.drives} | {GROUND}
-        for element in self.elements:
-            element.check_ends(free, known)
-
-    def _check_quantities(self) -> None:
-        for element in self.elements:
-            for load in element.quantities():
-                self.check_quantities(load, element.label)
 
     def check_quantities(self, load: Quantity, label: str) -> None:
         """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
@@ -185,9 +166,7 @@ class Scene:
         ValueError
             If there is no such body or contact.
         """
-        moving = {GROUND, *(body.name for body in (*self.bodies, *self.drives))}
-        rows = {row.name: row for row in self.rows}
-        blocks = {block.name: block for block in self.all_blocks}
+        moving, rows, blocks = self._moving, self._row_named, self._block_named
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
                 raise ValueError(f"{label}: no body is called {quantity.body!r}; known are {listed(moving)}")
@@ -260,7 +239,8 @@ class Scene:
             raise ValueError(
                 f"Scene.replace: a body and a contact are both called {name!r}; rename one of them"
             )
-        _check_fields(type(named[0]), f"Scene.replace: {named[0].label}", changes)
+        kind, given = type(named[0]), vars(named[0]) | changes
+        check_entries(kind, kind.__name__, given, f"Scene.replace: {named[0].label}")
         return self._with(replace(e, **changes) if e is named[0] else e for e in self.elements)
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
@@ -310,11 +290,16 @@ class Scene:
         """
         if not isinstance(data, Mapping):
             raise TypeError(f"Scene.from_dict: expected a table of lists, got {type(data).__name__}")
-        tables = {key: value for key, value in data.items() if key != "motion"}
-        unknown = [key for key in tables if key not in KINDS]
-        if unknown:
-            raise ValueError(f"Scene.from_dict: unknown table {unknown[0]!r}; known are {', '.join(KINDS)}")
-        return cls(*_elements(tables), motion=data.get("motion"))
+        elements = []
+        for table, rows in data.items():
+            if table == "motion":
+                continue
+            if table not in KINDS:
+                raise ValueError(f"Scene.from_dict: unknown table {table!r}; known are {', '.join(KINDS)}")
+            if not isinstance(rows, (list, tuple)):
+                raise TypeError(f"Scene.from_dict: {table} must be a list of tables, got {rows!r}")
+            elements += [_element(KINDS[table], f"{table}[{k}]", row) for k, row in enumerate(rows)]
+        return cls(*elements, motion=data.get("motion"))
 
     def draw(self, *, ax: Any = None) -> Any:
         """Draw the scene as a schematic and return the matplotlib figure.
@@ -327,24 +312,15 @@ class Scene:
         ax : matplotlib axes, optional
             Where to draw; by default a new figure as large as the scene needs.
         """
-        return shown_by("draw")(self, ax=ax)
+        return self.shown_by["draw"](self, ax=ax)
 
     def _repr_html_(self) -> str:
         """Return the schematic and a table of the elements, as notebooks show them."""
-        return str(shown_by("html")(self))
+        return str(self.shown_by["html"](self))
 
     def __repr__(self) -> str:
-        """Return the call that makes the scene."""
         motion = [] if self.motion is None else [f"motion={self.motion!r}"]
         return f"Scene({', '.join([*map(repr, self.elements), *motion])})"
-
-
-def _elements(data: Mapping[str, Any]) -> Iterator[Element]:
-    for kind, rows in data.items():
-        if not isinstance(rows, (list, tuple)):
-            raise TypeError(f"Scene.from_dict: {kind} must be a list of tables, got {rows!r}")
-        for number, row in enumerate(rows):
-            yield _element(KINDS[kind], f"{kind}[{number}]", row)
 
 
 def _plain(element: Element) -> dict[str, Any]:
@@ -358,10 +334,7 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
     if not isinstance(row, Mapping):
         raise TypeError(f"{where}: expected a table, got {row!r}")
     values = dict(row)
-    _check_fields(maker, where, values)
-    for name, required in _FIELDS[maker].items():
-        if required and name not in values:
-            raise ValueError(f"{where}: field {name!r} is missing; a {maker.__name__} needs it")
+    check_entries(maker, maker.__name__, values, where)
     for name in ("velocity", "normal", "signal"):
         if isinstance(values.get(name), Mapping):
             values[name] = load_from_dict(values[name], f"{where}.{name}")
@@ -375,10 +348,3 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
         return maker(**values)
     except (TypeError, ValueError) as error:
         raise type(error)(f"{where}: {error}") from None
-
-
-def _check_fields(kind: type[Element], where: str, values: Mapping[str, Any]) -> None:
-    known = _FIELDS[kind]
-    for name in values:
-        if name not in known:
-            raise ValueError(f"{where}: unknown field {name!r}; a {kind.__name__} has {', '.join(known)}")

@@ -1,135 +1,16 @@
-"""Loads over time, as their users write them.
-
-A signal is frozen data. At a jump its value is the right limit. ``breaks`` are the times at which the
-value or the slope jumps: the solver stops there and starts afresh.
-"""
+"""Signals as their users write them, and from files."""
 
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
+from stickslip.model.checks import check_entries, check_takes, finite, sequence
+from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, as_signal
 
-from stickslip.model.checks import check_entries, check_takes_one, sequence
-from stickslip.model.checks import finite as _finite
-from stickslip.model.signals import (
-    Clipped,
-    Constant,
-    Line,
-    Load,
-    PiecewiseLinear,
-    Signal,
-    Sine,
-    Sum,
-    as_signal,
-    time_scale,
-)
-
-__all__ = [
-    "Clipped",
-    "Constant",
-    "Function",
-    "Line",
-    "Load",
-    "PiecewiseLinear",
-    "Signal",
-    "Sine",
-    "Sum",
-    "as_signal",
-    "piecewise_linear",
-    "signal",
-    "signal_from_dict",
-    "sine",
-    "step",
-    "time_scale",
-    "triangle",
-]
-
-
-@dataclass(frozen=True)
-class Function(Signal):
-    """Any function of time; its jumps and kinks have to be named as breaks."""
-
-    function: Callable[[float], float]
-    break_times: tuple[float, ...] = ()
-    shortest_period: float | None = None
-    factor: float = 1.0
-    limits: tuple[float, float] = (-math.inf, math.inf)
-
-    def __call__(self, t: float) -> float:
-        """Return the value at `t`; a ValueError says where it is not a finite number."""
-        low, high = self.limits
-        if not low <= t <= high:
-            return self._beyond(t, low if t < low else high)
-        try:
-            value = self.function(t)
-        except Exception as error:
-            raise ValueError(f"{self._label} raised {error!r} at t={t:g}; return a finite number") from error
-        if type(value) is not float:
-            value = self._number(value, t)
-        if not math.isfinite(value):
-            raise ValueError(f"{self._label} returned {value} at t={t:g}; return a finite number")
-        return self.factor * value
-
-    def _beyond(self, t: float, limit: float) -> float:
-        """Go on as the parabola that the function is near its limit."""
-        half = 0.5 * (self.limits[1] - self.limits[0])
-        d = max(-half, min(t - limit, half))
-        return 3 * self(limit) - 3 * self(limit - d) + self(limit - 2 * d)
-
-    def _number(self, value: Any, t: float) -> float:
-        if not isinstance(value, str) and np.ndim(value) == 0:
-            try:
-                return float(value)
-            except (TypeError, ValueError, OverflowError):
-                pass
-        raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
-
-    def slope(self, t: float) -> float:
-        """Return a difference quotient of second order that looks across no break and no limit."""
-        h = 1e-5 * min(self.shortest_period or 1.0, 1.0)
-        times = self.break_times
-        i = bisect_right(times, t)
-        behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
-        ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
-        if min(behind, ahead) > h:
-            left, right = t - h, t + h
-            return (self(right) - self(left)) / (right - left)
-        h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
-        h = (t + h) - t
-        return (4 * self(t + h) - 3 * self(t) - self(t + 2 * h)) / (2 * h) if h else 0.0
-
-    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
-        """Return the breaks that were named."""
-        return self.break_times[bisect_right(self.break_times, start) : bisect_left(self.break_times, stop)]
-
-    @property
-    def period(self) -> float | None:
-        """The period that was named."""
-        return math.inf if self.shortest_period is None else self.shortest_period
-
-    def scaled(self, factor: float) -> Signal:
-        """Return the function times a number."""
-        return replace(self, factor=factor * self.factor)
-
-    def within(self, start: float, stop: float) -> Signal:
-        """Return the signal for one time span: the function is called within it only."""
-        return replace(self, limits=(start, stop))
-
-    def to_dict(self) -> Any:
-        """Refuse: code is not data."""
-        raise ValueError(
-            f"{self._label} is code, not data; sample it into piecewise_linear(times, values) for a file"
-        )
-
-    @property
-    def _label(self) -> str:
-        return f"signal function {getattr(self.function, '__qualname__', repr(self.function))}"
+__all__ = ["piecewise_linear", "signal", "signal_from_dict", "sine", "step", "triangle"]
 
 
 def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
@@ -186,7 +67,7 @@ def triangle(start: float, peak: float, stop: float, *, slope: float) -> Signal:
         If a number is not finite or the times are not in order.
     """
     start, peak, stop = sequence((start, peak, stop), "triangle: times")
-    slope = _finite(slope, "triangle: slope")
+    slope = finite(slope, "triangle: slope")
     if not start < peak < stop:
         raise ValueError(
             f"triangle: need start < peak < stop, got {start:g}, {peak:g}, {stop:g}; put the times in order"
@@ -209,8 +90,8 @@ def step(time: float, before: float = 0.0, after: float = 1.0) -> Signal:
     ValueError, TypeError
         If a number is not finite.
     """
-    time = _finite(time, "step: time")
-    return PiecewiseLinear((time, time), (_finite(before, "step: before"), _finite(after, "step: after")))
+    time = finite(time, "step: time")
+    return PiecewiseLinear((time, time), (finite(before, "step: before"), finite(after, "step: after")))
 
 
 def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float = 0.0) -> Signal:
@@ -231,10 +112,10 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
         If a number is not finite.
     """
     wave = Sine(
-        _finite(amplitude, "sine: amplitude"),
-        _finite(frequency, "sine: frequency"),
-        _finite(phase, "sine: phase"),
-        _finite(offset, "sine: offset"),
+        finite(amplitude, "sine: amplitude"),
+        finite(frequency, "sine: frequency"),
+        finite(phase, "sine: phase"),
+        finite(offset, "sine: offset"),
     )
     return wave if wave.amplitude and wave.frequency else Constant(wave(0.0))
 
@@ -266,11 +147,11 @@ def signal(
         raise TypeError(
             f"signal: function must be callable, got {function!r}; a number is a signal by itself"
         )
-    check_takes_one(function, "signal: function", "the time t in s")
+    check_takes(function, 1, "signal: function", "one argument, the time t in s")
     times = sequence(breaks, "signal: breaks")
     if any(b <= a for a, b in pairwise(times)):
         raise ValueError(f"signal: breaks must increase, got {times}; sort them and drop doubles")
-    if period is not None and (period := _finite(period, "signal: period")) <= 0:
+    if period is not None and (period := finite(period, "signal: period")) <= 0:
         raise ValueError(
             f"signal: period must be positive, got {period:g}; leave it out where it is not known"
         )
@@ -293,10 +174,8 @@ def signal_from_dict(data: Any, what: str) -> Signal:
         terms = fields.pop("terms", None)
         if fields or not isinstance(terms, (list, tuple)) or not terms:
             raise ValueError(f"{what}: a sum has one entry, 'terms', a list of signals; got {data!r}")
-        total = signal_from_dict(terms[0], what)
-        for term in terms[1:]:
-            total = total + signal_from_dict(term, what)
-        return total
+        first, *others = (signal_from_dict(term, what) for term in terms)
+        return sum(others, start=first)
     makers: dict[Any, Callable[..., Signal]] = {
         "piecewise_linear": piecewise_linear,
         "triangle": triangle,
@@ -306,7 +185,7 @@ def signal_from_dict(data: Any, what: str) -> Signal:
     }
     if not isinstance(kind, str) or kind not in makers:
         raise ValueError(f"{what}: unknown signal type {kind!r}; known are {', '.join([*makers, 'sum'])}")
-    check_entries(makers[kind], kind, fields, what)
+    check_entries(makers[kind], kind, fields, what, TypeError)
     try:
         return makers[kind](**fields)
     except TypeError as error:

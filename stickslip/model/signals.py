@@ -1,10 +1,15 @@
-"""What signals are made of: frozen data with a value, a slope and break times, that add up and scale."""
+"""Loads over time, as frozen data: they have a value and a slope at every time, add up and scale.
+
+At a jump the value is the right limit. ``breaks`` are the times at which the value or the slope jumps: the solver stops
+there and starts afresh.
+"""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +22,7 @@ from stickslip.model.crossings import positive_pieces
 __all__ = [
     "Clipped",
     "Constant",
+    "Function",
     "Line",
     "Load",
     "PiecewiseLinear",
@@ -43,23 +49,19 @@ class Load:
         raise NotImplementedError
 
     def __pow__(self, exponent: Any) -> Any:
-        """Refuse powers, naming `feedback` and `signal`."""
         raise TypeError(self._not_linear(f"x**{exponent!r}"))
 
     def __rtruediv__(self, dividend: Any) -> Any:
-        """Refuse to divide by a load."""
         raise TypeError(self._not_linear(f"{dividend!r} / x"))
 
     def __abs__(self) -> Any:
-        """Refuse the absolute value."""
         raise TypeError(self._not_linear("abs(x)"))
 
     def __float__(self) -> float:
-        """Refuse to be one number: functions such as `math.sin` ask for it."""
+        # functions such as math.sin ask for one number
         raise TypeError(self._not_linear("math.sin(x)"))
 
     def __lt__(self, other: Any) -> Any:
-        """Refuse comparisons: a load has no value before the simulation runs."""
         raise TypeError(
             "a load has no value before the simulation runs, so it cannot be compared; "
             "use When(name, quantity - limit) for a crossing, saturate(...) for a limit, "
@@ -100,6 +102,13 @@ class Signal(Load):
         """Shortest time in which the signal oscillates: None where it is piecewise linear, inf if unknown."""
         return None
 
+    def parts(self, t: float | None = None) -> Iterator[Signal]:
+        """Yield the lines, sines and functions that add up to the signal from `t` on, or without `t` all that ever do.
+
+        From `t` on they do up to the next break.
+        """
+        yield self
+
     def clipped(self, start: float, stop: float) -> Signal:
         """Return ``max(0, signal)``, with its kinks within the time span among the breaks."""
         return Clipped.of(self, start, stop)
@@ -117,7 +126,6 @@ class Signal(Load):
         raise TypeError(f"a {type(self).__name__} signal cannot be scaled; scale the signal it was made from")
 
     def __add__(self, other: Signal | float) -> Signal:
-        """Return the sum with a signal or a number."""
         if _is_quantity(other):
             return NotImplemented
         return _sum(self, as_signal(other, "a signal's summand"))
@@ -125,21 +133,17 @@ class Signal(Load):
     __radd__ = __add__
 
     def __neg__(self) -> Signal:
-        """Return the signal with its sign changed."""
         return self * -1.0
 
     def __sub__(self, other: Signal | float) -> Signal:
-        """Return the difference from a signal or a number."""
         if _is_quantity(other):
             return NotImplemented
         return self + -as_signal(other, "a signal's subtrahend")
 
     def __rsub__(self, other: float) -> Signal:
-        """Return a number minus the signal."""
         return -self + other
 
     def __mul__(self, factor: float) -> Signal:
-        """Return the signal times a number."""
         if isinstance(factor, Signal):
             raise TypeError(
                 "signals are scaled by numbers, not by signals; use signal(function) for a product"
@@ -154,7 +158,6 @@ class Signal(Load):
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: float) -> Signal:
-        """Return the signal divided by a number."""
         number = finite(divisor, "a signal's divisor")
         if number == 0:
             raise ValueError("a signal's divisor must not be 0")
@@ -213,7 +216,7 @@ class Line(Signal):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters."""
-        return {"type": "line", **asdict(self)}
+        return {"type": "line", **vars(self)}
 
 
 @dataclass(frozen=True)
@@ -320,7 +323,88 @@ class Sine(Signal):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the parameters."""
-        return {"type": "sine", **asdict(self)}
+        return {"type": "sine", **vars(self)}
+
+
+@dataclass(frozen=True)
+class Function(Signal):
+    """Any function of time; its jumps and kinks have to be named as breaks."""
+
+    function: Callable[[float], float]
+    break_times: tuple[float, ...] = ()
+    shortest_period: float | None = None
+    factor: float = 1.0
+    limits: tuple[float, float] = (-math.inf, math.inf)
+
+    def __call__(self, t: float) -> float:
+        """Return the value at `t`; a ValueError says where it is not a finite number."""
+        low, high = self.limits
+        if not low <= t <= high:
+            return self._beyond(t, low if t < low else high)
+        try:
+            value = self.function(t)
+        except Exception as error:
+            raise ValueError(f"{self._label} raised {error!r} at t={t:g}; return a finite number") from error
+        if type(value) is not float:
+            value = self._number(value, t)
+        if not math.isfinite(value):
+            raise ValueError(f"{self._label} returned {value} at t={t:g}; return a finite number")
+        return self.factor * value
+
+    def _beyond(self, t: float, limit: float) -> float:
+        """Go on as the parabola that the function is near its limit."""
+        half = 0.5 * (self.limits[1] - self.limits[0])
+        d = max(-half, min(t - limit, half))
+        return 3 * self(limit) - 3 * self(limit - d) + self(limit - 2 * d)
+
+    def _number(self, value: Any, t: float) -> float:
+        if not isinstance(value, str) and np.ndim(value) == 0:
+            try:
+                return float(value)
+            except (TypeError, ValueError, OverflowError):
+                pass
+        raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
+
+    def slope(self, t: float) -> float:
+        """Return a difference quotient of second order that looks across no break and no limit."""
+        h = 1e-5 * min(self.shortest_period or 1.0, 1.0)
+        times = self.break_times
+        i = bisect_right(times, t)
+        behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)
+        ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
+        if min(behind, ahead) > h:
+            left, right = t - h, t + h
+            return (self(right) - self(left)) / (right - left)
+        h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
+        h = (t + h) - t
+        return (4 * self(t + h) - 3 * self(t) - self(t + 2 * h)) / (2 * h) if h else 0.0
+
+    def breaks(self, start: float, stop: float) -> tuple[float, ...]:
+        """Return the breaks that were named."""
+        return self.break_times[bisect_right(self.break_times, start) : bisect_left(self.break_times, stop)]
+
+    @property
+    def period(self) -> float | None:
+        """The period that was named."""
+        return math.inf if self.shortest_period is None else self.shortest_period
+
+    def scaled(self, factor: float) -> Signal:
+        """Return the function times a number."""
+        return replace(self, factor=factor * self.factor)
+
+    def within(self, start: float, stop: float) -> Signal:
+        """Return the signal for one time span: the function is called within it only."""
+        return replace(self, limits=(start, stop))
+
+    def to_dict(self) -> Any:
+        """Refuse: code is not data."""
+        raise ValueError(
+            f"{self._label} is code, not data; sample it into piecewise_linear(times, values) for a file"
+        )
+
+    @property
+    def _label(self) -> str:
+        return f"signal function {getattr(self.function, '__qualname__', repr(self.function))}"
 
 
 @dataclass(frozen=True)
@@ -349,6 +433,11 @@ class Sum(Signal):
     def period(self) -> float | None:
         """The shortest period of the terms."""
         return min((p for term in self.terms if (p := term.period) is not None), default=None)
+
+    def parts(self, t: float | None = None) -> Iterator[Signal]:
+        """Yield the parts of all terms."""
+        for term in self.terms:
+            yield from term.parts(t)
 
     def within(self, start: float, stop: float) -> Signal:
         """Return the sum for one time span."""
@@ -382,9 +471,12 @@ class Clipped(Signal):
             return Constant(0.0)
         return base if all(positive) else cls(base, kinks, positive)
 
+    def _is_positive(self, t: float) -> bool:
+        return self.positive[bisect_right(self.kinks, t)]
+
     def __call__(self, t: float) -> float:
         """Return the value at `t`, never negative."""
-        return max(0.0, self.base(t)) if self.positive[bisect_right(self.kinks, t)] else 0.0
+        return max(0.0, self.base(t)) if self._is_positive(t) else 0.0
 
     def sampled(self, times: Array) -> Array:
         """Return the values at many times, none negative."""
@@ -393,7 +485,7 @@ class Clipped(Signal):
 
     def slope(self, t: float) -> float:
         """Return the slope of the base, 0 where that is cut off."""
-        return self.base.slope(t) if self.positive[bisect_right(self.kinks, t)] else 0.0
+        return self.base.slope(t) if self._is_positive(t) else 0.0
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the zero crossings, and the breaks of the base where it is positive."""
@@ -403,6 +495,11 @@ class Clipped(Signal):
     def period(self) -> float | None:
         """The period of the base."""
         return self.base.period
+
+    def parts(self, t: float | None = None) -> Iterator[Signal]:
+        """Yield the parts of the base, none where that is cut off."""
+        if t is None or self._is_positive(t):
+            yield from self.base.parts(t)
 
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the signal itself."""
@@ -414,13 +511,8 @@ def time_scale(signal: Signal, span: float) -> float:
 
     Of a function that does not tell its period, a tenth of the time span is all that anybody can hope to see.
     """
-    if isinstance(signal, Sum):
-        return min(time_scale(term, span) for term in signal.terms)
-    if isinstance(signal, Clipped):
-        return time_scale(signal.base, span)
-    if signal.period is None:
-        return math.inf
-    return min(signal.period, span / 10) if math.isinf(signal.period) else signal.period
+    periods = [part.period for part in signal.parts() if part.period is not None]
+    return min((span / 10 if math.isinf(period) else period for period in periods), default=math.inf)
 
 
 def as_signal(value: Signal | float, what: str) -> Signal:

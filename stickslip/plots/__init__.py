@@ -20,7 +20,7 @@ from stickslip.plots.contact import (
     varying,
 )
 from stickslip.plots.limits import has_limits, stretch
-from stickslip.plots.motion import MANY, modes, velocities
+from stickslip.plots.motion import MANY, modes, velocities, velocity_units
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
 from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
@@ -63,7 +63,8 @@ def overview(
 ) -> Figure:
     """Draw velocities, modes, contact forces within breakaway levels, normal forces that vary, and blocks, over time.
 
-    This is figure 8 of Breedveld (2000). More than four contacts share one raster of ``|r| / B``; panels with
+    This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
+    More than four contacts share one raster of ``|r| / B``; panels with
     nothing to show are left out.
 
     Parameters
@@ -107,7 +108,10 @@ def overview(
 
 def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
-    panels: list[Panel] = [(2.4, lambda ax: velocities(result, bodies, ax=ax))]
+    panels: list[Panel] = [
+        (2.4, lambda ax, some=some: velocities(result, some, ax=ax))  # type: ignore[misc]
+        for some in _by_unit(result, bodies)
+    ]
     blocks = [*result.scene.blocks, *result.scene.state_spaces, *result.scene.sampled][:_BLOCK_PANELS]
     of_blocks: list[Panel] = [(1.4, lambda ax, name=own.name: block(result, name, ax=ax)) for own in blocks]  # type: ignore[misc]
     if not names:
@@ -124,6 +128,13 @@ def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) ->
     if loaded:
         panels.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
     return panels + of_blocks
+
+
+def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
+    """Return bodies and drives in groups that are measured in the same unit: a panel each."""
+    names = [one.name for one in (*result.scene.bodies, *result.scene.drives)] if bodies is None else bodies
+    own = velocity_units(result, names)
+    return [[name for name in names if own[name] == unit] for unit in dict.fromkeys(own.values())]
 
 
 def energy(result: Drawable, *, ax: Any = None) -> Any:
@@ -149,6 +160,8 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
         curves["work of loads"] = ledger.loads
     if result.scene.drives:
         curves["work of drives"] = ledger.drives
+    if ledger.changes.any():
+        curves["changes between runs"] = ledger.changes
     heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
     heat |= {f"impacts of {name}": value for name, value in ledger.impacts.items() if value.any()}
     if len(heat) > _CURVES:

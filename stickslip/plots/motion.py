@@ -29,12 +29,14 @@ from stickslip.plots.style import (
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["modes", "velocities"]
+__all__ = ["modes", "velocities", "velocity_units"]
 
 MANY = 12
 """More curves or strips than this become a raster."""
 
 _TICKS = 200
+_UNKNOWN = 99
+"""Stands for the mode where a run does not have the contact."""
 _BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
 _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
@@ -47,9 +49,9 @@ _STRIPS: dict[int, dict[str, Any]] = {
 def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
-    Markers are times fit for a plot, or ticks at the bottom where they are many, one in so many as the legend
-    says; a broad grey line runs under a body while a contact with a normal force holds it. More than a dozen
-    bodies become a raster with a colour bar.
+    Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
+    ticks at the bottom where they are many, one in so many as the legend says; a broad grey line runs under a body
+    while a contact with a normal force holds it. More than a dozen bodies become a raster with a colour bar.
 
     Parameters
     ----------
@@ -78,13 +80,14 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
 def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     held = _bands(fine, names, ax)
+    shared, labels = _units(result, names)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
     for k, name in enumerate(names):
-        ax.plot(fine.t, fine.velocity(name), label=name, zorder=2, **look(k))
+        ax.plot(fine.t, fine.velocity(name), label=labels[k], zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(f"velocity [{units(result.scene).velocity}]")
+    ax.set_ylabel(f"velocity [{shared}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -94,6 +97,29 @@ def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
     else:
         _rug(ax, computed.t, points)
     beside(ax)
+
+
+def velocity_units(result: Drawable, names: Sequence[str]) -> dict[str, str]:
+    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
+    """
+    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
+    for name in names:
+        if name not in moving:
+            result.velocity(name)  # says which there are
+    return {name: units(result.scene, moving[name]).velocity for name in names}
+
+
+def _units(result: Drawable, names: list[str]) -> tuple[str, list[str]]:
+    """Return the unit of the axis, and the names of bodies: with units of their own where these differ."""
+    own = velocity_units(result, names)
+    if len(set(own.values())) == 1:
+        return own[names[0]], names
+    return units(result.scene).velocity, [f"{name} [{unit}]" for name, unit in own.items()]
 
 
 def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
@@ -138,7 +164,8 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.array([coarse.velocity(name) for name in names])
-    value_raster(ax, coarse.t, rows, names, f"velocity [{units(result.scene).velocity}]")
+    shared, labels = _units(result, names)
+    value_raster(ax, coarse.t, rows, labels, f"velocity [{shared}]")
     ax.set_ylabel("body")
 
 
@@ -197,7 +224,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
 
 def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
-    t, mode = fine.t, fine.mode(name).astype(int)
+    t, mode = fine.t, np.nan_to_num(fine.mode(name).astype(float), nan=_UNKNOWN)
     idle = np.zeros(t.size, dtype=bool)
     if any(contact.name == name for contact in fine.scene.contacts):
         idle = fine.normal(name) == 0
@@ -212,12 +239,13 @@ def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     return [
         (int(code[i]), bool(shut[i]), float(t[steps[i]]), float(t[steps[j] + 1]))
         for i, j in zip(first, last, strict=True)
+        if code[i] != _UNKNOWN
     ]
 
 
 def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
-    rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
+    rows = np.ma.masked_invalid([coarse.mode(name).astype(float) for name in names])
     shown = list(range(-1, 3 if (rows == Mode.OPEN).any() else 2))
     shades = ListedColormap(["#b5a642", "0.25", "0.93", "white"][: len(shown)])
     norm = BoundaryNorm([-1.5, *(mode + 0.5 for mode in shown)], len(shown))

@@ -7,6 +7,7 @@ from dataclasses import fields
 from html import escape
 from typing import Any, Protocol
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from stickslip.model.laws.dry_friction import Law
@@ -55,13 +56,13 @@ def result_html(result: Drawable) -> str:
     if not result.t.size:
         return _shown(f"<p>{escape(result.message)}</p>")
     figure = overview(result)
-    stats = ", ".join(f"{name} {value}" for name, value in result.stats.items())
+    stats = [", ".join(f"{name} {value}" for name, value in run.stats.items()) for run in result.runs]
     return _shown(
         f"<p>{escape(result.message)}</p>",
         bitmap(figure, "velocities, modes and forces over time", 80),
         events_table(result.events, _EVENTS),
         final_table(result),
-        f"<p><small>{escape(stats)}</small></p>",
+        *(f"<p><small>{escape(counts)}</small></p>" for counts in stats),
     )
 
 
@@ -125,9 +126,13 @@ def events_table(events: list[Event], most: int) -> str:
 
 def final_table(result: Drawable) -> str:
     """Return a table of the velocities at the last time."""
-    unit = units(result.scene).velocity
-    rows = [(body.name, float(result.velocity(body.name)[-1])) for body in result.scene.bodies[:MOST]]
-    left = len(result.scene.bodies) - MOST
+    scene = result.scene
+    rows = [
+        (body.name, float(result.velocity(body.name)[-1]), units(scene, body).velocity)
+        for body in scene.bodies[:MOST]
+        if np.isfinite(result.velocity(body.name)[-1])  # or the last of several runs does not have it
+    ]
+    left = len(scene.bodies) - MOST
     return table(
-        ("body", f"velocity at {result.t[-1]:.9g} s [{unit}]"), rows, f"and {left} more" if left > 0 else ""
+        ("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, f"and {left} more" if left > 0 else ""
     )

@@ -30,7 +30,7 @@ from stickslip.model.elements import (
 )
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
 from stickslip.results.units import units
 
@@ -139,11 +139,11 @@ class _Drawing:
         return _LETTER * (len(self._text(name)) + 2)
 
     def _text(self, name: str) -> str:
-        one, unit = self.nodes[name], units(self.scene)
+        one = self.nodes[name]
+        unit = units(self.scene, one)
         if isinstance(one, Drive):
             return f"{_short(name)}: drive, {_load('v', one.velocity, unit.velocity)}"
-        mass = f"{one.inertia:.4g} {unit.inertia}" if self.scene.motion else f"inertia {one.inertia:.4g}"
-        return f"{_short(name)}: {mass}"
+        return f"{_short(name)}: {'' if unit.known else 'inertia '}{_with_unit(one.inertia, unit.inertia)}"
 
     def on(self, ax: Any) -> Any:
         """Draw on axes, or on those of a new figure."""
@@ -288,18 +288,15 @@ def _link(element: Any, scene: Scene) -> _Link | None:
             law = () if type(element.law) is DryFriction else (type(element.law).__name__,)
             return _Link(ends, symbols.plates, (*name, _load("N", element.normal, "N"), *law))
         case Spring() if element.damping:
-            label = f"k = {element.stiffness:.4g}", f"c = {element.damping:.4g}"
-            if scene.motion:
-                label = f"{label[0]} {unit.stiffness}", f"{label[1]} {unit.damping}"
-            return _Link(ends, symbols.spring_and_dashpot, label)
-        case Spring():
-            stiffness = f"k = {element.stiffness:.4g}"
-            return _Link(
-                ends, symbols.spring, (f"{stiffness} {unit.stiffness}" if scene.motion else stiffness,)
+            stiffness, damping = (
+                f"k = {_with_unit(element.stiffness, unit.stiffness)}",
+                f"c = {_with_unit(element.damping, unit.damping)}",
             )
+            return _Link(ends, symbols.spring_and_dashpot, (stiffness, damping))
+        case Spring():
+            return _Link(ends, symbols.spring, (f"k = {_with_unit(element.stiffness, unit.stiffness)}",))
         case Damper():
-            damping = f"c = {element.damping:.4g}"
-            return _Link(ends, symbols.dashpot, (f"{damping} {unit.damping}" if scene.motion else damping,))
+            return _Link(ends, symbols.dashpot, (f"c = {_with_unit(element.damping, unit.damping)}",))
         case Gear():
             return _Link(
                 ends,
@@ -353,15 +350,20 @@ def _pushes(scene: Scene) -> dict[str, list[str]]:
     """Return what is written at the forces on each body."""
     found: dict[str, list[str]] = {}
     for force in scene.forces:
-        found.setdefault(force.body, []).append(_load("F", force.signal, units(scene).force))
+        found.setdefault(force.body, []).append(_load("F", force.signal, units(scene, force).force))
     return found
 
 
 def _load(symbol: str, load: Any, unit: str) -> str:
     """Return a load that is a number with its unit; of another, what it depends on."""
     if isinstance(load, Constant):
-        return f"{symbol} = {load.value:.4g}" + ("" if "|" in unit else f" {unit}")
+        return f"{symbol} = {_with_unit(load.value, unit)}"
     return f"{symbol}(t)" if isinstance(load, Signal) else f"{symbol}(t, state)"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    """Return a number with its unit, but not with one of two."""
+    return f"{value:.4g}" if "|" in unit else f"{value:.4g} {unit}"
 
 
 def _short(text: str) -> str:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.model.scene import Block, Body, Contact, Drive, Element, Sampled, Scene, StateSpace
+from stickslip.model.elements import Block, Body, Contact, Drive, Element, Sampled, StateSpace
+from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Trajectory
 

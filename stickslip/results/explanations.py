@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
-from stickslip.model.elements import KINDS, AnyBlock, Sampled, StateSpace
+from stickslip.model.elements import KINDS, AnyBlock, Contact, Gap, OneWay, Sampled, StateSpace, Stop
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
-from stickslip.model.scene import Contact, Gap, OneWay, Scene, Stop
-from stickslip.model.signal_makers import Constant, as_signal
-from stickslip.results.outcome import Event, Outcome
+from stickslip.model.scene import Scene
+from stickslip.model.signals import Constant, as_signal
+from stickslip.results.outcome import Event, Outcome, Runs
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
 
@@ -47,17 +47,23 @@ def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str
     return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
 
 
-def explain_result(result: Outcome) -> str:
-    """Return what was compiled, which guards were watched, and why each event happened.
+def explain_result(result: Runs) -> str:
+    """Return what was compiled, which guards were watched, and why each event happened, run by run.
 
     Parameters
     ----------
-    result : Outcome
+    result : Result or Joined
         One that kept only its outputs gets causes without numbers.
     """
-    trajectory = result.samples.trajectory
-    lines = _compiled(trajectory.system, trajectory.loads)
-    return "\n".join([*lines, *_watched(result), *_event_sentences(result)])
+    parts = []
+    for run in result.runs:
+        trajectory = run.samples.trajectory
+        lines = (
+            [f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s"] if len(result.runs) > 1 else []
+        )
+        lines += _compiled(trajectory.system, trajectory.loads)
+        parts.append("\n".join([*lines, *_watched(run), *_event_sentences(run)]))
+    return "\n\n".join(parts)
 
 
 def span_of(scene: Scene) -> tuple[float, float]:
@@ -352,10 +358,15 @@ def _event_sentences(result: Outcome) -> list[str]:
     events, samples = result.events, result.samples
     if not events:
         return ["Events: none"]
-    unit = units(samples.system.scene)
-    lines = [f"Events: {len(events)} (forces in {unit.force}, velocities in {unit.velocity})"]
+    scene = samples.system.scene
     names = {row.name: j for j, row in enumerate(samples.system.rows)}
     of_rows = [event for event in events if event.contact in names]
+    elements = {row.name: row for row in scene.rows}
+    changing = {event.contact: elements[event.contact] for event in of_rows}
+    shared = units(scene, *changing.values())
+    own = {name: units(scene, row) for name, row in changing.items()}
+    lines = [f"Events: {len(events)} (forces in {shared.force}, velocities in {shared.velocity})"]
+    noted = {name: f" [{unit.force}, {unit.velocity}]" for name, unit in own.items() if unit != shared}
     rows = [names[event.contact] for event in of_rows]
     dense = bool(of_rows) and samples.trajectory.is_dense
     around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
@@ -365,7 +376,7 @@ def _event_sentences(result: Outcome) -> list[str]:
             event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
         )
         change = f"{event.before.name} -> {event.after.name}"
-        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}")
+        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}{noted.get(event.contact, '')}")
     return lines
 
 

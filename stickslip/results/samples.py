@@ -19,8 +19,9 @@ from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.model.elements import GROUND, Body, Drive, Sampled
 from stickslip.model.modes import Mode
-from stickslip.model.scene import GROUND, Body, Drive, Sampled, Scene
+from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.trajectory import Trajectory, by_piece
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from stickslip.model.elements import GROUND, Body, Drive, Force
+from stickslip.model.elements.base import Motion, Radii
 from stickslip.model.scene import Scene
 
 __all__ = ["Units", "units"]
@@ -27,24 +29,50 @@ class Units:
     stiffness: str
     damping: str
 
+    @property
+    def known(self) -> bool:
+        """Whether they are those of one kind of motion."""
+        return self is not _BOTH
 
-_TRANSLATION = Units("kg", "m", "m/s", "N", "N/m", "N s/m")
-_ROTATION = Units("kg m²", "rad", "rad/s", "N m", "N m/rad", "N m s/rad")
+
 _BOTH = Units("kg | kg m²", "m | rad", "m/s | rad/s", "N | N m", "N/m | N m/rad", "N s/m | N m s/rad")
+_OF: dict[Motion | None, Units] = {
+    "translation": Units("kg", "m", "m/s", "N", "N/m", "N s/m"),
+    "rotation": Units("kg m²", "rad", "rad/s", "N m", "N m/rad", "N m s/rad"),
+    None: _BOTH,
+}
 
 
-def units(scene: Scene, element: Any = None) -> Units:
-    """Return the units of a scene's bodies, or those of one of its elements.
+def units(scene: Scene, *elements: Any) -> Units:
+    """Return the units that some elements of a scene share; both beside each other where they differ.
 
-    Radii turn rad/s into m/s: what joins two bodies at radii is measured in m/s and N, also where the scene rotates.
+    What joins bodies at radii is measured along a line, in m/s and N, unless all its bodies rotate and its radii are 1.
+    A tie or a gear has the units of its first member whose coefficient is 1 or -1 (of a gear `a`, of a planetary the
+    sun): its force is the one on that member.
 
     Parameters
     ----------
     scene : Scene
-    element : Element, optional
-        A contact, spring or another element that joins bodies.
+    *elements : Element
+        Bodies, drives, forces, or what joins bodies; by default all bodies and drives.
     """
-    if scene.motion is None:
-        return _BOTH
-    radii = (getattr(element, "radius_a", 1.0), getattr(element, "radius_b", 1.0))
-    return _ROTATION if scene.motion == "rotation" and radii == (1.0, 1.0) else _TRANSLATION
+    motions = {_motion(scene, element) for element in elements or (*scene.bodies, *scene.drives)}
+    return _OF[motions.pop()] if len(motions) == 1 else _BOTH
+
+
+def _motion(scene: Scene, element: Any) -> Motion | None:
+    """Return along what an element's quantities are measured."""
+    if isinstance(element, (Body, Drive)):
+        return scene.motions[element.name]
+    if isinstance(element, Force):
+        return scene.motions[element.body]
+    members = {name: c for name, c in getattr(element, "coefficients", {}).items() if name != GROUND}
+    if not isinstance(element, Radii):
+        first = next((name for name, c in members.items() if abs(c) == 1), None)
+        members = members if first is None else {first: 1.0}
+    said = {scene.motions[name] for name in members}
+    if said <= {None}:
+        return None
+    if "translation" in said or (isinstance(element, Radii) and element.radii != (1.0, 1.0)):
+        return "translation"
+    return None if None in said else "rotation"

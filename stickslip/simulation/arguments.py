@@ -17,7 +17,6 @@ from stickslip.model.checks import finite
 from stickslip.model.laws.base import Use
 from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import as_signal
 from stickslip.model.when import When
 from stickslip.simulation.tolerances import largest_value
 
@@ -116,7 +115,7 @@ def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     v = np.array([body.velocity for body in scene.bodies])
     w = system.relative_velocity(v, q)
     # what a drive that starts from 0 has there may be roundoff of its later speeds
-    led = (largest_value(as_signal(d.velocity, d.label), start, stop) for d in scene.drives)
+    led = (largest_value(drive.velocity, start, stop) for drive in scene.drives)
     largest = max([*np.abs(v).tolist(), *led])
     for j, element in enumerate(scene.rows):
         if not rigid[j]:

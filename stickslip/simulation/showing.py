@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from stickslip.model.scene import Scene
-from stickslip.model.showing import register
 
-__all__ = ["attach", "draw", "html"]
+__all__ = ["draw", "html", "let_scenes_show_themselves"]
 
 
 def draw(scene: Scene, *, ax: Any = None) -> Any:
@@ -24,7 +23,6 @@ def html(scene: Scene) -> str:
     return scene_html(scene)
 
 
-def attach() -> None:
-    """Let scenes show themselves."""
-    register("draw", draw)
-    register("html", html)
+def let_scenes_show_themselves() -> None:
+    """Let scenes draw themselves, and show themselves in notebooks."""
+    Scene.shown_by.update(draw=draw, html=html)

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Block, Body, Contact, Drive, Scene, StateSpace
+from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.simulation.simulate import compiled

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
-from stickslip.results.units import units
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.directions import along_parameter
@@ -388,7 +387,7 @@ class _Problem:
         return Fit(
             tuple(one.name for one in self._parameters),
             x,
-            tuple(_unit(scene, one) for one in self._parameters),
+            tuple(one.unit(scene) for one in self._parameters),
             covariance,
             scene,
             self._result(x, self._stop),
@@ -454,36 +453,3 @@ def _least(
         gtol=1e-15,
     )
     return found.x, float(found.cost)
-
-
-_DIMENSIONLESS = ("ratio", "scale", "stribeck_exponent")
-
-
-def _unit(scene: Scene, parameter: Parameter) -> str:
-    """Return the SI unit of a parameter, as far as its name tells it."""
-    element = scene.elements[parameter.place]
-    own = units(scene, element)
-    last = next((step for step in reversed(parameter.steps) if isinstance(step, str)), "")
-    if last.startswith("mu_") or last in _DIMENSIONLESS:
-        return ""
-    if last in ("dwell", "rested", "times"):
-        return "s"
-    if last == "frequency":
-        return "1/s"
-    if last == "phase":
-        return "rad"
-    table = {
-        "inertia": own.inertia,
-        "stiffness": own.stiffness,
-        "damping": own.damping,
-        "velocity": own.velocity,
-        "stribeck_velocity": own.velocity,
-        "position": own.position,
-        "rest": own.position,
-        "normal": own.force,
-        "signal": own.force,
-    }
-    load = next((step for step in parameter.steps if step in ("normal", "signal", "velocity")), None)
-    if last in ("amplitude", "offset", "value", "values") and load is not None:
-        return own.velocity if load == "velocity" else own.force
-    return table.get(last, "")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.elements import Force
 from stickslip.model.modes import Mode
-from stickslip.model.scene import Force, Scene
+from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.simulate import simulate
 

@@ -10,13 +10,17 @@ from typing import Any
 from stickslip.model.checks import finite
 from stickslip.model.elements.base import Element, Named, listed
 from stickslip.model.scene import Scene
-from stickslip.model.signal_makers import Constant, Signal
+from stickslip.model.signals import Constant, Signal
+from stickslip.results.units import units
 
 __all__ = ["Parameter", "named_parameters"]
 
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d+)\]")
 _AT_START = {"velocity", "position", "rested"}
 _SCALE = "scale"
+_LOADS = ("normal", "signal", "velocity")
+_OF_LOADS = ("amplitude", "offset", "value", "values")
+"""Fields of signals that have the unit of what the signal is."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,24 @@ class Parameter:
         elements: list[Any] = list(scene.elements)
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
         return Scene(*elements, motion=scene.motion)
+
+    def unit(self, scene: Scene) -> str:
+        """Return the SI unit, as far as the name tells it; an empty text for a pure number."""
+        own = units(scene, scene.elements[self.place])
+        fields = [step for step in self.steps if isinstance(step, str)]
+        last = fields[-1] if fields else ""
+        if last in _OF_LOADS:
+            last = next((field for field in fields if field in _LOADS), "")
+        known = {
+            **dict.fromkeys(("dwell", "rested", "times", "period"), "s"),
+            "frequency": "1/s",
+            "phase": "rad",
+            "normal": "N",
+            "signal": own.force,
+            "rest": own.position,
+            "stribeck_velocity": own.velocity,
+        }
+        return known.get(last) or str(getattr(own, last, ""))
 
     def at(self, scene: Scene) -> Parameter:
         """Return the parameter as it is in another scene of the same elements."""

@@ -56,13 +56,12 @@ class SceneRuns:
 
     def unit(self, name: str) -> str:
         """Return the unit of a value or a parameter, or an empty text where it has none or is not known."""
-        kind, _, rest = name.partition(" ")
-        if rest and kind in ("velocity", "heat"):
-            return units(self.scene).velocity if kind == "velocity" else "J"
-        field, unit = name.rpartition(".")[2], units(self.scene)
-        if field in ("inertia", "velocity", "position", "stiffness", "damping"):
-            return str(getattr(unit, field))
-        return {"normal": "N", "dwell": "s", "rested": "s"}.get(field, "")
+        bodies = {f"velocity {body.name}": body for body in self.scene.bodies}
+        if name in bodies:
+            return units(self.scene, bodies[name]).velocity
+        if name == "events" or name.startswith(("stuck ", "heat ")):
+            return "J" if name.startswith("heat ") else ""
+        return named_parameters(self.scene, [name], "sweep")[0].unit(self.scene)
 
 
 def values_of(text: str) -> list[float]:

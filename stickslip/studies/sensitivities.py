@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from stickslip.engines import MethodName
 from stickslip.equations.motion import Motion
-from stickslip.model.scene import GROUND, Scene
+from stickslip.model.elements import GROUND
+from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
 from stickslip.studies.directions import along_parameter

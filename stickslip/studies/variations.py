@@ -524,7 +524,7 @@ class Variation:
 
     def _sizes(self, guards: Guards, path: Path) -> tuple[Array, Array]:
         """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
-        size = guards.sizes(float(path.taus[-1]), path.last, path.largest)
+        _, size = guards.at_end(path)
         slopes = guards.majorant[1]
         if guards.is_border.any():
             system, equations = self.system, guards.motion.equations
@@ -642,7 +642,7 @@ class Variation:
         piece = self.trajectory.pieces[number]
         path = piece.path
         assert path is not None
-        if piece.end <= 0 or motion.equations.guard_row.size == 0:
+        if piece.end <= 0 or not motion.equations.guards.size:
             return
         guards = self._guards(piece, motion)
         parts = np.linspace(0.0, 1.0, _LOOKS + 1)[:-1]

@@ -32,7 +32,7 @@ from stickslip import (
     velocity,
 )
 from stickslip.model.quantities import Expression, as_expression, as_load
-from stickslip.model.signal_makers import Constant
+from stickslip.model.signals import Constant
 
 LAW = DryFriction(0.2, 0.1)
 

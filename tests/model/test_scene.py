@@ -27,7 +27,7 @@ from stickslip import (
     step,
     triangle,
 )
-from stickslip.model.signal_makers import Constant
+from stickslip.model.signals import Constant
 
 DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1, dwell=0.1)
 BRAKE = triangle(0.05, 0.10, 0.15, slope=3000) + triangle(0.4, 0.5, 0.6, slope=3000)
@@ -84,7 +84,9 @@ def test_a_scene_is_frozen_and_compares_by_value() -> None:
 
 def test_a_scene_prints_the_call_that_makes_it() -> None:
     text = repr(WHEELS)
-    assert text.startswith("Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0), ")
+    assert text.startswith(
+        "Scene(Body(name='wheel1', inertia=1.0, velocity=1.0, position=0.0, motion=None), "
+    )
     assert "Contact(name='brake', a='wheel1', b='ground'" in text
 
 

@@ -11,16 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stickslip import Signal, piecewise_linear, signal, sine, step, triangle
-from stickslip.model.signal_makers import (
-    Constant,
-    Function,
-    PiecewiseLinear,
-    Sine,
-    Sum,
-    as_signal,
-    signal_from_dict,
-    time_scale,
-)
+from stickslip.model.signal_makers import signal_from_dict
+from stickslip.model.signals import Constant, Function, PiecewiseLinear, Sine, Sum, as_signal, time_scale
 
 BRAKE = triangle(0.05, 0.10, 0.15, slope=3000) + triangle(0.4, 0.5, 0.6, slope=3000)
 

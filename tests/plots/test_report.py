@@ -47,7 +47,8 @@ def test_ids_of_drawings_do_not_clash(page):
     [
         "Two flywheels & a brake",
         "The end of the time span was reached: from 0 s to 4 s, 5 events.",
-        "velocity at 4 s [rad/s]",
+        "velocity at 4 s",
+        "rad/s wheel2",
         "0.473006763",
         "STUCK \u2192 BACKWARD",
         "heat of interface",

@@ -1,108 +1,46 @@
-"""What all elements of a scene have in common, and the book in which they place themselves."""
+"""What elements of a scene have in common, by what they are: named, moving, between two bodies, a row."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import fields
-from typing import Any, Protocol
+from typing import Any, ClassVar, Literal, get_args
 
-from stickslip.model.checks import NamedArguments, finite
+from stickslip.model.checks import NamedArguments, check_name, finite
+from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity, as_load
-from stickslip.model.signal_makers import as_signal
-from stickslip.model.signals import Load
+from stickslip.model.signals import Load, as_signal
 
-__all__ = ["GROUND", "Book", "Element", "Link", "Named", "Radii", "Row", "check_members", "listed"]
+__all__ = [
+    "GROUND",
+    "Book",
+    "Element",
+    "Link",
+    "Motion",
+    "Moving",
+    "Named",
+    "Radii",
+    "Row",
+    "check_members",
+    "check_motion",
+    "listed",
+]
 
-GROUND = "ground"
-"""Name of the ground: a body that never moves."""
-
-
-class Book(Protocol):
-    """Where elements enter what they are made of: bodies, drives, rows, couplings, blocks, forces."""
-
-    def body(self, body: Any) -> None:
-        """Enter a free body."""
-        ...
-
-    def drive(self, drive: Any) -> None:
-        """Enter a body of prescribed velocity."""
-        ...
-
-    def row(
-        self,
-        name: str,
-        coefficients: Mapping[str, float],
-        *,
-        law: Law | None = None,
-        kind: str = "friction",
-        normal: Load | float = 0.0,
-        rested: float = 0.0,
-        deflection: float = 0.0,
-        slipping: bool = False,
-        restitution: float = 0.0,
-    ) -> None:
-        """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
-        ...
-
-    def couple(
-        self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
-    ) -> None:
-        """Enter a spring and damper along ``stretch = sum c_i x_i``."""
-        ...
-
-    def block(self, block: Any) -> None:
-        """Enter a block."""
-        ...
-
-    def push(self, body: str, force: Load | float) -> None:
-        """Enter a force on a body."""
-        ...
-
-    def read_position(self, name: str) -> None:
-        """Make the position of a body or drive a state, as springs do: something else reads it."""
-        ...
-
-    def piecewise(
-        self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
-    ) -> int:
-        """Enter a continuous piecewise-linear function of the state, and return its number.
-
-        In each set of modes the function is in one of its regions: there it is linear, and the borders of the region
-        are guards like all others. Settling picks the region after each event. A push limited to -1 and 1::
-
-            q = Linear(positions={"cart": -k})
-            regions = [Region(q, ((q + 1, 1), (1 - q, 2)))]
-            regions += [Region(Linear(constant=-1), ((-1 - q, 0),)), Region(Linear(constant=1), ((q - 1, 0),))]
-            book.piecewise("push on 'cart'", regions, acts={"cart": 1})
-
-        Where something other than a force on a body reads the value, leave `acts` empty; in one set of modes the value
-        is ``functions.value_y[at] @ y + functions.value_q[at] @ q`` with ``functions = system.piecewise`` and ``at =
-        functions.places(equations.regions)``.
-
-        Parameters
-        ----------
-        label : str
-            How messages name it.
-        regions : sequence of Region
-            Their borders name each other by their place in this sequence.
-        acts : dict of str to float
-            By name of the body: its force on body i is ``acts[i]`` times the value. It may be empty.
-        row : str, optional
-            The row that shows the modes of the regions. Where it is of kind "gap" the value is its force r.
-        """
-        ...
+Motion = Literal["rotation", "translation"]
+"""How a body moves: it decides the units that tables and drawings show, and no number."""
 
 
 class Element(metaclass=NamedArguments):
     """A part of a scene."""
 
+    called: ClassVar[str] = ""
+
     @classmethod
     def noun(cls) -> str:
-        """What the kind of element is called in prose."""
-        return cls.__name__.lower()
+        """What the kind of element is called in prose: as its class says, else by the name of that."""
+        return cls.called or cls.__name__.lower()
 
     @property
     def label(self) -> str:
@@ -157,11 +95,7 @@ class Element(metaclass=NamedArguments):
         object.__setattr__(self, name, as_load(getattr(self, name), f"{self.label}: {name}"))
 
     def _identifier(self, name: str) -> None:
-        value = getattr(self, name)
-        if not isinstance(value, str) or not value:
-            raise TypeError(
-                f"{type(self).__name__}: {name} must be a name (a string that is not empty), got {value!r}"
-            )
+        check_name(getattr(self, name), f"{type(self).__name__}: {name}")
 
 
 class Named(Element):
@@ -174,14 +108,21 @@ class Named(Element):
         """How messages name the element."""
         return f"{self.noun()} {self.name!r}"
 
-    def _free_name(self) -> None:
-        """Check the name of a body or a drive: a contact may be called what it likes."""
+
+class Moving(Named):
+    """A body or a drive: it has a velocity and a position, and may say how it moves."""
+
+    motion: Motion | None
+
+    def _check_name_and_motion(self) -> None:
+        """Check what a body and a drive have in common; a contact may be called what it likes."""
         self._identifier("name")
         if self.name == GROUND:
             raise ValueError(
                 f"{type(self).__name__}: the name {GROUND!r} is taken by the ground, which is always there; "
                 f"rename {self.label}, or leave it out and join to GROUND"
             )
+        check_motion(self.motion, self.label, "for what the scene says")
 
 
 class Link(Element):
@@ -224,6 +165,11 @@ class Radii(Link):
         """What the velocities of the ends are multiplied by in the relative velocity."""
         return {self.a: self.radius_a, self.b: -self.radius_b}
 
+    @property
+    def radii(self) -> tuple[float, float]:
+        """The radii of both ends."""
+        return self.radius_a, self.radius_b
+
     def _check_limits(self) -> None:
         """Check the limits of a stretch: in order, and at least one of them finite."""
         lower, upper = (getattr(self, name) for name in ("lower", "upper"))
@@ -246,6 +192,14 @@ class Radii(Link):
     def _check_radii(self) -> None:
         for name in ("radius_a", "radius_b"):
             self._not_zero(name, "an end at radius 0 transmits no force; use 1 for the body's own velocity")
+
+
+def check_motion(motion: Any, label: str, default: str) -> None:
+    """Refuse what is no kind of motion."""
+    if motion is not None and motion not in get_args(Motion):
+        raise ValueError(
+            f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
+        )
 
 
 def check_members(label: str, members: Iterable[str], free: frozenset[str], known: frozenset[str]) -> None:

@@ -135,7 +135,6 @@ class Block(AnyBlock):
     outputs: int | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._check_inputs()
         states = self._numbers("states")
@@ -183,6 +182,8 @@ class StateSpace(AnyBlock):
         If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
     """
 
+    called = "state space"
+
     name: str
     A: Any
     B: Any = None
@@ -193,13 +194,7 @@ class StateSpace(AnyBlock):
     states: Numbers | None = None
     limits: tuple[tuple[float, float], ...] | None = None
 
-    @classmethod
-    def noun(cls) -> str:
-        """What the kind of element is called in prose."""
-        return "state space"
-
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._check_inputs()
         if hasattr(self.A, "A") and self.B is None and self.C is None:
@@ -324,6 +319,8 @@ class Sampled(AnyBlock):
         If an input is no quantity, a number not finite, the period not positive, or a function no function.
     """
 
+    called = "sampled block"
+
     name: str
     _: KW_ONLY
     period: float
@@ -335,13 +332,7 @@ class Sampled(AnyBlock):
     first: float | None = None
     held: Numbers = ()
 
-    @classmethod
-    def noun(cls) -> str:
-        """What the kind of element is called in prose."""
-        return "sampled block"
-
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         if self._number("period") <= 0:
             raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Named
+from stickslip.model.elements.base import Book, Motion, Moving
 
 __all__ = ["Body"]
 
@@ -14,7 +14,7 @@ _LEAST = 1e-300
 
 
 @dataclass(frozen=True)
-class Body(Named):
+class Body(Moving):
     """A free body: a flywheel, a block, a node of a drive line.
 
     Parameters
@@ -25,6 +25,8 @@ class Body(Named):
         Mass in kg or moment of inertia in kg m^2, positive; or 0 where ties alone decide how the body moves.
     velocity, position : float
         At the start, in m/s or rad/s and in m or rad.
+    motion : "rotation" or "translation", optional
+        How it moves, where that differs from what the scene says. It changes no number, only the units that are shown.
 
     Raises
     ------
@@ -37,10 +39,10 @@ class Body(Named):
     inertia: float
     velocity: float = 0.0
     position: float = 0.0
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
-        self._free_name()
+        self._check_name_and_motion()
         if (inertia := self._number("inertia")) < _LEAST and inertia != 0:
             raise ValueError(
                 f"{self.label}: inertia must be positive, got {inertia:g}; "

@@ -60,7 +60,6 @@ class Contact(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._two_ends()
         if not isinstance(self.law, Law) or not isinstance(getattr(self.law, "law", self.law), DryFriction):

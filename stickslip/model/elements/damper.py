@@ -39,7 +39,6 @@ class Damper(Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._two_ends()
         self._not_negative("damping")
         self._check_radii()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Named
+from stickslip.model.elements.base import Book, Motion, Moving
 from stickslip.model.signals import Signal
 
 __all__ = ["Drive"]
 
 
 @dataclass(frozen=True)
-class Drive(Named):
+class Drive(Moving):
     """A body of prescribed velocity: a belt, a motor, a moving plate.
 
     Parameters
@@ -22,6 +22,8 @@ class Drive(Named):
         In m/s or rad/s.
     position : float
         At the start, in m or rad.
+    motion : "rotation" or "translation", optional
+        How it moves, where that differs from what the scene says. It changes no number, only the units that are shown.
 
     Raises
     ------
@@ -33,10 +35,10 @@ class Drive(Named):
     _: KW_ONLY
     velocity: Signal | float
     position: float = 0.0
+    motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check the fields."""
-        self._free_name()
+        self._check_name_and_motion()
         self._signal("velocity")
         self._number("position")
 

@@ -31,7 +31,6 @@ class Force(Element):
     signal: Load | float
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("body")
         self._load("signal")
 

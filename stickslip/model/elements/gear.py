@@ -37,7 +37,6 @@ class Gear(Row, Link):
     ratio: float
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._two_ends()
         self._not_zero("ratio", "a Tie with one member holds a body still")

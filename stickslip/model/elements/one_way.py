@@ -32,6 +32,8 @@ class OneWay(Row, Radii):
         If the ends are the same, or a radius is 0 or not finite.
     """
 
+    called = "one-way clutch"
+
     name: str
     a: str
     b: str
@@ -40,15 +42,9 @@ class OneWay(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._two_ends()
         self._check_radii()
-
-    @classmethod
-    def noun(cls) -> str:
-        """What the kind of element is called in prose."""
-        return "one-way clutch"
 
     def place(self, book: Book) -> None:
         """Enter a row that is held while its force is positive."""

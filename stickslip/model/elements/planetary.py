@@ -39,7 +39,6 @@ class Planetary(Row):
     ratio: float
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         for part in ("sun", "carrier", "ring"):
             self._identifier(part)

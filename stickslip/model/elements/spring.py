@@ -44,7 +44,6 @@ class Spring(Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._two_ends()
         self._not_negative("stiffness")
         self._not_negative("damping")

@@ -56,7 +56,6 @@ class Stop(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         self._two_ends()
         self._check_limits()

@@ -36,7 +36,6 @@ class Tie(Row):
     coefficients: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        """Check the fields."""
         self._identifier("name")
         given = self.coefficients
         if not isinstance(given, Mapping):

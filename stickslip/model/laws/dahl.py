@@ -35,6 +35,5 @@ class Dahl(BristleLaw):
     stiffness: float
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         self._check_law()
         self._check_number("stiffness", positive=True)

@@ -124,7 +124,6 @@ class DryFriction(Law):
     kinetic: Callable[[float], float] | None = None
 
     def __post_init__(self) -> None:
-        """Check the coefficients."""
         for name in ("mu_static", "mu_coulomb", "dwell", "mu_static_backward", "mu_coulomb_backward"):
             if getattr(self, name) is None and name.endswith("_backward"):
                 continue
@@ -289,7 +288,7 @@ def law_from_dict(data: Any, what: str) -> Law:
         raise ValueError(f"{what}: unknown law type {kind!r}; known are {', '.join(_MAKERS)}")
     if "kinetic" in values:
         raise ValueError(f"{what}: a kinetic curve is code and cannot stand in a file; use stribeck_velocity")
-    check_entries(_MAKERS[kind], kind, values, what, code=("kinetic",))
+    check_entries(_MAKERS[kind], kind, values, what, TypeError, code=("kinetic",))
     if "law" in values:
         values["law"] = law_from_dict(values["law"], what)
     try:

@@ -35,7 +35,6 @@ class Karnopp(Law):
     velocity: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         self._check_law()
         self._check_number("velocity", positive=True)
 

@@ -124,7 +124,6 @@ class LuGre(BristleLaw):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         self._check_law()
         self._check_number("stiffness", positive=True)
         self._check_number("damping", positive=False)

@@ -115,7 +115,6 @@ class PreSlip(Law):
     shape: Shape = "linear"
 
     def __post_init__(self) -> None:
-        """Check the parameters."""
         self._check_law()
         self._check_number("velocity", positive=True)
         if not isinstance(self.shape, str) or self.shape not in _SHAPES:

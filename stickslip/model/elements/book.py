@@ -1,20 +1,23 @@
-"""Where the elements of a scene place themselves: bodies, rows, couplings, forces."""
+"""The book in which elements place themselves: bodies, rows, couplings, forces."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.piecewise import Linear, Region
-from stickslip.model.scene import GROUND, AnyBlock, Body, Drive, Scene
-from stickslip.model.signal_makers import Constant, Load, Signal
+from stickslip.model.signals import Constant, Load, Signal
 
-__all__ = ["Book", "Coupling", "Piecewise", "Row"]
+__all__ = ["GROUND", "Book", "Coupling", "Piecewise", "RowEntry"]
+
+GROUND = "ground"
+"""Name of the ground: a body that never moves."""
 
 
 @dataclass(frozen=True)
-class Row:
+class RowEntry:
     """``w = sum c_i v_i`` over bodies and drives; its force r acts with ``-c_i r`` on body i.
 
     Attributes
@@ -45,9 +48,9 @@ class Row:
     kind: str
     normal: Load
     rested: float
-    deflection: float = 0.0
-    slipping: bool = False
-    restitution: float = 0.0
+    deflection: float
+    slipping: bool
+    restitution: float
 
 
 @dataclass(frozen=True)
@@ -82,30 +85,42 @@ class Piecewise:
 
 
 class Book:
-    """The entries of a scene, and quantities that are watched without acting on anything."""
+    """What elements enter, in the order of the elements, and loads that are watched without acting on anything.
 
-    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
+    Attributes
+    ----------
+    index : dict of str to int
+        The number of each body and drive: first the bodies, then the drives, last the ground.
+    row_index : dict of str to int
+        The number of each row.
+    read : set of int
+        Bodies and drives whose positions piecewise-linear functions read.
+    """
+
+    def __init__(self, elements: Iterable[Any], watched: Sequence[Load] = ()) -> None:
         self.watched = list(watched)
-        self.bodies: list[Body] = []
-        self.drives: list[Drive] = []
-        self.rows: list[Row] = []
+        # these three hold elements
+        self.bodies: list[Any] = []
+        self.drives: list[Any] = []
+        self.blocks: list[Any] = []
+        self.rows: list[RowEntry] = []
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Load, str]] = []
-        self.blocks: list[AnyBlock] = []
         self.piecewises: list[Piecewise] = []
         self.signals: list[Signal] = []
         self.read: set[int] = set()
         self.index: dict[str, int] = {}
-        for element in scene.elements:
+        self.row_index: dict[str, int] = {}
+        for element in elements:
             element.place(self)
         self.index[GROUND] = len(self.index)
 
-    def body(self, body: Body) -> None:
+    def body(self, body: Any) -> None:
         """Enter a free body; all of them come before the drives."""
         self.index[body.name] = len(self.index)
         self.bodies.append(body)
 
-    def drive(self, drive: Drive) -> None:
+    def drive(self, drive: Any) -> None:
         """Enter a body of prescribed velocity."""
         self.index[drive.name] = len(self.index)
         self.drives.append(drive)
@@ -123,17 +138,19 @@ class Book:
         slipping: bool = False,
         restitution: float = 0.0,
     ) -> None:
-        """Enter a row."""
+        """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
+        self.row_index[name] = len(self.rows)
         own = self._by_index(coefficients)
-        self.rows.append(Row(name, own, law, kind, _load(normal), rested, deflection, slipping, restitution))
+        entry = RowEntry(name, own, law, kind, _load(normal), rested, deflection, slipping, restitution)
+        self.rows.append(entry)
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
     ) -> None:
-        """Enter a spring and damper."""
+        """Enter a spring and damper along ``stretch = sum c_i x_i``."""
         self.couplings.append(Coupling(label, self._by_index(coefficients), stiffness, damping, rest))
 
-    def block(self, block: AnyBlock) -> None:
+    def block(self, block: Any) -> None:
         """Enter a block."""
         self.blocks.append(block)
 
@@ -141,29 +158,51 @@ class Book:
         """Enter a force on a body."""
         self.forces.append((self.index[body], _load(force), f"force on {body!r}"))
 
-    def loads(self) -> list[Load]:
-        """Return all loads that may depend on the state."""
-        forces = [load for _, load, _ in self.forces]
-        normals = [row.normal for row in self.rows]
-        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
-
     def read_position(self, name: str) -> None:
-        """Make the position of a body or drive a state."""
+        """Make the position of a body or drive a state, as springs do: something else reads it."""
         if name != GROUND:
             self.read.add(self.index[name])
 
     def piecewise(
         self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
     ) -> int:
-        """Enter a piecewise-linear function of the state."""
+        """Enter a continuous piecewise-linear function of the state, and return its number.
+
+        In each set of modes the function is in one of its regions: there it is linear, and the borders of the region
+        are guards like all others. Settling picks the region after each event. A push limited to -1 and 1::
+
+            q = Linear(positions={"cart": -k})
+            regions = [Region(q, ((q + 1, 1), (1 - q, 2)))]
+            regions += [Region(Linear(constant=-1), ((-1 - q, 0),)), Region(Linear(constant=1), ((q - 1, 0),))]
+            book.piecewise("push on 'cart'", regions, acts={"cart": 1})
+
+        Where something other than a force on a body reads the value, leave `acts` empty; in one set of modes the value
+        is ``functions.value_y[at] @ y + functions.value_q[at] @ q`` with ``functions = system.piecewise`` and ``at =
+        functions.places(equations.regions)``.
+
+        Parameters
+        ----------
+        label : str
+            How messages name it.
+        regions : sequence of Region
+            Their borders name each other by their place in this sequence.
+        acts : dict of str to float
+            By name of the body: its force on body i is ``acts[i]`` times the value. It may be empty.
+        row : str, optional
+            The row that shows the modes of the regions. Where it is of kind "gap" the value is its force r.
+        """
         for region in regions:
             for expression in (region.value, *(border for border, _ in region.borders)):
                 self._note(expression)
-        j = len(self.rows) - 1 if row is not None else -1
-        while j >= 0 and self.rows[j].name != row:
-            j -= 1
+        j = -1 if row is None else self.row_index[row]
         self.piecewises.append(Piecewise(label, tuple(regions), self._by_index(acts), j))
         return len(self.piecewises) - 1
+
+    def loads(self) -> list[Load]:
+        """Return all loads that may depend on the state."""
+        forces = [load for _, load, _ in self.forces]
+        normals = [row.normal for row in self.rows]
+        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
 
     def _note(self, expression: Linear) -> None:
         """Enter the positions and signals that an expression reads."""

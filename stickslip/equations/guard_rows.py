@@ -1,0 +1,188 @@
+"""Which guards there are in one set of modes, and of what they are made."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.piecewise import Regions
+from stickslip.equations.system import System
+from stickslip.equations.taylor import is_small_map
+
+__all__ = ["GuardRows", "InModes"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Modes = NDArray[np.int8]
+
+
+class InModes(Protocol):
+    """The equations in one set of modes, as far as guards need them: which rows are what, and what adds up."""
+
+    system: System
+    modes: Modes
+    regions: Regions
+    side: Indices
+    slip: Indices
+    held: Indices
+    pre: Indices
+    open: Indices
+    at_level: Indices
+    pressed: Indices
+    borders: Indices
+
+    def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
+        """Return what adds up in the rates and in the watched quantities."""
+        ...
+
+
+class GuardRows:
+    """Each guard is ``turn z[source] + mu q[row] - rise q[dwell] + constant``.
+
+    First the slipping rows, then the upper and the lower levels of held rows and of rows in pre-slip, then the rows
+    that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
+    on the state: N while closed, -N while open. Last come the velocities of open rows that show a mode.
+
+    Parameters
+    ----------
+    equations : InModes
+        What they are the guards of.
+    loose : array of int
+        Open rows whose velocity is watched.
+    signs : array like `loose`
+        The signs of these.
+
+    Attributes
+    ----------
+    row, source : array of int
+    turn, mu, constant : array
+    rising : array of int
+        Guards whose level rises with a dwell, by `rise` times the input `dwell`.
+    is_velocity, is_border, is_force, is_normal : array of bool
+    direction : array
+        In which a held row is pushed that comes to its limit there, 0 for others.
+    loose : int
+        How many are velocities of open rows.
+    """
+
+    def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
+        self.equations, self.loose = equations, loose.size
+        system, modes, borders = equations.system, equations.modes, equations.borders
+        m, held = system.m, equations.held
+        held_place = np.full(m, -1)
+        held_place[held] = m + np.arange(held.size)
+        # a stop at its lower limit is bounded above, at its upper one below
+        at_lower = np.zeros(m, dtype=bool)
+        if system.has_stops:
+            functions = system.piecewise
+            at_lower[functions.row[functions.is_stop & (equations.regions == 2)]] = True
+        upper = held[(system.is_friction | at_lower)[held]]
+        lower = held[~(system.is_tie | at_lower)[held]]
+        pre, top, slip = equations.pre, equations.at_level, equations.slip
+        pressed = equations.pressed
+        first = m + held.size
+        banded, side = system.laws.slips_beyond[pre], equations.side[top]
+        # a one-way clutch and a stop hold nothing below 0
+        holds = system.is_friction[lower].astype(float)
+        own = first + np.arange(top.size)
+        edge = first + top.size + np.arange(borders.size)
+        closed = np.where(np.isin(pressed, equations.open), -1, 1)
+        mu_s, rises = system.mu_s, system.rise
+        # row, source, turn, mu, rise, constant, direction, kind
+        parts: list[tuple[Any, ...]] = [
+            (slip, slip, modes[slip], 0, 0, 0, 0, 0),
+            (upper, held_place[upper], -1, mu_s[0, upper], rises[0, upper], 0, 1, 1),
+            (lower, held_place[lower], 1, holds * mu_s[1, lower], holds * rises[1, lower], 0, -1, 1),
+            (pre, pre, -1, 0, 0, banded, 1, 0),
+            (pre, pre, 1, 0, 0, banded, -1, 0),
+            (top, own, 1 - 2 * side, -mu_s[side, top], -rises[side, top], 0, 0, 1),
+            (-np.ones(borders.size), edge, 1, 0, 0, 0, 0, 2),
+            (pressed, 0, 0, closed, 0, 0, 0, 3),
+            (loose, loose, signs, 0, 0, 0, 0, 0),
+        ]
+        sizes = [part[0].size for part in parts]
+
+        def column(k: int) -> Array:
+            return np.concatenate([np.broadcast_to(part[k], n) for part, n in zip(parts, sizes, strict=True)])
+
+        self.row, self.source = column(0).astype(np.intp), column(1).astype(np.intp)
+        self.turn, self.mu, rise, self.constant, self.direction = (
+            column(k).astype(float) for k in range(2, 7)
+        )
+        kind = column(7)
+        self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
+        self.size, self.slips = self.row.size, slip.size
+        dwell_place = np.append(system.dwell_place, -1)
+        self.rising = (rise != 0).nonzero()[0]
+        self.rise = rise[self.rising]
+        self.dwell = system.inputs + dwell_place[self.row[self.rising]]
+        self.threshold = -system.laws.rests_below[slip]
+        self.has_threshold = bool(self.threshold.any())
+        self.has_levels, self.has_constant = bool(self.mu.any()), bool(self.constant.any())
+        self.has_forces, self.has_borders = bool(self.is_force.any()), bool(borders.size)
+        self.may_stick = np.zeros(self.size, dtype=bool)
+        self.may_stick[: slip.size] = system.holds_more[np.where(modes[slip] < 0, 1, 0), slip]
+        """Velocities of contacts that hold more at rest than in motion."""
+        self.has_normals = bool(pressed.size)
+        self.is_of_velocities = not self.has_forces and not self.has_borders
+        self._sizes: dict[int, Array | None] = {}
+
+    @cached_property
+    def velocities(self) -> Indices:
+        """The guards that are velocities."""
+        return np.asarray(self.is_velocity.nonzero()[0])
+
+    @cached_property
+    def others(self) -> Indices:
+        """The guards that are none."""
+        return np.asarray((~self.is_velocity).nonzero()[0])
+
+    @cached_property
+    def by_kind(self) -> Indices:
+        """All guards, those that are velocities first."""
+        return np.concatenate([self.velocities, self.others])
+
+    @cached_property
+    def kinds(self) -> Indices:
+        """Where these begin side by side: velocities, other states, guards of velocities, other guards."""
+        system = self.equations.system
+        sizes = [system.n, system.size - system.n, self.velocities.size, self.others.size]
+        ends = np.cumsum([0, *sizes])[:-1]
+        return np.asarray(ends[np.array(sizes) > 0])
+
+    def sizes(self, order: int) -> Array | None:
+        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
+
+        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
+        """
+        if order not in self._sizes:
+            equations = self.equations
+            system = equations.system
+            size, width = system.size, system.inputs + system.dwelling.size
+            columns = size + (order + 1) * width
+            found = None
+            if is_small_map(system, columns, self.size * (order + 1)):
+                found = np.zeros((order + 1, self.size, columns))
+                y = np.eye(size, columns)
+                for k in range(order + 1):
+                    q = np.eye(width, columns, size + k * width)
+                    rate, z = equations.magnitudes(y, q)
+                    found[k] = self.majorants(z, q)
+                    y = rate / (k + 1)
+                found = found.reshape(-1, columns)
+            self._sizes[order] = found
+        return self._sizes[order]
+
+    def majorants(self, z: Array, q: Array) -> Array:
+        """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""
+        turn, mu, rise = (np.abs(x) for x in (self.turn, self.mu, self.rise))
+        if z.ndim == 2:
+            turn, mu, rise = turn[:, None], mu[:, None], rise[:, None]
+        found = turn * z[self.source] + mu * q[self.row]
+        if self.rising.size:
+            found[self.rising] += rise * q[self.dwell]
+        return np.asarray(found)
