@@ -225,7 +225,7 @@ class Run:
         self._is_whole = ending.is_whole
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
         before = ending.labels
-        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._rebound)
+        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._rebound, True)
         touching = ending.touching | ((before == 0) & ~jump.parted)
         situation = Situation(t, jump.y, before, ending.since, touching, ending.fired, ending.largest)
         self._settle(situation, before, [], jump)
@@ -256,7 +256,8 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound)
+        is_exact = not now.guards.uncertain
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound, is_exact)
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
             w = motion.watched(float(path.taus[-1]), path.last)[: system.m]
