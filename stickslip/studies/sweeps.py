@@ -5,6 +5,7 @@ Nothing here knows friction: the function takes the parameters by name and retur
 
 from __future__ import annotations
 
+import inspect
 import math
 import multiprocessing
 import os
@@ -82,6 +83,7 @@ def sweep(
     if not callable(function):
         raise TypeError(f"sweep: function must be callable, got {function!r}")
     parameters = _parameters(grid)
+    _check_takes(function, parameters)
     if not (executor is None or executor == "serial" or isinstance(executor, Executor)):
         raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
     if workers is not None and executor is not None:
@@ -118,6 +120,20 @@ def sweep(
     except KeyboardInterrupt:
         raise SweepInterrupted(collect(parameters, done)) from None
     return collect(parameters, done)
+
+
+def _check_takes(function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:
+    """Refuse a function that does not take the parameters by name; one that does not tell is taken as it is."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(**dict.fromkeys(parameters))
+    except TypeError:
+        raise TypeError(
+            f"sweep: function must take {', '.join(parameters)} by name, but it is declared as {signature}"
+        ) from None
 
 
 def _parameters(grid: Mapping[str, Sequence[Any] | np.ndarray]) -> dict[str, np.ndarray]:
