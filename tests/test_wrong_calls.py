@@ -57,15 +57,15 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     # -- reading
     (
         lambda: RESULT([[0.1, 0.2]]),
-        "a result is called with a time in s or times in one line, got [[0.1, 0.2]]",
+        "a result is called with times in s, got [[0.1, 0.2]]",
     ),
-    (lambda: RESULT("1"), "a result is called with a time in s or times in one line, got '1'"),
+    (lambda: RESULT("1"), "a result is called with times in s, got '1'"),
     (
         lambda: RESULT.sample("3"),
-        "sample: times, if they are not a whole number of them, must be a sequence of numbers",
+        "sample: give times or their number, got '3'",
     ),
-    (lambda: RESULT.sample(2.5), "must be a sequence of numbers, got 2.5"),
-    (lambda: RESULT.sample(None), "must be a sequence of numbers, got None"),
+    (lambda: RESULT.sample(2.5), "sample: give times or their number, got 2.5"),
+    (lambda: RESULT.sample(None), "sample: give times or their number, got None"),
     (lambda: RESULT.sample([0.0, "1"]), "must be a sequence of numbers, got [0.0, '1']"),
     (lambda: RESULT.sample([[0.0], [1.0, 2.0]]), "must be a sequence of numbers"),
     (

@@ -161,15 +161,17 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
 
     Raises
     ------
-    TypeError
-        If they are no sequence of numbers; `what` begins the message.
+    TypeError, ValueError
+        If they are no sequence of numbers, or have rows; `what` begins the message.
     """
     try:
         found = np.asarray(values)
     except ValueError:  # rows of different lengths
         found = np.empty(0, dtype=object)
-    if found.ndim != 1 or (found.dtype.kind not in "iuf"):
+    if not found.ndim or found.dtype.kind not in "iuf":
         raise TypeError(f"{what} must be a sequence of numbers, got {reprlib.repr(values)}")
+    if found.ndim > 1:
+        raise ValueError(f"{what} must be numbers in one line, got an array of shape {found.shape}")
     return found.astype(float)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -331,7 +331,9 @@ def times_within(times: int | Sequence[float] | Array, start: float, stop: float
         if times > _MOST_TIMES:
             raise ValueError(f"sample: give at most {_MOST_TIMES} times, or times of your own choice")
         return np.linspace(start, stop, int(times))
-    return numbers(times, "sample: times, if they are not a whole number of them,")
+    if not isinstance(times, Iterable) or isinstance(times, str):
+        raise TypeError(f"sample: give times or their number, got {times!r}")
+    return numbers(times, "sample: times")
 
 
 def check_count(points: Any) -> None:

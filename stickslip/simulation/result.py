@@ -152,7 +152,7 @@ class Result(Readable):
         given = np.asarray(t)
         if given.dtype.kind not in "iuf" or given.ndim > 1:
             raise TypeError(
-                f"a result is called with a time in s or times in one line, got {t!r}; give numbers"
+                f"a result is called with times in s, got {t!r}; give a number, or numbers in one line"
             )
         times = np.atleast_1d(given.astype(float))
         states = Samples.at_times(self.trajectory, times).y

@@ -83,7 +83,6 @@ def sweep(
     if not callable(function):
         raise TypeError(f"sweep: function must be callable, got {function!r}")
     parameters = _parameters(grid)
-    _check_takes(function, parameters)
     if not (executor is None or executor == "serial" or isinstance(executor, Executor)):
         raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
     if workers is not None and executor is not None:
@@ -94,6 +93,7 @@ def sweep(
         raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
 
     log = None if save is None else SweepLog(Path(save), parameters)
+    _check_takes(function, parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
     total = math.prod(len(axis) for axis in parameters.values())
     todo = (task for task in tasks(parameters) if task[0] not in done)
