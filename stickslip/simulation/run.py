@@ -25,10 +25,11 @@ from stickslip.events.endings import (
 from stickslip.events.impact import struck
 from stickslip.events.settle import Settled, Situation, carried_on, settle
 from stickslip.model.modes import Mode
+from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
-from stickslip.simulation.watching import Borders, Watch
+from stickslip.simulation.watching import Watch
 
 __all__ = ["Run"]
 
