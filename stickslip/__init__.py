@@ -38,8 +38,8 @@ from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import piecewise_linear, signal, sine, step, triangle
 from stickslip.model.signals import Signal
 from stickslip.model.when import When
-from stickslip.results.files import output
 from stickslip.results.outcome import Event
+from stickslip.results.output import output
 from stickslip.simulation.explain import explain
 from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load

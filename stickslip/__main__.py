@@ -20,7 +20,8 @@ import numpy as np
 from stickslip import __version__
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
 from stickslip.model.scene import Scene
-from stickslip.results.files import save, to_csv, to_json
+from stickslip.results.files import save
+from stickslip.results.tables import to_csv, to_json
 from stickslip.results.units import units
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted

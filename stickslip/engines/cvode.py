@@ -34,6 +34,9 @@ _ROOTS_PER_SOLVER = 20
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 """First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there."""
 
+_NO_LIMIT = 1_000_000_000
+"""Steps that a solver may take between two values."""
+
 _Steps = tuple[float, float]
 """Longest and first step in s."""
 
@@ -99,7 +102,7 @@ class Cvode:
         if self._linear_solver.hold(self._motion.jacobian(0.0, self._motion.start)):
             self._solvers.clear()
         selected = self._motion
-        bend = selected.pick(2.0 * motion.start.y[2])
+        bend = selected.pick(2.0 * motion.first.y[2])
         first = first_step(bend, selected.start, self._tolerance, motion.horizon)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
         fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
@@ -153,7 +156,7 @@ class Cvode:
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
             solver = CVODE(rate, eventsfn=smallest_guard, num_events=1, jacfn=jacobian, **options)
-            return solver, CVODE(known_rate, jacfn=known_jacobian, **options)
+            return solver, CVODE(known_rate, jacfn=known_jacobian, max_num_steps=_NO_LIMIT, **options)
 
 
 class Selected:

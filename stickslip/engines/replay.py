@@ -8,6 +8,7 @@ same in the same order, takes the same steps to the last bit, and hands over all
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,13 @@ __all__ = ["Replay"]
 Array = NDArray[np.float64]
 
 _LOW = 6
-"""Degree that is tried first: high ones are rare where steps are short for the sake of stability."""
+"""Degree that is tried first, half of the highest: high ones are rare where steps are short for stability's sake."""
 
-_NEGLIGIBLE = 1e-3
+_ROOT = 2
+"""The status of a solver that has stopped at a root."""
+
+_NEGLIGIBLE = 1e-2
 """Part of the tolerances that the last coefficients of a polynomial may be."""
-
-_AT_ONCE = 200
-"""Steps between two values that are asked for at the most: CVODE takes 500 at once."""
 
 _FIRST = 1e-3
 """Longest first step as a part of the time ahead."""
@@ -47,7 +48,7 @@ class Replay:
     def __init__(self, rate: Callable[..., None], jacobian: Callable[..., None]) -> None:
         self._rate, self._jacobian = rate, jacobian
         self._rates: list[Array] = []
-        self._next = 0
+        self._next, self._farthest = 0, 0.0
 
     # -- what the first solver calls, and the second ---------------------------------------------------------
 
@@ -55,6 +56,8 @@ class Replay:
         """Compute a rate and keep it."""
         self._rate(tau, y, out)
         self._rates.append(out.copy())
+        if tau > self._farthest:
+            self._farthest = tau
 
     def known_rate(self, tau: float, y: Array, out: Array) -> None:
         """Return the next rate; none is known beyond the last step, which ends the second run at once."""
@@ -88,44 +91,59 @@ class Replay:
             Relative and absolute.
         """
         self._rates.clear()
+        self._farthest = 0.0
         found = solver.solve(np.array([0.0, tau]), start)
         taus, points = found.t, found.y
         if found.status < 0 and taus.size > 1:
             # the last point has been returned twice
             taus, points = taus[:-1], points[:-1]
-        degree = DEGREE[method]
-        if taus.size < 2:
+        degree, count = DEGREE[method], taus.size - 1
+        if not count:
             return Taken(taus, np.empty((0, degree + 1, start.size)), start, found)
-        low = min(degree, _LOW)
-        coefficients = self._read(second, taus, points, np.arange(taus.size - 1), low, tau)
-        if degree > low:
-            allowed = _NEGLIGIBLE * (tolerance[0] * np.abs(points[1:]) + tolerance[1])
-            high = (np.abs(coefficients[:, -2:]) > allowed[:, None]).any(axis=(1, 2)).nonzero()[0]
-            if high.size:
-                more = np.zeros((degree - low, *points[1:].shape)).swapaxes(0, 1)
-                coefficients = np.concatenate([coefficients, more], axis=1)
-                coefficients[high] = self._read(second, taus, points, high, degree, tau)
+        # a step that ends in a root went beyond it: a solver that may go no farther than the first one ever went takes
+        # the same steps, and then there is nothing left to do
+        stop = self._farthest if found.status == _ROOT else tau
+        ask = partial(self._ask, second, taus, points, stop=max(stop, float(taus[-1])))
+        if degree <= _LOW:
+            return Taken(
+                taus, from_nodes(degree) @ ask(np.arange(count), degree, 1), points[-1].copy(), found
+            )
+        low = ask(np.arange(count), _LOW, 1)
+        coefficients = np.zeros((count, degree + 1, start.size))
+        coefficients[:, : _LOW + 1] = from_nodes(_LOW) @ low
+        allowed = _NEGLIGIBLE * (tolerance[0] * np.abs(points[1:]) + tolerance[1])
+        high = (np.abs(coefficients[:, _LOW - 1 : _LOW + 1]) > allowed[:, None]).any(axis=(1, 2)).nonzero()[0]
+        if high.size:
+            # every second place of the high degree is one of the low degree
+            values = ask(high, degree, 2)
+            values[:, ::2] = low[high]
+            coefficients[high] = from_nodes(degree) @ values
         return Taken(taus, coefficients, points[-1].copy(), found)
 
-    def _read(
-        self, second: Any, taus: Array, points: Array, steps: NDArray[np.intp], degree: int, tau: float
+    def _ask(
+        self,
+        second: Any,
+        taus: Array,
+        points: Array,
+        steps: NDArray[np.intp],
+        degree: int,
+        stride: int,
+        stop: float,
     ) -> Array:
-        """Return the Chebyshev coefficients of some steps."""
-        inner = chebyshev_nodes(degree)[1:-1]
+        """Return the values of some steps at the Chebyshev points of a degree: at both ends, and every `stride`-th."""
+        inner = chebyshev_nodes(degree)[1:-1:stride]
         before, after = taus[steps], taus[steps + 1]
         times = (before[:, None] + (after - before)[:, None] * inner).ravel()
         # times so close that rounding makes them one are asked for once
-        asked, place = np.unique(
-            np.concatenate([times, taus[_AT_ONCE:-1:_AT_ONCE], [tau]]), return_inverse=True
-        )
+        asked, place = np.unique(np.append(times, stop), return_inverse=True)
         self._next = 0
         told = second.solve(np.concatenate([[0.0], asked]), points[0]).y[1:]
         if told.shape[0] < asked.size - 1:
             raise ArithmeticError("the solver did not take the same steps once more")
         values = np.empty((steps.size, degree + 1, points.shape[1]))
         values[:, 0], values[:, -1] = points[steps], points[steps + 1]
-        values[:, 1:-1] = told[place[: times.size]].reshape(steps.size, inner.size, -1)
-        return np.asarray(from_nodes(degree) @ values)
+        values[:, 1:-1:stride] = told[place[:-1]].reshape(steps.size, inner.size, -1)
+        return values
 
 
 def first_step(second_derivative: Array, y: Array, tolerance: tuple[float, Any], longest: float) -> float:

@@ -156,6 +156,11 @@ class Guards:
         return g
 
     @cached_property
+    def first(self) -> Array:
+        """Taylor coefficients of the guards at the start, orders 0 and 1 at least."""
+        return self.start if self.motion.is_linear else self.series(self.motion.first)
+
+    @cached_property
     def start(self) -> Array:
         """Taylor coefficients of the guards at the start, orders 0 to 2."""
         return self.series(self.motion.start)
@@ -163,13 +168,13 @@ class Guards:
     # -- the start -------------------------------------------------------------------------------------------
 
     def _classify(self, fired: Mask) -> None:
-        g0, rows = self.start[0], self.rows
+        g0, rows = self.first[0], self.rows
         # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
         near: Array | float = 0.0
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if rows.has_forces:
             near = rows.is_force * (
-                soon * np.abs(self.start[1]) + _NEAR * self.force_scale[rows.is_force].max()
+                soon * np.abs(self.first[1]) + _NEAR * self.force_scale[rows.is_force].max()
             )
         if self._has_constant:
             near = near + _NEAR * self._constant
@@ -178,14 +183,14 @@ class Guards:
                 np.abs(self.motion.y), np.abs(self.motion.start_inputs)
             )
             near = near + np.zeros(self.size)
-            near[self.is_border] = _NEAR * size + soon * np.abs(self.start[1, self.is_border])
+            near[self.is_border] = _NEAR * size + soon * np.abs(self.first[1, self.is_border])
         close = ~(g0 > near) | self.rests
         some = close.nonzero()[0]
         if some.size:
             self._look_closer(some.tolist(), fired)
 
     def _look_closer(self, close: list[int], fired: Mask) -> None:
-        coefficients, majorant = self.start, self.majorant
+        coefficients, majorant = self.first, self.majorant
         size, motion, modes = self.scale, self.motion, self.motion.equations.modes
         has_fired = np.append(fired, False)
         of_stop = np.zeros(self.size, dtype=bool)
@@ -233,7 +238,7 @@ class Guards:
             return NEVER
         horizon = self.motion.horizon
         for k, limit in enumerate(limits, start=1):
-            value = self.start[k, i]
+            value = (self.first if k == 1 else self.start)[k, i]
             if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         if not self.motion.is_linear:
@@ -294,8 +299,8 @@ class Guards:
     @cached_property
     def force_scale(self) -> Array:
         """The same for guards of forces; without meaning for others."""
-        force = self.rows.turn * self.motion.start.z[0][self.rows.source]
-        size = np.abs(force) + np.abs(self.start[0] - force)
+        force = self.rows.turn * self.motion.first.z[0][self.rows.source]
+        size = np.abs(force) + np.abs(self.first[0] - force)
         return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
 
     def at_end(self, path: Path) -> tuple[Array, Array]:
@@ -347,11 +352,13 @@ class Guards:
     @cached_property
     def _roundoff(self) -> tuple[Array, Array]:
         """Until when a guard that leaves 0 is roundoff, and how far one that stays 0 may stray from it."""
-        g = self.start
+        g = self.start if self._bent.size else self.first
         noise = ROUNDOFF * self.majorant
         rough = ROUNDOFF * self.scale + noise[0]
         settled = np.full(self.size, 1e-14 * self.motion.horizon)
         for k, rows in ((1, (self.order == 1).nonzero()[0]), (2, self._bent)):
+            if not rows.size:
+                continue
             settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
@@ -397,7 +404,7 @@ class Guards:
         least = np.where(
             np.isin(self.row[sticks], self.motion.system.dwelling), _IF_DWELLING * self.uncertain, 0.0
         )
-        beyond = 2 * np.maximum(-self.start[0, sticks], 0.0)
+        beyond = 2 * np.maximum(-self.first[0, sticks], 0.0)
         found[sticks] = np.minimum(self.uncertain, np.maximum(least, beyond))
         return found
 
@@ -427,11 +434,12 @@ class Guards:
             rows = (self.order == 1).nonzero()[0] if k == 1 else self._bent
             if not rows.size:
                 continue
-            rest = g[rows] - column(self.start[0, rows])
+            start = self.first if k == 1 else self.start
+            rest = g[rows] - column(start[0, rows])
             if k == 2:
-                rest -= tau * column(self.start[1, rows])
+                rest -= tau * column(start[1, rows])
             told = tau > column(settled[rows])
-            lead = column(np.maximum(self.start[k, rows], _TINY))
+            lead = column(np.maximum(start[k, rows], _TINY))
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 

@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
+_MOST_ENTRIES = 10_000
+"""Entries of stretches that are kept at most."""
+
+
 class Loads:
     """The input vector over a time span, stretch by stretch.
 
@@ -77,7 +81,7 @@ class Loads:
         for i, s in enumerate(self._signals):
             if isinstance(s, Constant):
                 self._constant[i] = s.value
-        self._last: tuple[int, Stretch] | None = None
+        self._known: dict[int, Stretch] = {}
         self.regions: tuple[int, ...] | None = None
 
     def goes_on(self, t: float) -> bool:
@@ -92,13 +96,14 @@ class Loads:
     def after(self, t: float) -> Stretch:
         """Return the stretch that begins at `t` or goes on there."""
         number = bisect_right(self.breaks, t)
-        if self._last is not None and self._last[0] == number:
-            self._last[1].regions = self.regions
-            return self._last[1]
-        found = self._stretch(
-            self.breaks[number - 1] if number else self._start, self.next_break(t, self._stop)
-        )
-        self._last, found.regions = (number, found), self.regions
+        found = self._known.get(number)
+        if found is None:
+            start = self.breaks[number - 1] if number else self._start
+            found = self._stretch(start, self.next_break(t, self._stop))
+            if len(self._known) * self.size >= _MOST_ENTRIES:
+                self._known.clear()
+            self._known[number] = found
+        found.regions = self.regions
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:

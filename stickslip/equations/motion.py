@@ -196,7 +196,7 @@ class Motion:
         """Tell whether a static coefficient still rises at local time `tau`."""
         return tau < self._over
 
-    @property
+    @cached_property
     def shortest_dwell(self) -> float:
         """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
         return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
@@ -697,39 +697,44 @@ class Motion:
         return self.inputs(0.0, self.y)
 
     @cached_property
+    def first(self) -> Expansion:
+        """Taylor coefficients at the start up to order 1, those of the states up to order 2."""
+        if self.is_linear:
+            return self.start
+        q0 = self.start_inputs
+        found = self.both(0.0, self.y, q0)
+        rate, z0 = np.split(found, [self.system.size])
+        q1 = self._input_rate(0.0, self.y, rate)
+        second, z1 = np.split(self._slope(0.0, self.y, rate, q0, q1), [self.system.size])
+        return Expansion(np.array([self.y, rate, 0.5 * second]), [q0, q1], np.array([z0, z1]))
+
+    @cached_property
     def start(self) -> Expansion:
         """Taylor coefficients at the start up to order 2: exact if linear, the second by a difference if not."""
         if self.is_linear:
             return self.expand(0.0, self.y, 2)
-        size = self.system.size
-        q0 = self.start_inputs
-        found = self.both(0.0, self.y, q0)
-        rate = found[:size]
-        q1 = self._input_rate(0.0, self.y, rate)
-        slope = self._slope(0.0, self.y, rate, q1)
-        second, z1 = slope[:size], slope[size:]
-        d = self.difference_step
-        ahead = self.y + d * (rate + 0.5 * d * second)
+        first, size, d = self.first, self.system.size, self.difference_step
+        (y, rate, bend), (z0, z1) = first.y, first.z
+        ahead = y + d * (rate + d * bend)
         rate_ahead = self.rate(d, ahead)
         q1_ahead = self._input_rate(d, ahead, rate_ahead)
-        later = self._slope(d, ahead, rate_ahead, q1_ahead)
-        z2 = 0.5 * (later[size:] - z1) / d
-        y = np.array([self.y, rate, 0.5 * second])
-        q = [q0, q1, 0.5 * (q1_ahead - q1) / d]
-        return Expansion(y, list(q), np.array([found[size:], z1, z2]))
+        later = self._slope(d, ahead, rate_ahead, self.inputs(d, ahead), q1_ahead)
+        q1 = first.q[1]
+        assert q1 is not None
+        z2, q2 = 0.5 * (later[size:] - z1) / d, 0.5 * (q1_ahead - q1) / d
+        return Expansion(first.y, [*first.q, q2], np.array([z0, z1, z2]))
 
     @property
     def difference_step(self) -> float:
         """Step in s of differences along the motion."""
         return _DIFFERENCE * min(self.horizon or np.inf, 1.0)
 
-    def _slope(self, tau: float, y: Array, rate: Array, dq: Array) -> Array:
-        """Return the derivatives of rates and watched quantities along the motion, whose inputs change by `dq`."""
+    def _slope(self, tau: float, y: Array, rate: Array, q: Array, dq: Array) -> Array:
+        """Return the derivatives of rates and watched quantities along the motion, whose inputs `q` change by `dq`."""
         equations, system = self.equations, self.system
         found = equations.apply(rate) + equations.respond(dq)
         if not self.has_law:
             return found
-        q = self.inputs(tau, y)
         w, normal, lag, z = self.acting_terms(y, q, tau)
         dw = system.relative_velocity(rate, dq)[equations.acting]
         d = self.difference_step

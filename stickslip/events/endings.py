@@ -36,6 +36,7 @@ Modes = NDArray[np.int8]
 _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
+_NOTHING = 1e-200
 _CONSTANT = 1e-7
 _DRIVEN = 1e-3
 """Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
@@ -106,9 +107,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         touching[path.touched] = fired[path.touched] = True
     if path.hit:
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
-        with np.errstate(over="ignore"):
-            values, size = guards.at_end(path)
-            part = values / np.where(size > 0, size, 1.0)
+        values, size = guards.at_end(path)
+        part = values / np.where(size > _NOTHING, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.uncertain:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
@@ -273,7 +273,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     points = path.points[:count].T
     w = _signed(motion, path.taus[:count], points, rows)
     near = (w <= margin) & (w > 0)
-    if not near.any():
+    if not np.count_nonzero(near):
         return path, []
     some = np.flatnonzero(near.any(axis=0))
     near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0

@@ -54,7 +54,7 @@ def label(
     is_open, died = modes == OPEN, np.zeros(modes.size, dtype=bool)
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
     may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
-    if np.any(is_open & may_rest):
+    if np.count_nonzero(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
         named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
     shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))

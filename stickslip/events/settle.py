@@ -204,7 +204,7 @@ def _settled(
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
-    all_closed = bool(closed.all())
+    all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(rough, system.laws.rests_below)
@@ -219,7 +219,7 @@ def _settled(
         # rows that share a motion come to rest together, though an event may have found only one of them
         w = system.relative_velocity(y, q)
         also = closed & ~resting & (np.abs(w) <= rough)
-        if also.any() and (also := also & system.hard).any():
+        if np.count_nonzero(also) and (also := also & system.hard).any():
             resting |= also
             candidates = closed & resting
             y = _project(system, now.y, u, candidates)
@@ -288,7 +288,7 @@ def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
-    if not held.any():
+    if not np.count_nonzero(held):
         return y
     y = y.copy()
     y[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
@@ -308,7 +308,7 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
 def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     presses = q[: system.m] > 0
-    if not presses.all():
+    if np.count_nonzero(presses) < presses.size:
         # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
         presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
     if not system.all_friction:
@@ -419,7 +419,7 @@ class _Search:
 
     def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return the modes to try next, None if these are consistent."""
-        if not guards.violated.any():
+        if not np.count_nonzero(guards.violated):
             return None
         violated = guards.violated & ~guards.is_border
         if (again := self._closed_again(trial, motion, guards)) is not None:

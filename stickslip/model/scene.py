@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stickslip.model.checks import check_entries
-from stickslip.model.elements import KINDS, AnyBlock, Contact, Element, Named, Row, StateSpace
+from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row, StateSpace
 from stickslip.model.elements.base import GROUND, Motion, check_motion, listed
 from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
@@ -72,6 +72,18 @@ class Scene:
     def __init__(self, *elements: Element, motion: Motion | None = None) -> None:
         """Sort the elements by kind and check that they fit together."""
         check_motion(motion, "Scene", "for both")
+        self._sort(elements, motion)
+        self._check_names()
+        free = frozenset(body.name for body in self.bodies)
+        for element in self.elements:
+            element.check_ends(free, self._moving)
+        for element in self.elements:
+            for load in element.quantities():
+                self.check_quantities(load, element.label)
+        self._check_weightless()
+
+    def _sort(self, elements: Iterable[Element], motion: Motion | None) -> None:
+        """Set the attributes, elements kind by kind."""
         object.__setattr__(self, "motion", motion)
         sorted_: dict[type, list[Element]] = {kind: [] for kind in KINDS.values()}
         for element in elements:
@@ -85,14 +97,28 @@ class Scene:
         for name, kind in KINDS.items():
             object.__setattr__(self, name, tuple(sorted_[kind]))
         object.__setattr__(self, "elements", tuple(e for of_kind in sorted_.values() for e in of_kind))
-        self._check_names()
-        free = frozenset(body.name for body in self.bodies)
-        for element in self.elements:
-            element.check_ends(free, self._moving)
-        for element in self.elements:
-            for load in element.quantities():
-                self.check_quantities(load, element.label)
-        self._check_weightless()
+
+    @classmethod
+    def of_all(cls, scenes: Sequence[Scene]) -> Scene:
+        """Return what any of some scenes has, for drawings; it is not checked, and nothing to simulate.
+
+        Of elements of one name the last counts, but a body before a drive; of those without a name all different ones.
+        """
+        found: dict[Any, Element] = {}
+        for scene in scenes:
+            for element in scene.elements:
+                match element:
+                    case Drive(name=name) if isinstance(found.get(("moving", name)), Body):
+                        pass
+                    case Body(name=name) | Drive(name=name):
+                        found["moving", name] = replace(element, motion=scene.motions[name])
+                    case Named(name=name):
+                        found["row" if isinstance(element, Row) else "block", name] = element
+                    case _:
+                        found[repr(element)] = element
+        whole: Scene = object.__new__(cls)
+        whole._sort(found.values(), scenes[-1].motion)
+        return whole
 
     @property
     def rows(self) -> tuple[Any, ...]:

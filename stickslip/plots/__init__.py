@@ -160,6 +160,8 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
         curves["work of loads"] = ledger.loads
     if result.scene.drives:
         curves["work of drives"] = ledger.drives
+    if ledger.changes.any():
+        curves["changes between runs"] = ledger.changes
     heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
     heat |= {f"impacts of {name}": value for name, value in ledger.impacts.items() if value.any()}
     if len(heat) > _CURVES:

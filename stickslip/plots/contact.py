@@ -64,7 +64,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
     if not isinstance(element, Contact):
         upper = lower = np.full(fine.t.size, np.nan)
-    label = "± breakaway level" if np.array_equal(upper, -lower) else "breakaway levels"
+    label = "± breakaway level" if np.array_equal(upper, -lower, equal_nan=True) else "breakaway levels"
     if np.isnan(upper).all():
         label = "_"
     grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
@@ -214,9 +214,9 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     divided = contact in varying(result)
-    normal = float(fine.normal(contact).mean()) if fine.t.size else 0.0
+    normal = float(np.nanmean(fine.normal(contact))) if fine.t.size else 0.0
     whole = normal if divided and normal > 0 else 1.0
-    reach = float(np.abs(fine.relative_velocity(contact)).max(initial=0.0)) or 1.0
+    reach = float(np.nan_to_num(np.abs(fine.relative_velocity(contact))).max(initial=0.0)) or 1.0
     w = np.linspace(-1.1 * reach, 1.1 * reach, 801)
     law = {"color": "0.65", "linewidth": 4, "zorder": 0, "solid_capstyle": "butt"}
     for side in (w[w < 0], w[w > 0]):
@@ -250,4 +250,5 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
 
 def _element(result: Drawable, contact: str) -> Any:
-    return result.scene.rows[result.samples.row(contact)]
+    result.mode(contact)  # refuses a name that there is not
+    return next(row for row in result.scene.rows if row.name == contact)

@@ -49,7 +49,7 @@ def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
         where = np.interp(struck, fine.t, values)
         ax.plot(struck, where, "x", color="black", markersize=4.5, label="impact", zorder=3)
     ends = [limit for limit in (element.lower, element.upper) if np.isfinite(limit)]
-    low, high = min([*ends, *values.tolist()]), max([*ends, *values.tolist()])
+    low, high = np.nanmin([*ends, *values]), np.nanmax([*ends, *values])
     room = 0.08 * (high - low or 1.0)
     low, high = low - room, high + room
     for limit, end in ((element.lower, low), (element.upper, high)):

@@ -35,6 +35,8 @@ MANY = 12
 """More curves or strips than this become a raster."""
 
 _TICKS = 200
+_UNKNOWN = 99
+"""Stands for the mode where a run does not have the contact."""
 _BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
 _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
@@ -222,7 +224,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
 
 def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
-    t, mode = fine.t, fine.mode(name).astype(int)
+    t, mode = fine.t, np.nan_to_num(fine.mode(name).astype(float), nan=_UNKNOWN)
     idle = np.zeros(t.size, dtype=bool)
     if any(contact.name == name for contact in fine.scene.contacts):
         idle = fine.normal(name) == 0
@@ -237,12 +239,13 @@ def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     return [
         (int(code[i]), bool(shut[i]), float(t[steps[i]]), float(t[steps[j] + 1]))
         for i, j in zip(first, last, strict=True)
+        if code[i] != _UNKNOWN
     ]
 
 
 def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
-    rows: NDArray[np.int8] = np.array([coarse.mode(name) for name in names])
+    rows = np.ma.masked_invalid([coarse.mode(name).astype(float) for name in names])
     shown = list(range(-1, 3 if (rows == Mode.OPEN).any() else 2))
     shades = ListedColormap(["#b5a642", "0.25", "0.93", "white"][: len(shown)])
     norm = BoundaryNorm([-1.5, *(mode + 0.5 for mode in shown)], len(shown))

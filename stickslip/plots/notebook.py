@@ -7,6 +7,7 @@ from dataclasses import fields
 from html import escape
 from typing import Any, Protocol
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from stickslip.model.laws.dry_friction import Law
@@ -55,13 +56,13 @@ def result_html(result: Drawable) -> str:
     if not result.t.size:
         return _shown(f"<p>{escape(result.message)}</p>")
     figure = overview(result)
-    stats = ", ".join(f"{name} {value}" for name, value in result.stats.items())
+    stats = [", ".join(f"{name} {value}" for name, value in run.stats.items()) for run in result.runs]
     return _shown(
         f"<p>{escape(result.message)}</p>",
         bitmap(figure, "velocities, modes and forces over time", 80),
         events_table(result.events, _EVENTS),
         final_table(result),
-        f"<p><small>{escape(stats)}</small></p>",
+        *(f"<p><small>{escape(counts)}</small></p>" for counts in stats),
     )
 
 
@@ -129,6 +130,7 @@ def final_table(result: Drawable) -> str:
     rows = [
         (body.name, float(result.velocity(body.name)[-1]), units(scene, body).velocity)
         for body in scene.bodies[:MOST]
+        if np.isfinite(result.velocity(body.name)[-1])  # or the last of several runs does not have it
     ]
     left = len(scene.bodies) - MOST
     return table(

@@ -18,9 +18,9 @@ _COLUMNS = 800
 
 def computed_points(result: SomeResult) -> SomeResult:
     """Return the result at times between which straight lines look like the motion."""
-    return result.fit_for_plot() if result.trajectory.is_dense else result
+    return result.fit_for_plot() if result.is_dense else result
 
 
 def even_points(result: SomeResult) -> SomeResult:
     """Return the result at evenly spaced times, enough for the columns of a picture."""
-    return result.sample(_COLUMNS) if result.trajectory.is_dense else result
+    return result.sample(_COLUMNS) if result.is_dense else result

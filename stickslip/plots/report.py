@@ -75,17 +75,28 @@ def _page(title: str, sections: list[tuple[str, str]]) -> str:
     return _PAGE.format(title=escape(title), body="\n".join([f"<h1>{escape(title)}</h1>", *parts]))
 
 
+def _spans(result: Drawable) -> list[str]:
+    """Return from when to when each run goes."""
+    trajectories = [run.samples.trajectory for run in result.runs]
+    return [
+        f"from {one.starts[0]:.9g} s to {one.stops[-1]:.9g} s" if one.pieces else "" for one in trajectories
+    ]
+
+
 def _scene(result: Drawable) -> tuple[str, str]:
-    picture = vector(schematic(result.scene).figure, "schematic of the scene")
-    return "Scene", picture + elements_table(result.scene)
+    parts = []
+    for run, span in zip(result.runs, _spans(result), strict=True):
+        scene = run.samples.system.scene
+        if len(result.runs) > 1:
+            parts.append(f"<h3>{escape(span[0].upper() + span[1:])}</h3>")
+        parts += [vector(schematic(scene).figure, "schematic of the scene"), elements_table(scene)]
+    return "Scene", "".join(parts)
 
 
 def _outcome(result: Drawable) -> str:
-    pieces = result.trajectory.pieces
-    span = f"from {pieces[0].t:.9g} s to {pieces[-1].stop:.9g} s" if pieces else ""
     events = len(result.events)
     counted = f"{events} events" if events != 1 else "1 event"
-    said = f"{result.message}: {span}, {counted}."
+    said = f"{result.message}: {', '.join(_spans(result))}, {counted}."
     return f"<p>{escape(said[0].upper() + said[1:])}</p>{final_table(result)}"
 
 
@@ -104,7 +115,7 @@ def _figure(picture: str) -> str:
 
 def _shares(result: Drawable) -> str:
     names = [row.name for row in result.scene.rows]
-    if not names or not result.trajectory.is_dense:
+    if not names or not result.is_dense:
         return ""
     shares = {name: share(result, name) for name in names[:_ROWS]}
     modes = [mode for mode in Mode if any(mode in parts for parts in shares.values())]
@@ -118,7 +129,7 @@ def _shares(result: Drawable) -> str:
 
 
 def _energy(result: Drawable) -> str:
-    if not result.trajectory.is_dense:
+    if not result.is_dense:
         return ""
     from stickslip.plots import energy
 
@@ -130,7 +141,9 @@ def _energy(result: Drawable) -> str:
             ("springs", ledger.spring),
             ("work of loads", ledger.loads),
             ("work of drives", ledger.drives),
+            *([("changes between runs", ledger.changes)] if ledger.changes.any() else []),
             *((f"heat of {name}", heat) for name, heat in (ledger.contacts | ledger.dampers).items()),
+            *((f"impacts of {name}", taken) for name, taken in ledger.impacts.items() if taken.any()),
         )
     ]
     left = len(rows) - _ROWS
@@ -142,13 +155,15 @@ def _energy(result: Drawable) -> str:
 
 
 def _accuracy(result: Drawable) -> str:
-    stats = result.stats
-    rows: list[tuple[str, Any]] = [("engine", str(stats.get("engine", "")))]
-    if result.trajectory.is_dense:
-        error = result.energy().relative_error
-        rows.append(("balance error of the energy, of the largest energy", f"{error:.1e}"))
-    rows += [(name.replace("_", " "), str(value)) for name, value in stats.items() if name != "engine"]
-    return table(("", ""), rows) + f"<p>{escape(_certificate(stats))}</p>"
+    every = [run.stats for run in result.runs]
+    names = dict.fromkeys(name for stats in every for name in stats)
+    rows = [(name.replace("_", " "), *(str(stats.get(name, "")) for stats in every)) for name in names]
+    heads = _spans(result) if len(every) > 1 else [""]
+    said = dict.fromkeys(map(_certificate, every))
+    if result.is_dense:
+        error = f"The energies balance to {result.energy().relative_error:.1e} of the largest of them."
+        said = {error: None} | said
+    return table(("", *heads), rows) + "".join(f"<p>{escape(sentence)}</p>" for sentence in said)
 
 
 def _certificate(stats: Any) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.system import System
-from stickslip.results.outcome import Outcome
+from stickslip.results.outcome import Runs
 from stickslip.results.samples import Samples, integrated
 
 __all__ = ["EnergyLedger", "energy"]
@@ -36,6 +37,9 @@ class EnergyLedger:
         clutches make none.
     impacts : dict of str to array (n,)
         What impacts took at each stop and one-way clutch by name, and what jumps of drives took there.
+    changes : array (n,)
+        What came in between runs in a row, where one begins with another inertia, velocity or stretch than the one
+        before ended with; 0 in a single run.
     dampers : dict of str to array (n,)
         Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
     """
@@ -48,6 +52,7 @@ class EnergyLedger:
     contacts: dict[str, Array] = field(repr=False)
     dampers: dict[str, Array] = field(repr=False)
     impacts: dict[str, Array] = field(repr=False)
+    changes: Array = field(repr=False)
 
     @property
     def stored(self) -> Array:
@@ -67,8 +72,8 @@ class EnergyLedger:
 
     @property
     def error(self) -> Array:
-        """What the balance is off: stored energy gained, plus heat, minus work; it starts at `t[0]`."""
-        balance = self.stored + self.heat - self.work
+        """What the balance is off: stored energy gained, plus heat, minus work and changes; it starts at `t[0]`."""
+        balance = self.stored + self.heat - self.work - self.changes
         return balance - balance[:1]
 
     @property
@@ -87,27 +92,75 @@ class EnergyLedger:
         rows += [(f"heat of contact {name!r}", heat[-1]) for name, heat in self.contacts.items()]
         rows += [(f"heat of {label}", heat[-1]) for label, heat in self.dampers.items()]
         rows += [(f"impacts of {name!r}", heat[-1]) for name, heat in self.impacts.items()]
+        if self.changes.any():
+            rows.append(("changes between runs", self.changes[-1]))
         rows.append(("balance error", self.error[-1]))
         wide = max(len(name) for name, _ in rows)
         lines = [f"energy in J at {self.t[-1]:g} s (at the start {self.stored[0]:.9g} stored)"]
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
 
 
-def energy(result: Outcome) -> EnergyLedger:
+def energy(result: Runs) -> EnergyLedger:
     """Return the energy ledger of a result at its times.
 
-    Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation.
+    Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation. Through
+    runs in a row heat and work go on; what a run does not know neither gives nor takes in its time.
 
     Parameters
     ----------
-    result : Outcome
+    result : Result or Joined
 
     Raises
     ------
     ValueError
         If only the requested outputs were kept.
     """
-    samples = result.samples
+    ledgers = [_ledger(run.samples) for run in result.runs]
+    return (
+        ledgers[0]
+        if len(ledgers) == 1
+        else _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
+    )
+
+
+def _at_ends(samples: Samples) -> EnergyLedger:
+    """Return the ledger of a run at its start and its end."""
+    trajectory = samples.trajectory
+    return _ledger(Samples.at_times(trajectory, np.array([trajectory.starts[0], trajectory.stops[-1]])))
+
+
+def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> EnergyLedger:
+    """Return the ledgers of runs in a row as one; `ends` are the same at the starts and the ends of the runs."""
+    sizes = [ledger.t.size for ledger in ledgers]
+
+    def counted(read: Callable[[EnergyLedger], Array | None]) -> Array:
+        so_far, parts = 0.0, []
+        for ledger, end in zip(ledgers, ends, strict=True):
+            own, last = read(ledger), read(end)
+            parts.append(np.full(ledger.t.size, so_far) if own is None else so_far + own)
+            so_far += 0.0 if last is None else float(last[-1])
+        return np.concatenate(parts)
+
+    def named(kind: str) -> dict[str, Array]:
+        names = dict.fromkeys(name for ledger in ledgers for name in getattr(ledger, kind))
+        return {name: counted(lambda ledger, name=name: getattr(ledger, kind).get(name)) for name in names}  # type: ignore[misc]
+
+    jumps = [0.0] + [float(end.stored[0] - before.stored[-1]) for before, end in pairwise(ends)]
+    return EnergyLedger(
+        np.concatenate([ledger.t for ledger in ledgers]),
+        np.concatenate([ledger.kinetic for ledger in ledgers]),
+        np.concatenate([ledger.spring for ledger in ledgers]),
+        counted(lambda ledger: ledger.loads),
+        counted(lambda ledger: ledger.drives),
+        named("contacts"),
+        named("dampers"),
+        named("impacts"),
+        np.repeat(np.cumsum(jumps), sizes),
+    )
+
+
+def _ledger(samples: Samples) -> EnergyLedger:
+    """Return the energy ledger of one run at some times."""
     if samples.t.size and not samples.trajectory.is_dense:
         raise ValueError(
             "energy: the points between the outputs were not kept, so no power can be integrated; "
@@ -124,7 +177,8 @@ def energy(result: Outcome) -> EnergyLedger:
     spring = 0.5 * links.stiffness @ links.stretch(samples.y) ** 2
     spring += 0.5 * links.gaps.stiffness @ links.gaps.depth(samples.y) ** 2
     given, taken = _jumps(samples)
-    return EnergyLedger(samples.t, kinetic, spring, work[0], work[1] + given, heat, dampers, taken)
+    drives, none = work[1] + given, np.zeros(samples.t.size)
+    return EnergyLedger(samples.t, kinetic, spring, work[0], drives, heat, dampers, taken, none)
 
 
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:

@@ -19,7 +19,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, as_signal
-from stickslip.results.outcome import Event, Outcome
+from stickslip.results.outcome import Event, Outcome, Runs
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
 
@@ -47,17 +47,23 @@ def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str
     return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
 
 
-def explain_result(result: Outcome) -> str:
-    """Return what was compiled, which guards were watched, and why each event happened.
+def explain_result(result: Runs) -> str:
+    """Return what was compiled, which guards were watched, and why each event happened, run by run.
 
     Parameters
     ----------
-    result : Outcome
+    result : Result or Joined
         One that kept only its outputs gets causes without numbers.
     """
-    trajectory = result.samples.trajectory
-    lines = _compiled(trajectory.system, trajectory.loads)
-    return "\n".join([*lines, *_watched(result), *_event_sentences(result)])
+    parts = []
+    for run in result.runs:
+        trajectory = run.samples.trajectory
+        lines = (
+            [f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s"] if len(result.runs) > 1 else []
+        )
+        lines += _compiled(trajectory.system, trajectory.loads)
+        parts.append("\n".join([*lines, *_watched(run), *_event_sentences(run)]))
+    return "\n\n".join(parts)
 
 
 def span_of(scene: Scene) -> tuple[float, float]:

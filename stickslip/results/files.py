@@ -1,13 +1,11 @@
-"""Results as files: CSV and JSON for reading elsewhere, npz for reading back without loss, pandas frames."""
+"""Results as npz files, from which all of them is read back without loss."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
-from os import PathLike
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,298 +15,20 @@ from numpy.typing import NDArray
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.modes import Mode
-from stickslip.model.quantities import Quantity, position
-from stickslip.model.quantities import output as output_of
+from stickslip.model.quantities import position
 from stickslip.model.scene import Scene
-from stickslip.results.energy import energy
-from stickslip.results.outcome import Event, Outcome
+from stickslip.results.outcome import Event, Outcome, Target
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
+from stickslip.results.tables import how_it_ended
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
-from stickslip.results.units import units as units_of
 
-__all__ = [
-    "Kept",
-    "column_units",
-    "columns",
-    "output",
-    "read",
-    "save",
-    "summary",
-    "to_csv",
-    "to_frame",
-    "to_json",
-]
-
-Array = NDArray[np.float64]
-Target = str | PathLike[str]
+__all__ = ["Kept", "read", "save"]
 
 _FORMAT = 3
 _READS = (2, 3)
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
-
-
-def columns(result: Outcome) -> dict[str, NDArray[Any]]:
-    """Return motion, forces, modes, powers and energies of a result, under their names in files.
-
-    Parameters
-    ----------
-    result : Outcome
-
-    Returns
-    -------
-    dict of str to array (n,)
-        ``time``; ``velocity NAME`` of bodies and drives, and ``position NAME`` where it is a state; ``force NAME`` and
-        ``mode NAME`` of contacts, ties and clutches; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
-        from the start, ``heat NAME`` of contacts; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work
-        of loads`` and ``work of drives``. Heat, energy and work are left out where only the outputs were kept.
-    """
-    found = _state_columns(result)
-    samples = result.samples
-    frictional = _frictional(samples.system)
-    found |= {f"normal {name}": samples.normal(name) for name in frictional}
-    found |= {f"power {name}": samples.force(name) * samples.relative_velocity(name) for name in frictional}
-    if not samples.t.size or samples.trajectory.is_dense:
-        ledger = energy(result)
-        found |= {f"heat {name}": heat for name, heat in ledger.contacts.items()}
-        found["heat of dampers"] = sum(ledger.dampers.values(), np.zeros_like(samples.t))
-        found |= {"kinetic energy": ledger.kinetic, "spring energy": ledger.spring}
-        found |= {"work of loads": ledger.loads, "work of drives": ledger.drives}
-    return found
-
-
-def column_units(result: Outcome) -> dict[str, str]:
-    """Return the unit of each column; modes have none.
-
-    The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
-
-    Parameters
-    ----------
-    result : Outcome
-    """
-    scene = result.samples.system.scene
-    found = {"time": "s"}
-    for one in (*scene.bodies, *scene.drives):
-        unit = units_of(scene, one)
-        found |= {f"velocity {one.name}": unit.velocity, f"position {one.name}": unit.position}
-    for row in scene.rows:
-        force = units_of(scene, row).force
-        found |= {f"force {row.name}": force, f"breakaway {row.name}": force, f"mode {row.name}": ""}
-        found |= {f"normal {row.name}": "N", f"power {row.name}": "W", f"heat {row.name}": "J"}
-    energies = ("heat of dampers", "kinetic energy", "spring energy", "work of loads", "work of drives")
-    return found | dict.fromkeys(energies, "J")
-
-
-def _frictional(system: System) -> list[str]:
-    """Return the names of the rows that are contacts."""
-    return [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
-
-
-def _state_columns(result: Outcome) -> dict[str, NDArray[Any]]:
-    samples = result.samples
-    system = samples.system
-    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
-    found: dict[str, NDArray[Any]] = {"time": samples.t}
-    found |= {f"velocity {name}": samples.velocity(name) for name in moving}
-    found |= {f"position {moving[i]}": samples.position(moving[i]) for i in system.position_state}
-    names = [row.name for row in system.rows]
-    found |= {f"force {name}": samples.force(name) for name in names}
-    found |= {f"breakaway {name}": samples.breakaway(name) for name in _frictional(system)}
-    found |= {f"mode {name}": samples.mode(name) for name in names}
-    return found
-
-
-def to_csv(result: Outcome, path: Target, *, units: bool | None = None) -> None:
-    """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
-
-    Parameters
-    ----------
-    result : Outcome
-    path : path
-        Times stand in s, everything else in the SI units of the scene.
-    units : bool, optional
-        Whether the heads of the columns say the units, as in ``velocity wheel [rad/s]``. By default they do where all
-        bodies, or the scene, say whether they rotate.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    with_units = None not in result.samples.system.scene.motions.values() if units is None else units
-    write_columns(columns(result), path, column_units(result) if with_units else {})
-
-
-def write_columns(found: dict[str, NDArray[Any]], path: Target, known: dict[str, str]) -> None:
-    """Write columns as CSV, with the units that are known in their heads.
-
-    Parameters
-    ----------
-    found : dict of str to array (n,)
-    path : path
-    known : dict of str to str
-        Units by column.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    heads = [f"{name} [{known[name]}]" if known.get(name) else name for name in found]
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(heads)
-        writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
-
-
-def summary(result: Outcome) -> dict[str, Any]:
-    """Return outcome, events, counts and the columns at the last time as plain data.
-
-    Parameters
-    ----------
-    result : Outcome
-    """
-    data = _how_it_ended(result)
-    if result.samples.t.size:
-        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
-        known = column_units(result)
-        data["units"] = {name: known[name] for name in data["final"]}
-    return data
-
-
-def _how_it_ended(result: Outcome) -> dict[str, Any]:
-    """Return outcome, events and counts as plain data."""
-    return {
-        "success": bool(result.success),
-        "status": int(result.status),
-        "message": result.message,
-        "events": [_event_to_dict(event) for event in result.events],
-        "stats": {name: _plain(value) for name, value in result.stats.items()},
-    }
-
-
-def to_json(result: Outcome, path: Target) -> None:
-    """Write outcome, events, counts and the state at the last time as JSON.
-
-    Parameters
-    ----------
-    result : Outcome
-    path : path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
-    Path(path).write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def to_frame(result: Outcome) -> Any:
-    """Return a pandas DataFrame with the columns of a result.
-
-    Times are a column, not the index, because both limits of an event stand at the same time. ``frame.attrs["units"]``
-    holds the unit of each column.
-
-    Parameters
-    ----------
-    result : Outcome
-
-    Raises
-    ------
-    ImportError
-        If pandas is not installed.
-    """
-    try:
-        import pandas
-    except ImportError as missing:
-        raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
-    frame, known = pandas.DataFrame(columns(result)), column_units(result)
-    frame.attrs["units"] = {name: known[name] for name in frame.columns}
-    return frame
-
-
-# -- one name for two things --------------------------------------------------------------------------------
-
-
-class _Output:
-    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results.
-
-    Parameters
-    ----------
-    block : str
-        Name of a block.
-    index : int
-        Which of its outputs, from 0 on.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the name is no name, or the number no number from 0 on.
-    """
-
-    def __call__(self, block: str, index: int = 0) -> Quantity:
-        """Return an output of a block as a quantity.
-
-        Parameters
-        ----------
-        block : str
-            Name of a block.
-        index : int
-            Which output, from 0 on.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If the name is no name, or the number no number from 0 on.
-        """
-        return output_of(block, index)
-
-    @property
-    def columns(self) -> Any:
-        """`stickslip.results.files.columns`."""
-        return columns
-
-    @property
-    def column_units(self) -> Any:
-        """`stickslip.results.files.column_units`."""
-        return column_units
-
-    @property
-    def summary(self) -> Any:
-        """`stickslip.results.files.summary`."""
-        return summary
-
-    @property
-    def to_csv(self) -> Any:
-        """`stickslip.results.files.to_csv`."""
-        return to_csv
-
-    @property
-    def to_json(self) -> Any:
-        """`stickslip.results.files.to_json`."""
-        return to_json
-
-    @property
-    def to_frame(self) -> Any:
-        """`stickslip.results.files.to_frame`."""
-        return to_frame
-
-    @property
-    def save(self) -> Any:
-        """`stickslip.results.files.save`."""
-        return save
-
-    @property
-    def read(self) -> Any:
-        """`stickslip.results.files.read`."""
-        return read
-
-
-output = _Output()
-
-
-# -- without loss -----------------------------------------------------------------------------------------
 
 
 def save(result: Outcome, path: Target) -> None:
@@ -345,7 +65,7 @@ def save(result: Outcome, path: Target) -> None:
         if isinstance(part, Patchwork):
             arrays |= {f"patchwork.{k}.{name}": array for name, array in part.to_arrays().items()}
     start, stop, stepped = samples.trajectory.span
-    about = _how_it_ended(result) | {
+    about = how_it_ended(result) | {
         "format": _FORMAT,
         "pieces": len(pieces),
         "patchworks": [k for k, part in enumerate(parts) if isinstance(part, Patchwork)],
@@ -460,22 +180,5 @@ def _scene_of(about: Mapping[str, Any], scene: Scene | None, path: Target) -> Sc
     return Scene.from_dict(about["scene"])
 
 
-def _event_to_dict(event: Event) -> dict[str, Any]:
-    return asdict(event) | {"before": event.before.name, "after": event.after.name}
-
-
 def _event_from_dict(row: Mapping[str, Any]) -> Event:
     return Event(row["t"], row["contact"], Mode[row["before"]], Mode[row["after"]], row["cause"])
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as JSON knows it; what is not finite becomes text."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, Iterable) and not isinstance(value, str):
-        return [_plain(item) for item in value]
-    return value

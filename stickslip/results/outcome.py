@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Trajectory
 
-__all__ = ["Drawable", "Event", "Outcome"]
+__all__ = ["Drawable", "Event", "Outcome", "Runs", "Target"]
 
 Array = NDArray[np.float64]
+Target = str | PathLike[str]
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,11 @@ class Event:
 
 
 class Outcome(Protocol):
-    """What explanations and files read of a result."""
+    """One run, as explanations and files read it."""
 
     @property
     def samples(self) -> Samples:
-        """The motion at the result's times."""
+        """The motion at the run's times."""
         ...
 
     @property
@@ -79,7 +80,16 @@ class Outcome(Protocol):
         ...
 
 
-class Drawable(Outcome, Protocol):
+class Runs(Protocol):
+    """One run, or several in a row."""
+
+    @property
+    def runs(self) -> Sequence[Outcome]:
+        """Each of them, in order of time."""
+        ...
+
+
+class Drawable(Runs, Protocol):
     """What plots read of a result."""
 
     @property
@@ -88,8 +98,18 @@ class Drawable(Outcome, Protocol):
         ...
 
     @property
-    def trajectory(self) -> Trajectory:
-        """The motion, piece by piece."""
+    def events(self) -> list[Event]:
+        """Events in order of time."""
+        ...
+
+    @property
+    def message(self) -> str:
+        """How it ended, in words."""
+        ...
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether the motion between the outputs was kept."""
         ...
 
     @property

@@ -6,7 +6,8 @@ import numpy as np
 
 from stickslip.equations.mode_equations import FREE
 from stickslip.model.modes import Mode
-from stickslip.results.outcome import Outcome
+from stickslip.results.in_a_row import of_each
+from stickslip.results.outcome import Runs
 from stickslip.results.samples import Samples
 
 __all__ = ["share"]
@@ -17,12 +18,14 @@ _PARTS = 32
 """Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign."""
 
 
-def share(result: Outcome, row: str) -> dict[Mode, float]:
+def share(result: Runs, row: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a row spends in each mode; together they are 1.
+
+    Of runs in a row only those count that know the row.
 
     Parameters
     ----------
-    result : Outcome
+    result : Result or Joined
     row : str
         Name of a contact or another row.
 
@@ -31,7 +34,17 @@ def share(result: Outcome, row: str) -> dict[Mode, float]:
     ValueError
         If there is no such row, or the motion between the outputs was not kept.
     """
-    samples = result.samples
+    times: dict[Mode, float] = {}
+    for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(row)), strict=True):
+        if known is not None:
+            for mode, time in _times(run.samples, row).items():
+                times[mode] = times.get(mode, 0.0) + time
+    total = sum(times.values())
+    return {mode: time / total for mode, time in times.items()}
+
+
+def _times(samples: Samples, row: str) -> dict[Mode, float]:
+    """Return how long a row is in each mode."""
     trajectory, j = samples.trajectory, samples.row(row)
     gaps = samples.system.rows[j].kind in ("gap", "stop")
     times = dict.fromkeys(_OF_GAPS if gaps else _OF_CONTACTS, 0.0)
@@ -55,5 +68,4 @@ def share(result: Outcome, row: str) -> dict[Mode, float]:
         lengths = np.diff(parts, axis=1).ravel()
         for mode in times:
             times[mode] += float(lengths[at.mode(row) == mode].sum())
-    total = sum(times.values())
-    return {mode: time / total for mode, time in times.items()}
+    return times

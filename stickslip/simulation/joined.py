@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.scene import Scene
-from stickslip.results import files
-from stickslip.results.files import Target
+from stickslip.results.in_a_row import joined, of_each
+from stickslip.results.samples import Samples
+from stickslip.simulation.readable import Readable, times_within
 from stickslip.simulation.result import Event, Result
 
 __all__ = ["Joined", "join"]
@@ -20,10 +23,11 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Joined:
+class Joined(Readable):
     """Results of runs in a row; each quantity is read by name as of a single one.
 
-    What a run does not know (a body that only another scene has) is NaN in its part.
+    What a run does not know (a body that only another scene has) is NaN in its part. Heat and work are counted from the
+    start of the first run.
 
     Attributes
     ----------
@@ -32,6 +36,11 @@ class Joined:
     """
 
     results: tuple[Result, ...] = field(repr=False)
+
+    @property
+    def runs(self) -> tuple[Result, ...]:
+        """The runs of which this is made: the results."""
+        return self.results
 
     @property
     def t(self) -> Array:
@@ -49,45 +58,22 @@ class Joined:
         return all(result.success for result in self.results)
 
     @property
+    def message(self) -> str:
+        """How the runs ended, in words: the last, or the first that failed."""
+        return next((result for result in self.results if not result.success), self.results[-1]).message
+
+    @property
+    def is_dense(self) -> bool:
+        """Whether the motion between the outputs was kept in every run."""
+        return all(result.is_dense for result in self.results)
+
+    @cached_property
     def scene(self) -> Scene:
-        """The scene of the last run."""
-        return self.results[-1].scene
+        """All that any run has, for tables and drawings; of a name that several have, what the last of them has."""
+        return Scene.of_all([result.scene for result in self.results])
 
-    def velocity(self, body: str) -> Array:
-        """Return the velocity of a body or drive at the times `t`, in m/s or rad/s."""
-        return self._read(lambda result: result.velocity(body))
-
-    def position(self, body: str) -> Array:
-        """Return the position of a body or drive at the times `t`, in m or rad."""
-        return self._read(lambda result: result.position(body))
-
-    def force(self, contact: str) -> Array:
-        """Return the force of a contact or another row at the times `t`, in N or N m."""
-        return self._read(lambda result: result.force(contact))
-
-    def normal(self, contact: str) -> Array:
-        """Return the normal force of a contact at the times `t`, in N."""
-        return self._read(lambda result: result.normal(contact))
-
-    def relative_velocity(self, contact: str) -> Array:
-        """Return the relative velocity of a row at the times `t`, in m/s or rad/s."""
-        return self._read(lambda result: result.relative_velocity(contact))
-
-    def power(self, contact: str) -> Array:
-        """Return the power that a contact turns into heat at the times `t`, in W."""
-        return self._read(lambda result: result.power(contact))
-
-    def mode(self, contact: str) -> Array:
-        """Return the mode of a row at the times `t`: -1, 0 or +1."""
-        return self._read(lambda result: result.mode(contact).astype(float))
-
-    def state(self, block: str) -> Array:
-        """Return the state of a block at the times `t`."""
-        return self._read(lambda result: result.state(block))
-
-    def output(self, block: str) -> Array:
-        """Return the output of a block at the times `t`."""
-        return self._read(lambda result: result.output(block))
+    def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
+        return joined(of_each(self.results, read), [result.t.size for result in self.results])
 
     def final_scene(self) -> Scene:
         """Return the scene at the end of the last run."""
@@ -108,64 +94,28 @@ class Joined:
         """
         starts = [float(result.trajectory.starts[0]) for result in self.results]
         stop = float(self.results[-1].trajectory.stops[-1])
-        if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
-            if times < 2:
-                raise ValueError(f"sample: give at least 2 times, got {times}")
-            times = np.linspace(starts[0], stop, int(times))
-        wanted = np.asarray(times, dtype=float)
-        if wanted.ndim != 1 or np.any(np.diff(wanted) < 0):
-            raise ValueError("sample: give increasing times in one line, or how many")
+        wanted = times_within(times, starts[0], stop)
+        if np.any(np.diff(wanted) < 0):
+            raise ValueError("sample: give increasing times: runs in a row are read in order of time")
         if wanted.size and not (starts[0] <= wanted[0] and wanted[-1] <= stop):
             raise ValueError(
                 f"times must lie in [{starts[0]:g}, {stop:g}] s, got {wanted[0]:g} to {wanted[-1]:g}"
             )
-        cuts = np.searchsorted(wanted, starts[1:])
-        parts = np.split(wanted, cuts)
+        parts = np.split(wanted, np.searchsorted(wanted, starts[1:]))
         # runs without a time stay, so that heat and work are counted through all of them
         return Joined(tuple(result.sample(part) for result, part in zip(self.results, parts, strict=True)))
 
-    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
-        """Write all runs as one table, a line per time, as `Result.to_csv` does for one of them.
-
-        Heat and work are counted from the start of the first run. What a run does not know is nan.
+    def fit_for_plot(self, points: int = 0) -> Joined:
+        """Return the same runs at times between which straight lines look like the motion, events twice.
 
         Parameters
         ----------
-        path : path
-        units : bool, optional
-            Whether the heads of the columns say the units; by default where the last scene says whether it rotates.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
+        points : int
+            About how many evenly spaced times to add.
         """
-        known: dict[str, str] = {}
-        for result in self.results:
-            known |= files.column_units(result)
-        with_units = None not in self.scene.motions.values() if units is None else units
-        files.write_columns(self._columns(), path, known if with_units else {})
-
-    def _columns(self) -> dict[str, NDArray[Any]]:
-        """Return the columns of all runs, one after another; heat and work go on from run to run."""
-        parts = [files.columns(result) for result in self.results]
-        ends = [
-            files.columns(result.sample(result.trajectory.stops[-1:])) if result.trajectory.is_dense else {}
-            for result in self.results
-        ]
-        names = list(dict.fromkeys(name for part in parts for name in part))
-        found = {}
-        for name in names:
-            so_far, pieces = 0.0, []
-            counted = name.startswith(("heat ", "work "))
-            for result, part, end in zip(self.results, parts, ends, strict=True):
-                piece = part.get(name)
-                pieces.append(np.full(result.t.size, np.nan) if piece is None else piece)
-                if counted and piece is not None:
-                    pieces[-1] = piece + so_far
-                    so_far += float(end[name][0]) if name in end else 0.0
-            found[name] = np.concatenate(pieces)
-        return found
+        spans = [result.trajectory.stops[-1] - result.trajectory.starts[0] for result in self.results]
+        each = [math.ceil(points * span / sum(spans)) for span in spans]
+        return Joined(tuple(result.fit_for_plot(own) for result, own in zip(self.results, each, strict=True)))
 
     def __str__(self) -> str:
         """Return when the runs begin and end, and their events."""
@@ -174,26 +124,6 @@ class Joined:
             for result in self.results
         ]
         return "\n".join([*spans, *map(str, self.events)])
-
-    def _read(self, read: Callable[[Result], Array]) -> Array:
-        found: list[Array | None] = []
-        fault: ValueError | None = None
-        for result in self.results:
-            try:
-                found.append(read(result))
-            except ValueError as error:
-                found.append(None)
-                fault = error
-        known = [part for part in found if part is not None]
-        if not known:
-            assert fault is not None
-            raise fault
-        shape = known[0].shape[:-1]
-        parts = [
-            np.full((*shape, result.t.size), np.nan) if part is None else part
-            for part, result in zip(found, self.results, strict=True)
-        ]
-        return np.concatenate(parts, axis=-1)
 
 
 def join(results: Sequence[Result]) -> Joined:

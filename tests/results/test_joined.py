@@ -63,3 +63,74 @@ def test_it_says_when_its_runs_begin_and_end(runs: tuple[Result, Joined]) -> Non
     text = str(runs[1])
     assert text.startswith("0 to 1.25 s: ") and "\n1.25 to 4 s: " in text
     assert "floor: FORWARD -> STUCK" in text
+
+
+OLD, NEW = (
+    Scene(
+        Body("wheel", inertia=inertia, velocity=speed, motion="rotation"),
+        *more,
+        Contact("brake", "wheel", GROUND, DryFriction(0.5, 0.5), normal=2.0),
+    )
+    for inertia, speed, more in (
+        (1.0, 4.0, [Body("lost", inertia=1.0, velocity=1.0, motion="translation")]),
+        (2.0, 3.0, [Contact("second", "wheel", GROUND, DryFriction(0.25, 0.25), normal=2.0)]),
+    )
+)
+"""First 1 N m slows 1 kg m² from 4 to 3 rad/s in 1 s; then 1.5 N m slow 2 kg m² from 3 rad/s to rest in 4 s."""
+
+
+@pytest.fixture(scope="module")
+def changed() -> Joined:
+    return join([simulate(OLD, (0.0, 1.0)), simulate(NEW, (1.0, 6.0))])
+
+
+def test_energy_is_counted_through_runs_of_different_scenes(changed: Joined) -> None:
+    ledger = changed.sample([0.0, 1.0, 5.0, 6.0]).energy()
+    # 1/2 v² = 8 J and 0.5 J; 3.5 J go into the brake; at 3 rad/s the wheel gains 4.5 J, and the lost body takes 0.5 J
+    assert ledger.kinetic == pytest.approx([8.5, 9.0, 0.0, 0.0])
+    assert ledger.changes == pytest.approx([0.0, 4.0, 4.0, 4.0])
+    # then 1 N m and 0.5 N m over 6 rad
+    assert ledger.contacts["brake"] == pytest.approx([0.0, 3.5, 9.5, 9.5])
+    assert ledger.contacts["second"] == pytest.approx([0.0, 0.0, 3.0, 3.0])
+    assert ledger.relative_error < 1e-14
+    assert "changes between runs       4" in str(ledger)
+
+
+def test_shares_count_the_runs_that_know_the_contact(changed: Joined) -> None:
+    assert changed.share("brake") == pytest.approx({-1: 0.0, 0: 1 / 6, 1: 5 / 6})
+    assert changed.share("second") == pytest.approx({-1: 0.0, 0: 1 / 5, 1: 4 / 5})
+    with pytest.raises(ValueError, match="no contact is called 'third'"):
+        changed.share("third")
+
+
+def test_everything_by_name_is_read_through_all_runs(changed: Joined) -> None:
+    even = changed.sample([0.5, 3.0])
+    assert even.velocity("wheel") == pytest.approx([3.5, 1.5])
+    assert even.breakaway("brake") == pytest.approx([1.0, 1.0])
+    assert np.isnan(even.force("second")[0]) and even.force("second")[1] == pytest.approx(0.5)
+    assert np.isnan(even.velocity("lost")[1])
+    assert even.stretch("brake")[0] == pytest.approx(0.5 * (4.0 + 3.5) * 0.5)
+    assert even.mode("brake").tolist() == [1, 1]
+    with pytest.raises(ValueError, match="no body is called 'wheels'"):
+        even.velocity("wheels")
+
+
+def test_it_draws_and_tells_all_runs(changed: Joined, tmp_path: Path) -> None:
+    assert [body.name for body in changed.scene.bodies] == ["wheel", "lost"]
+    assert changed.scene.bodies[0].inertia == 2.0
+    figure = changed.plot()
+    assert [ax.get_ylabel() for ax in figure.axes[:2]] == ["velocity [rad/s]", "velocity [m/s]"]
+    told = changed.explain()
+    assert (
+        told.startswith("From 0 s to 1 s\nScene: 2 bodies") and "\n\nFrom 1 s to 6 s\nScene: 1 body" in told
+    )
+    changed.report(tmp_path / "both.html")
+    page = (tmp_path / "both.html").read_text(encoding="utf-8")
+    for words in (
+        "<h3>From 0 s to 1 s</h3>",
+        "<h3>From 1 s to 6 s</h3>",
+        "changes between runs",
+        "heat of second",
+    ):
+        assert words in page
+    assert "<td>second</td>" in changed._repr_html_()

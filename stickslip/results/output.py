@@ -1,0 +1,25 @@
+"""One name for two things: a quantity of a block, and what writes results."""
+
+from __future__ import annotations
+
+from stickslip.model.quantities import output as output_of
+from stickslip.results import files, tables
+
+__all__ = ["output"]
+
+
+class _Output:
+    """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""
+
+    __call__ = staticmethod(output_of)
+    columns = staticmethod(tables.columns)
+    column_units = staticmethod(tables.column_units)
+    summary = staticmethod(tables.summary)
+    to_csv = staticmethod(tables.to_csv)
+    to_json = staticmethod(tables.to_json)
+    to_frame = staticmethod(tables.to_frame)
+    save = staticmethod(files.save)
+    read = staticmethod(files.read)
+
+
+output = _Output()

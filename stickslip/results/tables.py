@@ -1,0 +1,202 @@
+"""Results as tables: CSV and JSON for reading elsewhere, pandas frames."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.results.in_a_row import joined
+from stickslip.results.outcome import Drawable, Event, Outcome, Target
+from stickslip.results.samples import Samples
+from stickslip.results.units import units as units_of
+
+__all__ = ["column_units", "columns", "how_it_ended", "summary", "to_csv", "to_frame", "to_json"]
+
+
+def columns(result: Drawable) -> dict[str, NDArray[Any]]:
+    """Return motion, forces, modes, powers and energies of a result, under their names in files.
+
+    Parameters
+    ----------
+    result : Result or Joined
+        What one of several runs in a row does not know is NaN in its part.
+
+    Returns
+    -------
+    dict of str to array (n,)
+        ``time``; ``velocity NAME`` of bodies and drives, and ``position NAME`` where it is a state; ``force NAME`` and
+        ``mode NAME`` of contacts, ties and clutches; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
+        from the start, ``heat NAME`` of contacts; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work
+        of loads`` and ``work of drives``. Heat, energy and work are left out where only the outputs were kept.
+    """
+    parts = [_columns(run.samples) for run in result.runs]
+    sizes = [run.samples.t.size for run in result.runs]
+    names = dict.fromkeys(name for part in parts for name in part)
+    found: dict[str, NDArray[Any]] = {
+        name: joined([part.get(name) for part in parts], sizes) for name in names
+    }
+    if result.is_dense or not result.t.size:
+        ledger = result.energy()
+        found |= {f"heat {name}": heat for name, heat in ledger.contacts.items()}
+        found["heat of dampers"] = sum(ledger.dampers.values(), np.zeros_like(ledger.t))
+        found |= {"kinetic energy": ledger.kinetic, "spring energy": ledger.spring}
+        found |= {"work of loads": ledger.loads, "work of drives": ledger.drives}
+    return found
+
+
+def _columns(samples: Samples) -> dict[str, NDArray[Any]]:
+    """Return motion, forces, modes and powers of one run."""
+    system = samples.system
+    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
+    names = [row.name for row in system.rows]
+    frictional = [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
+    found: dict[str, NDArray[Any]] = {"time": samples.t}
+    found |= {f"velocity {name}": samples.velocity(name) for name in moving}
+    found |= {f"position {moving[i]}": samples.position(moving[i]) for i in system.position_state}
+    found |= {f"force {name}": samples.force(name) for name in names}
+    found |= {f"breakaway {name}": samples.breakaway(name) for name in frictional}
+    found |= {f"mode {name}": samples.mode(name) for name in names}
+    found |= {f"normal {name}": samples.normal(name) for name in frictional}
+    found |= {f"power {name}": samples.force(name) * samples.relative_velocity(name) for name in frictional}
+    return found
+
+
+def column_units(result: Drawable) -> dict[str, str]:
+    """Return the unit of each column; modes have none.
+
+    The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
+
+    Parameters
+    ----------
+    result : Result or Joined
+    """
+    scene = result.scene
+    found = {"time": "s"}
+    for one in (*scene.bodies, *scene.drives):
+        unit = units_of(scene, one)
+        found |= {f"velocity {one.name}": unit.velocity, f"position {one.name}": unit.position}
+    for row in scene.rows:
+        force = units_of(scene, row).force
+        found |= {f"force {row.name}": force, f"breakaway {row.name}": force, f"mode {row.name}": ""}
+        found |= {f"normal {row.name}": "N", f"power {row.name}": "W", f"heat {row.name}": "J"}
+    energies = ("heat of dampers", "kinetic energy", "spring energy", "work of loads", "work of drives")
+    return found | dict.fromkeys(energies, "J")
+
+
+def to_csv(result: Drawable, path: Target, *, units: bool | None = None) -> None:
+    """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
+
+    Parameters
+    ----------
+    result : Result or Joined
+    path : path
+        Times stand in s, everything else in the SI units of the scene.
+    units : bool, optional
+        Whether the heads of the columns say the units, as in ``velocity wheel [rad/s]``. By default they do where all
+        bodies, or the scene, say whether they rotate.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    found, known = columns(result), column_units(result)
+    with_units = None not in result.scene.motions.values() if units is None else units
+    heads = [f"{name} [{known[name]}]" if with_units and known[name] else name for name in found]
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(heads)
+        writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
+
+
+def summary(result: Drawable) -> dict[str, Any]:
+    """Return outcome, events, counts and the columns at the last time as plain data.
+
+    Parameters
+    ----------
+    result : Result or Joined
+        Of runs in a row there is a list: outcome, events and counts of each.
+    """
+    ended = [how_it_ended(run) for run in result.runs]
+    data: dict[str, Any] = ended[0] if len(ended) == 1 else {"runs": ended}
+    if result.t.size:
+        data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
+        known = column_units(result)
+        data["units"] = {name: known[name] for name in data["final"]}
+    return data
+
+
+def how_it_ended(result: Outcome) -> dict[str, Any]:
+    """Return outcome, events and counts as plain data."""
+    return {
+        "success": bool(result.success),
+        "status": int(result.status),
+        "message": result.message,
+        "events": [_event_to_dict(event) for event in result.events],
+        "stats": {name: _plain(value) for name, value in result.stats.items()},
+    }
+
+
+def to_json(result: Drawable, path: Target) -> None:
+    """Write outcome, events, counts and the state at the last time as JSON.
+
+    Parameters
+    ----------
+    result : Result or Joined
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    Path(path).write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def to_frame(result: Drawable) -> Any:
+    """Return a pandas DataFrame with the columns of a result.
+
+    Times are a column, not the index, because both limits of an event stand at the same time. ``frame.attrs["units"]``
+    holds the unit of each column.
+
+    Parameters
+    ----------
+    result : Result or Joined
+
+    Raises
+    ------
+    ImportError
+        If pandas is not installed.
+    """
+    try:
+        import pandas
+    except ImportError as missing:
+        raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
+    frame, known = pandas.DataFrame(columns(result)), column_units(result)
+    frame.attrs["units"] = {name: known[name] for name in frame.columns}
+    return frame
+
+
+def _event_to_dict(event: Event) -> dict[str, Any]:
+    return asdict(event) | {"before": event.before.name, "after": event.after.name}
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it; what is not finite becomes text."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_plain(item) for item in value]
+    return value
