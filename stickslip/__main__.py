@@ -327,7 +327,7 @@ def _draw_scene(chosen: argparse.Namespace) -> int:
     target = chosen.plot or str(Path(chosen.scene).with_suffix(".png").name)
     _check_folders({"plot": target})
     data, _ = _scene_file(chosen)
-    _save_figure(_scene(chosen.scene, data).draw(), target)
+    _save_figure(_scene(chosen.scene, data).draw, target)
     print(f"figure: {target}")
     return _OK
 
@@ -355,7 +355,7 @@ def _tradeoff(chosen: argparse.Namespace) -> int:
     except (ValueError, TypeError) as error:
         raise _BadInput(str(error)) from None
     if chosen.plot:
-        _save_figure(study.plot().figure, chosen.plot)
+        _save_figure(lambda: study.plot().figure, chosen.plot)
     return _OK
 
 
@@ -420,11 +420,12 @@ def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: ar
     from stickslip import plots
 
     value = chosen.value or "events"
-    try:
-        ax = plots.sweep_map(found, varied[0], varied[1], value, labels=_heads(runs, found))
-    except (ValueError, TypeError) as error:
-        raise _BadInput(f"--value {value}: {error}") from None
-    _save_figure(ax.figure, chosen.plot)
+    if value not in found.values:
+        raise _BadInput(f"--value {value}: no value is called so; choose from {', '.join(found.values)}")
+    heads = _heads(runs, found)
+    _save_figure(
+        lambda: plots.sweep_map(found, varied[0], varied[1], value, labels=heads).figure, chosen.plot
+    )
 
 
 def _scene_file(chosen: argparse.Namespace) -> tuple[dict[str, Any], Any]:
@@ -540,12 +541,15 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
 def _draw(result: Result, path: str, **options: Any) -> None:
     from stickslip import plots
 
-    _save_figure(plots.overview(result, **options), path)
+    _save_figure(lambda: plots.overview(result, **options), path)
 
 
-def _save_figure(figure: Any, path: str) -> None:
+def _save_figure(draw: Callable[[], Any], path: str) -> None:
+    from stickslip.plots.style import apart_from_pyplot
+
     try:
-        figure.savefig(path, dpi=_DPI)
+        with apart_from_pyplot():
+            draw().savefig(path, dpi=_DPI)
     except OSError as error:
         raise _BadInput(f"--plot {path}: cannot be written: {error.strerror}") from None
     except ValueError as error:  # a format that matplotlib does not know

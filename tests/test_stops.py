@@ -100,6 +100,26 @@ def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> N
     assert result.energy().impacts["floor"][-1] == pytest.approx(2 * g, abs=30 * off)
 
 
+def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
+    """A ball at 0.4 m, impacts as above with e = 0.06: from ``v = 1e-6 m/s`` on its flights are roundoff of 0.4 m."""
+    g, e, height = 0.8, 0.06, 1e-3
+    scene = Scene(
+        Body("ball", inertia=2.0, position=0.4 + height),
+        Body("other", inertia=1.0, velocity=1.0),
+        Contact("rub", "other", GROUND, DryFriction(0.2, 0.1, stribeck_velocity=0.5), normal=1.0),
+        Force("ball", -2.0 * g),
+        Stop("floor", "ball", GROUND, lower=0.4, restitution=e),
+    )
+    result = simulate(scene, (0, 1), method="BDF", rtol=1e-12, atol=1e-14)
+    t1 = math.sqrt(2 * height / g)
+    found = times(result, "floor")
+    exact = [t1 * (1 + 2 * sum(e**k for k in range(1, n))) for n in range(1, len(found) + 1)]
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-7)
+    assert len(found) == 4
+    assert result.events[-1].after == Mode.BACKWARD
+    assert result.velocity("ball")[-1] == 0
+
+
 @every_engine
 def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any], off: float) -> None:
     """Pressed with 3 N, then pulled with a growing force: the stop opens at 0 N, the contact lets go at 2 N."""

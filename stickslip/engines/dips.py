@@ -29,6 +29,9 @@ _SUSPICION = 5e-2
 _FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
 
+_TOUCHES = 0.1
+"""Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully."""
+
 _FROM_ABOVE = 1e2
 """From so many times what is uncertain a velocity has to come down, or a touch is not told from a ripple."""
 
@@ -45,7 +48,7 @@ def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
     taus = path.taus
     if not guards.size or taus.size < 2:
         return None
-    touch = np.where(guards.stick_at_touch, 2 * guards.uncertain, 0.0)
+    touch = np.where(guards.stick_at_touch, _TOUCHES * guards.uncertain, 0.0)
     low = guards.lower_bounds(path)
     some = np.asarray((low <= touch[:, None]).any(axis=0))
     if not some.any():

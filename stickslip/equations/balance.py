@@ -58,6 +58,8 @@ class Balance:
         Their rows of T and U.
     loop : array (h,) of int
         Rows whose forces are not unique have the number of their loop, all others -1. Loops that share no row differ.
+    parting : array or sparse (h, d) or None
+        Forces that drives which move apart would need, for their accelerations; None where they cannot tear anything.
     singular : array of int
         Independent bodies without inertia: nothing decides their motion.
     """
@@ -75,13 +77,13 @@ class Balance:
             part = _Component(inertia, G, D)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
             self._S = part.S
-            self._parting, self.loop = part.parting, part.loop
+            self.parting, self.loop = part.parting, part.loop
             self._large: list[tuple[Indices, _Tree]] = []
         self._finish()
 
     def _nothing(self, drives: int) -> None:
         self.dependent = np.empty(0, dtype=np.intp)
-        self._parting = None
+        self.parting = None
         self._large = []
         n = self._n
         self.T = scipy.sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
@@ -156,7 +158,7 @@ class Balance:
         self.T, self.U = T.matrix((n, n)), U.matrix((n, d))
         self.dependent = np.concatenate(dependent)
         self._S = S.matrix((h, self.dependent.size))
-        self._parting = _stacked(parting, h, d) if parting else None
+        self.parting = _stacked(parting, h, d) if parting else None
 
     def consistent(self, v: Array, u: Array) -> Array:
         """Return velocities with dependent ones written through T, the independent ones as they are."""
@@ -192,8 +194,8 @@ class Balance:
         found = self._S @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.forces(rest)
-        if self._parting is not None and drives is not None:
-            found = found + self._parting @ drives
+        if self.parting is not None and drives is not None:
+            found = found + self.parting @ drives
         return found
 
     def force_magnitudes(self, forces: Array) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.floats import Line, evaluate, forces, lines
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
@@ -211,8 +212,9 @@ class Guards:
                 else:
                     # where a load is a function, its slopes are as uncertain as the time
                     near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
+                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[self.row[i]] else 0.0
                     limits = [
-                        closeness * near[1, i] + ROUNDOFF * majorant[1, i],
+                        max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
                         AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
                     ]
             else:
@@ -251,6 +253,15 @@ class Guards:
             if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         return NEVER
+
+    def _given_by_level(self, i: int) -> float:
+        """Return the acceleration that the level of a moving row gives it, all that adds up in it where it has none."""
+        system, row = self.motion.system, self.row[i]
+        if not system.is_friction[row]:
+            return float(self._adds_up[1, i])
+        pull = dense(system.G[[row]])[0]
+        level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
+        return float(level * (pull @ self.motion.equations.balance.accelerations(pull)))
 
     @cached_property
     def _never(self) -> Mask:

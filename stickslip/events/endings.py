@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards import ROUNDOFF, Guards
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
@@ -170,12 +170,19 @@ def at_stops(
 
 
 def jumped(
-    motion: Motion, loads: Loads, path: Path, t: float, labels: Modes, crossed: Indices, margin: float
+    motion: Motion,
+    loads: Loads,
+    path: Path,
+    t: float,
+    labels: Modes,
+    crossed: Indices,
+    margin: float,
+    is_exact: bool,
 ) -> Jump:
     """Return what impacts and jumping drives do at `t`, the end of a path.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than `margin` stay.
+    rebound with less than `margin` stay; where the engine is not exact, those too whose flight is roundoff.
     """
     system, y, n = motion.system, path.last, motion.system.n
     if not (system.drives or system.has_stops):
@@ -194,6 +201,8 @@ def jumped(
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     if not hit.any() and (system.is_friction | system.is_gap).all():
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
+    if hit.any() and not is_exact:
+        margin = max(margin, _slowest_flight(motion, path, q, hit))
     found = struck(system, y[:n], before, after, sides, hit)
     change = np.abs(system.G @ (found.v - y[:n]) + system.D @ jump)
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
@@ -202,6 +211,23 @@ def jumped(
     # rebounds slower than the margin do not happen
     sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
     return Jump(np.asarray(change > _SAME * speed), y, sides, hit, np.array([found.impulses, found.lost]))
+
+
+def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:
+    """Return the speed below which stops that are hit come back before it can be told that they have left.
+
+    With the acceleration a towards its limit a stop is back at 0 after 2 v / a. Its distance is roundoff up to the time
+    roundoff / v.
+    """
+    system, functions = motion.system, motion.system.piecewise
+    rate = motion.rate(float(path.taus[-1]), path.last)
+    pace = system.abs_G @ np.abs(rate[: system.n])
+    if system.drives:
+        pace = pace + system.abs_D @ np.abs(system.drive_accelerations(q))
+    _, _, size = functions.limits(path.last, q, path.largest)
+    some = functions.is_stop & hit[functions.row]
+    rough = 2.0 * ROUNDOFF * size[some]
+    return float(np.sqrt(rough * pace[functions.row[some]]).max(initial=0.0))
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

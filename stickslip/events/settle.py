@@ -18,6 +18,7 @@ from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPE
 from stickslip.equations.motion import Motion
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.events.collapse import collapse
 from stickslip.events.labels import label
 from stickslip.events.sharing import share
 
@@ -436,6 +437,8 @@ class _Search:
         if not over.size:
             following[guards.row[violated]] = 0
             return following
+        if (torn := collapse(motion, guards)) is not None:
+            return self._released(trial, motion, *torn)
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]

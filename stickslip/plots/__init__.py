@@ -1,4 +1,4 @@
-"""Drawings of results and studies. Everything draws on axes and returns them; nothing opens a window.
+"""Drawings of results and studies. Everything draws on the axes given, or in a new figure of pyplot.
 
 This module and its parts are the only ones that load matplotlib.
 """
@@ -24,7 +24,7 @@ from stickslip.plots.motion import MANY, modes, velocities, velocity_units
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
 from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
-from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, own_axes
+from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, new_figure, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = [
@@ -90,7 +90,7 @@ def overview(
     panels = _panels(result, bodies, names)
     if axes is None:
         ratios = [height for height, _ in panels]
-        figure = Figure(figsize=(9.0, 0.6 + sum(ratios)), layout="constrained")
+        figure = new_figure(9.0, 0.6 + sum(ratios), layout="constrained")
         axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
         figure.align_ylabels(axes)
     elif len(axes) != len(panels):
@@ -151,8 +151,8 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
     ValueError
         If only the requested outputs were kept.
     """
-    ax = own_axes(ax)
     ledger = result.fit_for_plot(FINE).energy()
+    ax = own_axes(ax)
     curves = {"kinetic": ledger.kinetic}
     if result.scene.springs:
         curves["springs"] = ledger.spring

@@ -33,9 +33,9 @@ def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such block.
     """
-    ax = own_axes(ax)
     fine = result.fit_for_plot(FINE)
     outputs, states = (np.atleast_2d(found) for found in (fine.output(name), fine.state(name)))
+    ax = own_axes(ax)
     curves = {_numbered("output", k, len(outputs)): values for k, values in enumerate(outputs)}
     for k, values in enumerate(states):
         if not any(np.array_equal(values, drawn) for drawn in outputs):

@@ -57,9 +57,9 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such contact.
     """
-    ax = own_axes(ax)
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
     element = _element(result, contact)
+    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    ax = own_axes(ax)
     # a tie holds any force, a one-way clutch or a stop any to one side: there is no level to draw
     upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
     if not isinstance(element, Contact):
@@ -97,8 +97,8 @@ def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *,
         If there is no such contact.
     """
     names = contact_names(result, contacts)
-    ax = own_axes(ax)
     coarse = even_points(result)
+    ax = own_axes(ax)
     rows = np.array([_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names])
     mesh = raster(ax, coarse.t, np.ma.masked_invalid(rows), names, cmap=_GREYS, vmin=0.0, vmax=1.0)
     color_bar(ax, mesh, "|force| / breakaway level")
@@ -132,7 +132,7 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     ValueError
         If there is no such contact.
     """
-    names = varying(result) if contacts is None else list(contacts)
+    names = varying(result) if contacts is None else contact_names(result, contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
         coarse = even_points(result)
@@ -170,10 +170,10 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such contact, or positions were not kept.
     """
-    ax = own_axes(ax, 6.0, 4.2)
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
     x = sum((c * fine.position(name) for name, c in element.coefficients.items()), np.zeros_like(fine.t))
+    ax = own_axes(ax, 6.0, 4.2)
     w = fine.relative_velocity(contact)
     ax.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
     ax.plot(x, w, label="trajectory", zorder=1, **look(0))
@@ -208,10 +208,10 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such contact.
     """
-    ax = own_axes(ax, 6.0, 4.2)
     element = _element(result, contact)
     if not isinstance(element, Contact):
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
+    ax = own_axes(ax, 6.0, 4.2)
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     divided = contact in varying(result)
     normal = float(np.nanmean(fine.normal(contact))) if fine.t.size else 0.0

@@ -66,28 +66,31 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
     ValueError
         If there is no such body.
     """
-    ax = own_axes(ax)
     scene = result.scene
     names = [element.name for element in (*scene.bodies, *scene.drives)] if bodies is None else list(bodies)
+    shared, labels = _units(result, names)
+    ax = own_axes(ax)
     if len(names) > MANY:
-        _velocity_raster(result, names, ax)
+        coarse = even_points(result)
+        rows = np.array([coarse.velocity(name) for name in names])
+        value_raster(ax, coarse.t, rows, labels, f"velocity [{shared}]")
+        ax.set_ylabel("body")
     else:
-        _velocity_curves(result, names, ax)
+        _velocity_curves(result, names, labels, ax)
+        ax.set_ylabel(f"velocity [{shared}]")
     ax.set_xlabel(TIME)
     return ax
 
 
-def _velocity_curves(result: Drawable, names: list[str], ax: Any) -> None:
+def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: Any) -> None:
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
     held = _bands(fine, names, ax)
-    shared, labels = _units(result, names)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
     for k, name in enumerate(names):
         ax.plot(fine.t, fine.velocity(name), label=labels[k], zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
-    ax.set_ylabel(f"velocity [{shared}]")
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
@@ -159,14 +162,6 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
     ticks = {"transform": ax.get_xaxis_transform(), "markersize": 9, "markeredgewidth": 0.6}
     ax.plot(chosen, np.zeros(chosen.size), "|", **ticks, **points)
     ax.margins(y=0.09)  # or a line at the lowest velocity would run into the ticks
-
-
-def _velocity_raster(result: Drawable, names: list[str], ax: Any) -> None:
-    coarse = even_points(result)
-    rows = np.array([coarse.velocity(name) for name in names])
-    shared, labels = _units(result, names)
-    value_raster(ax, coarse.t, rows, labels, f"velocity [{shared}]")
-    ax.set_ylabel("body")
 
 
 def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:

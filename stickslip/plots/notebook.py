@@ -15,6 +15,7 @@ from stickslip.model.scene import Scene
 from stickslip.model.signals import Signal
 from stickslip.plots.html import STYLE, bitmap, table, vector
 from stickslip.plots.schematic import MOST, schematic
+from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.outcome import Drawable, Event
 from stickslip.results.units import units
 
@@ -44,11 +45,13 @@ def _shown(*parts: str) -> str:
     return f'<div class="stickslip">{STYLE}' + "\n".join(parts) + "</div>"
 
 
+@apart_from_pyplot()
 def scene_html(scene: Scene) -> str:
     """Return the schematic of a scene, and a table of its elements."""
     return _shown(vector(schematic(scene).figure, "schematic of the scene"), elements_table(scene))
 
 
+@apart_from_pyplot()
 def result_html(result: Drawable) -> str:
     """Return figure, events and last velocities of a result."""
     from stickslip.plots import overview
@@ -73,6 +76,7 @@ def study_html(study: Study) -> str:
     return _shown(bitmap(ax.figure, "error against time"), f"<pre>{escape(str(study))}</pre>")
 
 
+@apart_from_pyplot()
 def cycle_html(cycle: Any) -> str:
     """Return one period of a limit cycle as a figure, and what there is to say of it."""
     from stickslip.plots import overview

@@ -9,6 +9,7 @@ from stickslip.model.modes import Mode
 from stickslip.plots.html import bitmap, table, vector
 from stickslip.plots.notebook import elements_table, events_table, final_table
 from stickslip.plots.schematic import schematic
+from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Drawable
 from stickslip.results.shares import share
@@ -46,6 +47,7 @@ pre {{ white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.8rem; backgr
 """
 
 
+@apart_from_pyplot()
 def report(result: Drawable, title: str) -> str:
     """Return a page on a result: scene, motion, modes, forces, energies, events with their causes, accuracy.
 

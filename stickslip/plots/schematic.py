@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 
 from stickslip.model.elements import (
@@ -32,6 +31,7 @@ from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
+from stickslip.plots.style import new_figure
 from stickslip.results.units import units
 
 __all__ = ["schematic"]
@@ -164,7 +164,7 @@ class _Drawing:
         right = max(right, *ends, 0.0) if ends else right
         width, height = right - left, 0.15 - lowest
         if ax is None:
-            ax = Figure(figsize=(width, height)).add_axes((0.0, 0.0, 1.0, 1.0))
+            ax = new_figure(width, height).add_axes((0.0, 0.0, 1.0, 1.0))
         ax.set(xlim=(left, right), ylim=(lowest, 0.15), aspect="equal")
         ax.set_axis_off()
         box = ax.get_window_extent()

@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
-from stickslip.plots.style import COLOURS, makes_room, robust
+from stickslip.plots.style import COLOURS, makes_room, new_figure, own_axes, robust
 
 __all__ = ["bifurcation", "fit", "sweep_map", "tradeoff", "work_precision"]
 
@@ -17,6 +17,7 @@ _MARKERS = "osD^vP*X<>ph"
 _LINES = ("-", "--", "-.", ":")
 _INSIDE = 8  # legend entries that find room within the axes
 _NOTES = 6
+_SIZE = (9.0, 5.0)  # inches
 _APART = 0.4
 """Decades between families below what the reference can tell."""
 
@@ -104,7 +105,7 @@ def work_precision(table: Table, *, ax: Any = None) -> Any:
     """
     if not isinstance(table, Table):
         raise TypeError(f"work_precision plot: expected a WorkPrecision, got {type(table).__name__}")
-    return _errors_against_times(table, _axes(ax), {})
+    return _errors_against_times(table, own_axes(ax, *_SIZE), {})
 
 
 def _errors_against_times(table: Table, ax: Any, at_floor: dict[int, float]) -> Any:
@@ -167,7 +168,7 @@ def tradeoff(study: Study, *, ax: Any = None) -> Any:
     families = list(dict.fromkeys(row.family or row.name for row in floor))
     lower = {family: study.limit * 10 ** (-_APART * (k + 1)) for k, family in enumerate(families)}
     heights = {id(row): lower[row.family or row.name] for row in floor}
-    ax = _errors_against_times(study.work, _axes(ax), heights)
+    ax = _errors_against_times(study.work, own_axes(ax, *_SIZE), heights)
     ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
     ax.set_ylim(bottom=study.limit * 10 ** (-_APART * (len(families) + 1)))
     _legend(ax)
@@ -227,7 +228,7 @@ def sweep_map(
     field = np.moveaxis(field, (names.index(y), names.index(x)), (0, 1))
     field = field.reshape(field.shape[:2])
 
-    ax = _axes(ax)
+    ax = own_axes(ax, *_SIZE)
     labels = labels or {}
     (x_edges, x_centres), (y_edges, y_centres) = (
         _cells(ax, which, result.parameters[name]) for which, name in (("x", x), ("y", y))
@@ -301,8 +302,8 @@ def bifurcation(branch: Followed, body: str | None = None, *, ax: Any = None) ->
     ValueError
         If there is no such body.
     """
-    ax = _axes(ax)
     parts = _parts(branch, body)
+    ax = own_axes(ax, *_SIZE)
     for wanted, line, fill, label in ((True, "-", "C0", "stable"), (False, "--", "white", "unstable")):
         chosen = [(x, np.where(stable == wanted, y, np.nan)) for x, y, stable in parts]
         chosen = [one for one in chosen if np.isfinite(one[1]).any()]
@@ -385,14 +386,9 @@ def fit(found: Fitted, *, axes: Any = None) -> Any:
     """
     count = 2 * len(found.measured)
     if axes is None:
-        import matplotlib.pyplot as plt
-
         heights = [2.4, 1.2] * len(found.measured)
-        size = (9.0, 0.6 + sum(heights))
-        _, axes = plt.subplots(
-            count, 1, sharex=True, figsize=size, height_ratios=heights, layout="constrained", squeeze=False
-        )
-        axes = axes[:, 0]
+        figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
+        axes = figure.subplots(count, 1, sharex=True, height_ratios=heights)
     elif len(axes) != count:
         raise ValueError(f"fit: {count} panels need as many axes, got {len(axes)}")
     smooth, left = found.result.fit_for_plot(1000), found.residuals()
@@ -407,14 +403,6 @@ def fit(found: Fitted, *, axes: Any = None) -> Any:
         _legend(top)
     axes[-1].set_xlabel("time [s]")
     return axes[0].get_figure()
-
-
-def _axes(ax: Any) -> Any:
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(figsize=(9.0, 5.0), layout="constrained")[1]
 
 
 def _legend(ax: Any) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ __all__ = [
     "NORMAL",
     "TIME",
     "WITH_DOTS",
+    "apart_from_pyplot",
     "beside",
     "color_bar",
     "contact_names",
@@ -25,6 +28,7 @@ __all__ = [
     "look",
     "makes_room",
     "mark_events",
+    "new_figure",
     "own_axes",
     "raster",
     "robust",
@@ -49,9 +53,42 @@ _STRETCHED = 3.0
 """Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
 
+_ARE_PYPLOTS = ContextVar("whether new figures are pyplot's", default=True)
+
+
+class Drawing(Figure):
+    """A figure that notebooks show once, by the value of a cell or at its end, where pyplot shows all that it knows."""
+
+    def _ipython_display_(self) -> None:
+        import matplotlib.pyplot as plt
+
+        if "inline" in plt.get_backend():
+            plt.close(self)
+        raise NotImplementedError  # or, in the words of IPython: show it like any other figure
+
+
+def new_figure(width: float, height: float, **options: Any) -> Figure:
+    """Return a new figure in inches: one of pyplot, so that ``plt.show()`` shows it and ``plt.close()`` frees it."""
+    if not _ARE_PYPLOTS.get():
+        return Figure(figsize=(width, height), **options)
+    import matplotlib.pyplot as plt
+
+    return plt.figure(figsize=(width, height), FigureClass=Drawing, **options)
+
+
+@contextmanager
+def apart_from_pyplot() -> Iterator[None]:
+    """Within this, new figures are not pyplot's: pages and files are made without windows, and leave nothing behind."""
+    before = _ARE_PYPLOTS.set(False)
+    try:
+        yield
+    finally:
+        _ARE_PYPLOTS.reset(before)
+
+
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure that no window and no list of figures knows."""
-    return Figure(figsize=(width, height), layout="constrained").subplots() if ax is None else ax
+    """Return the axes given, or those of a new figure; call it when nothing can be refused any more."""
+    return new_figure(width, height, layout="constrained").subplots() if ax is None else ax
 
 
 def look(k: int) -> dict[str, Any]:
@@ -88,8 +125,18 @@ def mark_events(ax: Any, result: Drawable) -> None:
 
 
 def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
-    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
-    return [row.name for row in result.scene.rows] if contacts is None else list(contacts)
+    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene.
+
+    Raises
+    ------
+    ValueError
+        If there is no such row.
+    """
+    names = [row.name for row in result.scene.rows]
+    for name in contacts or ():
+        if name not in names:
+            result.mode(name)  # says which there are
+    return names if contacts is None else list(contacts)
 
 
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

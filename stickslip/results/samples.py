@@ -302,7 +302,7 @@ class Samples:
         upper, lower = self._levels(normals, shown, slow, since)
         forces = self._moving(inner, normals, upper, lower)
         pushed = self._piecewise(q)
-        self._hold(q, forces, pushed)
+        self._hold(q, inner, forces, pushed)
         shows = system.piecewise.is_force.nonzero()[0]
         forces[system.piecewise.row[shows]] = pushed[shows]
         inputs = q[: system.inputs].copy()
@@ -354,11 +354,11 @@ class Samples:
         for key, places in groups.items():
             yield np.frombuffer(key, dtype=np.int16), np.concatenate(places)
 
-    def _hold(self, q: Array, forces: Array, pushed: Array) -> None:
+    def _hold(self, q: Array, inner: Modes, forces: Array, pushed: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         for part, some, own in self.trajectory.by_part(self.piece_of):
-            inner, _, _ = part.modes(own, self.t[some])
-            forces[:, some] = np.where(inner == 0, part.forces(own, self.t[some]), forces[:, some])
+            held = inner[:, some] == 0
+            forces[:, some] = np.where(held, part.forces(own, self.t[some]), forces[:, some])
         system, sets = self.system, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return

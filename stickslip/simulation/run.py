@@ -197,7 +197,8 @@ class Run:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
-        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._wanted.rebound)
+        none = np.empty(0, dtype=np.intp)
+        jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
         touching = end.touching | ((before == 0) & ~jump.parted)
         self._settle(replace(end, y=jump.y, touching=touching), before, [], jump)
 
@@ -227,7 +228,9 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._wanted.rebound)
+        is_exact = not now.guards.uncertain
+        rebound = self._wanted.rebound
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
         touching = at.touching | (before == 0) & ~jump.parted
         y = jump.y
         if system.sampled:

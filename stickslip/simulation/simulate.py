@@ -78,7 +78,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional
         Relative velocity in m/s or rad/s below which a contact counts as stuck once its velocities are constant; 0
-        switches the check off. By default a hundred times what the tolerances leave uncertain.
+        switches the check off. By default a hundred times what the tolerances leave uncertain, at
+        most 1e-3 of the scene's velocities.
     events : sequence of When, optional
         Quantities whose crossings of 0 are noted among the events, or stop the simulation.
     max_step : float

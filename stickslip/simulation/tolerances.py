@@ -16,11 +16,8 @@ __all__ = ["Tolerances", "largest_value", "tolerances"]
 
 Array = NDArray[np.float64]
 
-_PASSED = 100.0
-"""How far velocities pass 0, as a multiple of what the tolerances leave uncertain: the errors of steps add up."""
-
-_PASSED_AT_MOST = 1e-2
-"""How far velocities pass 0 at the most, as a part of the scene's velocities: with loose tolerances, too."""
+_TIMES, _AT_MOST = 100.0, 1e-3
+"""What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities."""
 
 _FINEST = 1e-13
 _BRISTLE = 1e-6
@@ -75,8 +72,7 @@ class Tolerances:
         if not self.has_errors:
             return 0.0
         speed = max(self.speed, fastest)
-        quiet = self.quiet + self.rtol * (speed - self.speed)
-        return min(_PASSED * quiet, max(_PASSED_AT_MOST * speed, quiet))
+        return _added_up(self.quiet + self.rtol * (speed - self.speed), speed)
 
 
 def tolerances(
@@ -121,11 +117,16 @@ def tolerances(
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
     blur = max(_BLUR, method.force_uncertainty * rtol)
-    relaxed = 100.0 * quiet if margin is None else margin
+    relaxed = _added_up(quiet, speed) if margin is None else margin
     # an exact engine knows velocities to roundoff: so small rebounds are real
     rebound = _REBOUND * speed if is_exact and margin is None else relaxed
     has_errors = not (is_exact or method.takes_steps)
     return Tolerances(rtol, each, relaxed, rebound, quiet, blur, speed, has_errors)
+
+
+def _added_up(quiet: float, speed: float) -> float:
+    """Return what errors of steps may add up to, of a velocity of which `quiet` is uncertain."""
+    return min(_TIMES * quiet, max(_AT_MOST * speed, quiet))
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:

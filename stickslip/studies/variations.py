@@ -62,8 +62,8 @@ _LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
 """Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
 is a touch."""
 
-_QUADRATURE, _REFINED = 1e-10, 6
-"""Part of an integral that a finer rule may change, and how often steps are halved for that."""
+_QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
+"""Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved."""
 
 _REST = 1e-11
 _TINY = np.finfo(float).tiny
@@ -203,9 +203,12 @@ class Variation:
         return found
 
     def _along(
-        self, motion: Motion, since: Array, taus: Array, y: Array, S: Array
+        self, motion: Motion, since: Array, y: Array, S: Array, is_straight: bool = False
     ) -> list[tuple[float, Motion, Array]]:
-        """Return weights, motions and states whose quantities add up to the derivative along S and `since`."""
+        """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
+
+        Quantities that are linear in the state have no longest step: the longer it is, the less is roundoff.
+        """
         part = max(
             float((np.abs(S) / self._size[:, None]).max(initial=0.0)),
             float(np.abs(since).max(initial=0.0)) / self._dwell,
@@ -213,7 +216,7 @@ class Variation:
         if part == 0:
             return []
         bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
-        h = min(_FINE / part, PART / bends if bends > 0 else np.inf)
+        h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
         shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
         found = []
         for offset, weight in CENTRAL:
@@ -235,7 +238,15 @@ class Variation:
         return self._slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
 
     def _slopes(
-        self, quantity: Quantity, piece: Piece, motion: Motion, since: Array, taus: Array, y: Array, S: Array
+        self,
+        quantity: Quantity,
+        piece: Piece,
+        motion: Motion,
+        since: Array,
+        taus: Array,
+        y: Array,
+        S: Array,
+        is_straight: bool = False,
     ) -> Array:
         columns = []
         for k in range(self.count):
@@ -245,7 +256,7 @@ class Variation:
             ]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
-                for weight, moved, at in self._along(motion, since[:, k], taus, y, S[:, :, k])
+                for weight, moved, at in self._along(motion, since[:, k], y, S[:, :, k], is_straight)
             ]
             with np.errstate(invalid="ignore"):
                 columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
@@ -425,7 +436,7 @@ class Variation:
                     c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
                 if motion.rises_push and since[:, k].any():
                     still = np.zeros((system.size, 1))
-                    for weight, other, _ in self._along(motion, since[:, k], np.zeros(1), y[:, None], still):
+                    for weight, other, _ in self._along(motion, since[:, k], y[:, None], still):
                         c[:, :, k] += weight * other.expand(tau, y, _ORDER, h).y
             reach = self._reach(c)
             c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
@@ -551,7 +562,8 @@ class Variation:
                 self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here")
             return np.full(self.count, np.nan)
         raw = self._raw(piece, guards, motion)
-        moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[fired, 0]
+        is_straight, at = bool(self._straight(guards)[fired].all()), np.array([tau])
+        moved = self._slopes(raw, piece, motion, since, at, y[:, None], S[:, None, :], is_straight)[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
         steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
         # of guards that fall together, the one that grazes least tells the time
@@ -580,11 +592,25 @@ class Variation:
         stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
         offsets = np.array([offset for offset, _ in stencil]) * h
         weights = np.array([weight for _, weight in stencil]) / h
+
+        def slope(taus: Array, states: Array, weights: Array) -> Array:
+            values = guards.raw(motion.watched(taus, states), motion.inputs(taus, states))
+            return np.asarray(values @ weights)
+
         # along the tangent and its change: the parabola of the motion
         ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
-        states = y[:, None] + 0.5 * offsets * (rate[:, None] + ahead)
-        values = guards.raw(motion.watched(tau + offsets, states), motion.inputs(tau + offsets, states))
-        return np.asarray(values @ weights)
+        found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
+        straight = self._straight(guards)
+        if pace > 0 and straight.any():
+            by_time = slope(tau + offsets, np.repeat(y[:, None], offsets.size, axis=1), weights)
+            far = y[:, None] + np.outer(rate, [1.0 / pace, -1.0 / pace])
+            by_state = slope(np.array([tau, tau]), far, np.array([0.5 * pace, -0.5 * pace]))
+            found[straight] = (by_time + by_state)[straight]
+        return found
+
+    def _straight(self, guards: Guards) -> NDArray[np.bool_]:
+        """Tell which guards are linear in the state: velocities and distances, but no forces."""
+        return np.asarray((guards.is_velocity | guards.is_border) & (self.system.dependence is None))
 
     def _check_guards_at_break(
         self, piece: Piece, motion: Motion, tau: float, S: Array, since: Array, times: Array
@@ -851,6 +877,7 @@ class Variation:
         """
         place = self.trajectory.places(times)
         local = self.trajectory.local(place, times)
+        sizes = np.array([one.size for one in self.directions])
         parts: list[Array] = []
         total: Array | float = 0.0
         for number in range(int(place.max(initial=-1)) + 1):
@@ -863,15 +890,17 @@ class Variation:
             ends = np.array([0.0, piece.end])
             limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
             sums = self._sums(quantity, number, edges)
+            rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / sizes
             for _ in range(_REFINED):
                 if edges.size < 2:
                     break
                 middles = 0.5 * (edges[1:] + edges[:-1])
                 edges = np.insert(edges, np.arange(1, edges.size), middles)
                 finer = self._sums(quantity, number, edges)
-                off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=1, keepdims=True)
+                off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=(0, 1))
                 sums = finer
-                if not np.any(off > _QUADRATURE * size):
+                # a line that hardly changes is roundoff of those that do, and of the quantity itself
+                if not np.any(off > _QUADRATURE * size + rough):
                     break
             sums += total - limits[:, :1] * varied.begin
             parts.append(sums[:, np.searchsorted(edges, wanted)])

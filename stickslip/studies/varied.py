@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
 from stickslip.studies.directions import PART
@@ -97,9 +98,15 @@ class VariedImpact:
         largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
-        speeds = np.abs(self.system.G @ v + self.system.D @ self.before)[self.hit]
+        system, none = self.system, np.zeros_like(self.before)
+        # only relative velocities count: what bodies have in common brings no more than its roundoff
+        rigid = (~(system.is_friction | system.is_gap)).nonzero()[0]
+        w = system.G[rigid] @ v + system.D[rigid] @ self.before
+        apart = np.linalg.lstsq(dense(system.G[rigid]), w)[0]
+        jump = self.now - self.before
+        speeds = np.abs(system.G @ v + system.D @ self.before)[self.hit]
         h = PART * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0))) / largest
-        own = self.after(v)
-        ahead = self.after(v + h * change, None, self.before + h * u, self.now + h * u)
-        back = self.after(v - h * change, None, self.before - h * u, self.now - h * u)
+        own = self.after(apart, None, none, jump)
+        ahead = self.after(apart + h * change, None, h * u, jump + h * u)
+        back = self.after(apart - h * change, None, -h * u, jump - h * u)
         return (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)

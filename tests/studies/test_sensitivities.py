@@ -278,6 +278,28 @@ def test_a_ball_that_bounces_to_rest() -> None:
     assert np.allclose(found.position("ball"), [0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
+def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
+    """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
+    height, gravity, e = 1e-2, 0.8, 0.3
+    scene = Scene(
+        Body("ball", inertia=1.0, position=0.4 + height),
+        Body("other", inertia=1.0, velocity=5.0),
+        Contact("rub", "other", GROUND, DryFriction(0.2, 0.1, stribeck_velocity=0.5), normal=1.0),
+        Spring("other", GROUND, stiffness=1000.0),
+        Force("ball", -gravity),
+        Stop("floor", "ball", GROUND, lower=0.4, restitution=e),
+    )
+    found = sensitivities(scene, (0.0, 0.3), ["ball.position"])
+    at = [k for k, event in enumerate(found.result.events) if event.contact == "floor"]
+    times = np.array([found.result.events[k].t for k in at])
+    assert found.reasons == () and times.size > 8
+    assert found.result.stats["engine"] == "CVODE BDF"
+    n = np.arange(times.size)
+    exact = math.sqrt(2 * height / gravity) * (1 + 2 * np.cumsum(np.where(n > 0, e**n, 0.0)))
+    assert np.allclose(found.events[at, 0], exact / (2 * height), rtol=1e-7)
+
+
 @pytest.mark.parametrize(
     "kind", ["rebounds", "closes", "elastic", pytest.param("driven", marks=pytest.mark.slow)]
 )

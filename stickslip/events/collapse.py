@@ -1,0 +1,88 @@
+"""Which held rows give way where drives that move apart tear them.
+
+Whatever the rows hold otherwise, forces grow until the weakest of them slip: of all motions that follow the drives it
+is the one that takes the least from the limits, ``min sum B |w|`` over ``w = G a + D u'``. This is the upper bound
+theorem of limit analysis (Drucker, Prager and Greenberg, "Extended limit design theorems for continuous media", 1952),
+and it asks of rows that lock the same motion that they let go together, at the sum of their limits (MODEL rule 8).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+
+__all__ = ["collapse"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SOME = 1e-9
+"""Part of the largest below which a rate or a force is roundoff."""
+
+
+def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
+    """Return the rows that give way and the directions in which they move, None where nothing decides but their forces.
+
+    Parameters
+    ----------
+    motion : Motion
+        One in which all rows that may hold are held.
+    guards : Guards
+        Those of this motion.
+    """
+    system, equations = motion.system, motion.equations
+    held, balance = equations.held, equations.balance
+    if balance.parting is None:
+        return None
+    rates = [system.drive_accelerations(q) for q in motion.start.q if q is not None]
+    rate = next((u for u in rates if _apart(balance.parting @ u).any()), None)
+    if rate is None:
+        return None
+    number = balance.loop[_apart(balance.parting @ rate)]
+    rows = held[np.isin(balance.loop, number)]
+    G, D = system.G[rows], system.D[rows]
+    G, D = (x.toarray() if hasattr(x, "toarray") else x for x in (G, D))
+    bodies = np.abs(G).any(axis=0)
+    if rows.size - np.linalg.matrix_rank(G[:, bodies]) < 2:
+        # a single loop: its forces are unique
+        return None
+    return _weakest(rows, G[:, bodies], D @ rate, _limits(motion, guards, rows))
+
+
+def _apart(forces: Array) -> NDArray[np.bool_]:
+    """Tell which forces are more than roundoff."""
+    return np.asarray(np.abs(forces) > _SOME * np.abs(forces).max(initial=0.0))
+
+
+def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:
+    """Return the limits of some rows forward and backward, infinite where there is none."""
+    found = np.full((2, motion.system.m), np.inf)
+    of_force = guards.direction != 0
+    side = np.where(guards.direction[of_force] > 0, 0, 1)
+    levels = guards.raw(np.zeros_like(motion.start.z[0]), motion.start_inputs)
+    found[side, guards.row[of_force]] = levels[of_force]
+    return np.asarray(found[:, rows])
+
+
+def _weakest(rows: Indices, G: Array, led: Array, limits: Array) -> tuple[Indices, Array] | None:
+    """Return the rows that move in the motion that takes least, and where to."""
+    size = np.abs(led).max()
+    count, unit = rows.size, np.eye(rows.size)
+    # accelerations of bodies are free; relative ones have a part forward and a part backward
+    may = np.isfinite(limits).ravel()
+    largest = limits.ravel()[may].max(initial=0.0) or 1.0
+    cost = np.concatenate([np.zeros(G.shape[1]), limits.ravel()[may] / largest])
+    equal = np.hstack([G, np.hstack([-unit, unit])[:, may]])
+    bounds = [(None, None)] * G.shape[1] + [(0, None)] * int(may.sum())
+    found = scipy.optimize.linprog(cost, A_eq=equal, b_eq=-led / size, bounds=bounds)
+    if found.status != 0:
+        return None
+    relative = np.zeros(2 * count)
+    relative[may] = found.x[G.shape[1] :]
+    w = relative[:count] - relative[count:]
+    some = np.abs(w) > _SOME
+    return rows[some], np.sign(w[some])

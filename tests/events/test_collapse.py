@@ -1,0 +1,103 @@
+"""Rows that drives tear apart give way where the sum of their levels is least, whatever their order."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import Any
+
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    OneWay,
+    Result,
+    Scene,
+    piecewise_linear,
+    simulate,
+)
+
+ENGINES: list[dict[str, Any]] = [
+    {},
+    {"method": "BDF"},
+    {"formulation": "merged"},
+    {"formulation": "multiplier"},
+]
+
+
+def contact(name: str, a: str, b: str, level: float) -> Contact:
+    """Return a contact that holds a level in N at rest, and four fifths of it in motion."""
+    return Contact(name, a, b, DryFriction(0.1 * level, 0.08 * level), normal=10.0)
+
+
+def torn(*rows: Contact | OneWay, bodies: int = 1, **options: Any) -> Result:
+    """Run bodies of 1 kg between the ground and a belt that starts at 1 s with 1 m/s2."""
+    belt = Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0]))
+    return simulate(
+        Scene(*(Body(f"b{k}", inertia=1.0) for k in range(bodies)), belt, *rows), (0.0, 1.5), **options
+    )
+
+
+def changes(result: Result) -> set[tuple[str, float, int]]:
+    return {(e.contact, e.t, int(e.after)) for e in result.events}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(
+    ("ground", "belt", "moving"),
+    [
+        # the ground holds 3.6 N: the belt slips at 3.3 N
+        ((3.0, 0.6), 3.3, {"belt": -1}),
+        ((2.0, 1.0, 1.0), 3.9, {"belt": -1}),
+        # the belt holds more; to follow it the body then needs 1 N and what the ground still takes, 2.4 or 3.2 N
+        ((2.0, 1.0), 3.5, {"g0": 1, "g1": 1}),
+        ((2.0, 2.0), 4.5, {"g0": 1, "g1": 1}),
+        # 1 + 2.88 N are more than 3.7 N: the belt slips too, with 2.96 N
+        ((3.0, 0.6), 3.7, {"g0": 1, "g1": 1, "belt": -1}),
+    ],
+)
+def test_rows_that_lock_the_same_motion_give_way_together(
+    ground: tuple[float, ...], belt: float, moving: dict[str, int], options: dict[str, Any]
+) -> None:
+    rows = [contact(f"g{k}", "b0", GROUND, level) for k, level in enumerate(ground)]
+    rows.append(contact("belt", "b0", "belt", belt))
+    for order in permutations(rows):
+        result = torn(*order, **options)
+        assert changes(result) == {(name, 1.0, mode) for name, mode in moving.items()}
+    speed = 0.5 if "belt" not in moving else 0.04 if "g0" in moving else 0.0
+    assert result.velocity("b0")[-1] == pytest.approx(speed, abs=1e-6)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(("first", "second"), [(1.0, 2.5), (2.5, 1.0)])
+def test_in_a_chain_the_weakest_link_gives_way(first: float, second: float, options: dict[str, Any]) -> None:
+    """Ground, body, body, belt: two contacts of 1 N each in the middle hold 2 N, less than 2.5 N, more than 1 N."""
+    rows = [
+        contact("foot", "b0", GROUND, first),
+        contact("m0", "b0", "b1", 1.0),
+        contact("m1", "b0", "b1", 1.0),
+        contact("belt", "b1", "belt", second),
+    ]
+    weakest = ("foot", 1) if first < second else ("belt", -1)
+    assert (weakest[0], 1.0, weakest[1]) in changes(torn(*rows, bodies=2, **options))
+    strong = [row for row in rows if row.name[0] == "m"]
+    strong += [contact("foot", "b0", GROUND, 2.5), contact("belt", "b1", "belt", 5.0)]
+    found = changes(torn(*strong, bodies=2, **options))
+    assert found == {("m0", 1.0, -1), ("m1", 1.0, -1)}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_a_one_way_clutch_beside_a_contact_gives_way_only_where_it_runs_free(options: dict[str, Any]) -> None:
+    """Beside a clutch that holds the body to the ground, the belt slips, whatever its level; else 1 N lets go first."""
+    rows = [
+        contact("g", "b0", GROUND, 1.0),
+        contact("g2", "b0", GROUND, 1.0),
+        contact("belt", "b0", "belt", 3.0),
+    ]
+    held = torn(OneWay("clutch", "b0", GROUND), *rows, **options)
+    assert changes(held) == {("belt", 1.0, -1)}
+    free = torn(OneWay("clutch", GROUND, "b0"), *rows, **options)
+    assert changes(free) == {("clutch", 1.0, -1), ("g", 1.0, 1), ("g2", 1.0, 1)}
