@@ -586,6 +586,8 @@ def _sum(*parts: Expression) -> Expression:
 
 
 def _number(value: Any, what: str) -> float:
+    if type(value) is float and math.isfinite(value):
+        return value
     if not isinstance(value, str) and np.size(value) == 1:
         try:
             number = float(np.reshape(value, ()))

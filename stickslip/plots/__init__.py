@@ -10,6 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure as Figure
 
+from stickslip.plots.bifurcation import bifurcation
 from stickslip.plots.blocks import block
 from stickslip.plots.contact import (
     characteristic,
@@ -19,12 +20,14 @@ from stickslip.plots.contact import (
     phase_portrait,
     varying,
 )
+from stickslip.plots.fit import fit
 from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, modes, velocities, velocity_units
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
-from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
 from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, new_figure, own_axes
+from stickslip.plots.sweep_map import sweep_map
+from stickslip.plots.work_precision import work_precision
 from stickslip.results.outcome import Drawable
 
 __all__ = [

@@ -36,6 +36,8 @@ __all__ = [
 ]
 
 TIME = "time [s]"
+STUDY = (9.0, 5.0)
+"""Width and height in inches of a figure of a study."""
 NORMAL = "normal force [N]"
 
 WITH_DOTS = 300
@@ -46,9 +48,11 @@ COLOURS = (
     *("#5E3C99", "#8C1515", "#66A61E", "#01665E", "#1F3A93", "#B8A800", "#E7298A", "#A0522D"),
 )
 """No panel has more curves than these."""
-_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
-_MARKERS = "osD^vPX*<>hp"
+LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+MARKERS = "osD^vPX*<>hp"
 _MARKED_EVENTS = 40
+_INSIDE = 8
+"""So many entries of a legend find room within the axes."""
 _STRETCHED = 3.0
 """Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
@@ -93,13 +97,13 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
 
 def look(k: int) -> dict[str, Any]:
     """Return colour and line style of the k-th curve; broken lines are thinner than whole ones."""
-    width = 1.9 if k % len(_LINES) == 0 else 1.4
-    return {"color": COLOURS[k % len(COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
+    width = 1.9 if k % len(LINES) == 0 else 1.4
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": LINES[k % len(LINES)], "linewidth": width}
 
 
 def dots(k: int) -> dict[str, Any]:
     """Return how the k-th curve's computed points are marked."""
-    marker = _MARKERS[k % len(_MARKERS)]
+    marker = MARKERS[k % len(MARKERS)]
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
 
 
@@ -199,3 +203,25 @@ def value_raster(
     """Draw numbers as a raster with its colour bar."""
     limits, ends = robust(rows)
     color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)
+
+
+def check_is(thing: Any, kind: str, what: str) -> None:
+    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots.
+
+    Raises
+    ------
+    TypeError
+        `what` begins the message.
+    """
+    if kind not in (one.__name__ for one in type(thing).__mro__):
+        raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
+
+
+def within_or_beside(ax: Any) -> None:
+    """Name the curves: within the axes where there is room, else to their right."""
+    crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    if not makes_room(ax):
+        ax.legend(fontsize="xx-small" if crowded else "x-small", framealpha=0.8)
+        return
+    place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)} if crowded else {}
+    ax.legend(fontsize="small", **place)

@@ -227,11 +227,15 @@ class Run:
                 return
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
-        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
+        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         is_exact = not now.guards.uncertain
         rebound = self._wanted.rebound
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
-        touching = at.touching | (before == 0) & ~jump.parted
+        at_rest = (before == 0) & ~jump.parted
+        if motion.equations.open.size:
+            w = motion.watched(float(path.taus[-1]), path.last)[: system.m]
+            at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= self._wanted.quiet)
+        touching = at.touching | at_rest
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])

@@ -144,9 +144,9 @@ class Tradeoff:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw error against time, with the limit of the reference, and return the axes."""
-        from stickslip.plots import studies
+        from stickslip.plots.work_precision import tradeoff as draw
 
-        return studies.tradeoff(self, ax=ax)
+        return draw(self, ax=ax)
 
     def _repr_html_(self) -> str:
         """Return figure and table, as notebooks show them."""
