@@ -468,15 +468,19 @@ class Guards:
         if is_rising:
             unknown[self.rows.rising] |= self.rows.rise < 0
         bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
-        if bends or not path.is_chebyshev or order < 2 or unknown.all():
+        if bends:
+            # velocities are states all the same, unless drives give them
+            unknown |= ~self.is_velocity | bool(system.drives)
+        if not path.is_chebyshev or order < 2 or unknown.all():
             return np.full((self.size, k), -math.inf)
         turn, mu = self.rows.turn[:, None], self.rows.mu[:, None]
         z = equations.watch(path.coefficients.reshape(k * order, size).T)
         g = turn[:, :, None] * z[self.rows.source].reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
         middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
-        middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
-        slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
+        if not bends:
+            middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
+            slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
         for j, q in enumerate((middle, slope)):
             g[:, :, j] += turn * equations.respond(q)[size:][self.rows.source] + mu * q[self.rows.row]
             if is_rising:

@@ -238,7 +238,8 @@ def _settled(
     search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     # at a break the loads go on otherwise than they came
     motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
-    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
+    crossed = now.fired if uncertain else np.zeros(system.m, dtype=bool)
+    shown, died = label(motion, labels, w, resting, now.labels, crossed, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
