@@ -184,7 +184,6 @@ class Stretch:
             self._turn = 2 * math.pi * self._frequency
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
-        self.of_functions = np.array(sorted({i for i, _ in functions}), dtype=np.intp)
 
     def at(self, t: float) -> Array:
         """Return the inputs at `t`; functions count with their left limit at the end of the stretch."""

@@ -110,7 +110,7 @@ class Borders:
             return False
         steps = np.diff(path.taus)
         for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
-            part = dependence.argument(number)
+            part = dependence.arguments[number]
             value = path.coefficients[:, :, part.columns] @ part.S[0]
             drift = float(part.P[0] @ stretch.slope[part.places])
             since = motion.t - stretch.start + path.taus[:-1]
