@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-__all__ = ["NamedArguments", "check_entries", "check_name", "check_takes", "finite", "sequence"]
+__all__ = ["NamedArguments", "check_entries", "check_name", "check_takes", "finite", "limit", "sequence"]
 
 
 class NamedArguments(type):
@@ -73,6 +73,12 @@ def finite(value: Any, what: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{what} must be finite, got {number}")
     return number
+
+
+def limit(value: Any, none: float, what: str) -> float:
+    """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
+    is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
+    return none if is_none else finite(value, what)
 
 
 def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:

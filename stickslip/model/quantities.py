@@ -16,7 +16,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import check_entries, check_name, check_takes, finite, sequence
+from stickslip.model.checks import check_entries, check_name, check_takes, finite, limit, sequence
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
@@ -439,8 +439,7 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
         If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
-    lowest = low if isinstance(low, float) and low == -math.inf else finite(low, "saturate: low")
-    highest = high if isinstance(high, float) and high == math.inf else finite(high, "saturate: high")
+    lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
     if not lowest < highest:
         raise ValueError(f"saturate: low must be below high, got {lowest:g} and {highest:g}; exchange them")
     limits = tuple(x for x in (lowest, highest) if math.isfinite(x))

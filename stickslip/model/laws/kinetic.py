@@ -26,29 +26,23 @@ class Curve(Protocol):
     @property
     def stribeck_velocity(self) -> float | None:
         """In m/s or rad/s."""
-        ...
 
     @property
     def stribeck_exponent(self) -> float:
         """Exponent of the Stribeck curve."""
-        ...
 
     @property
     def is_function(self) -> bool:
         """Whether the coefficient is a function of speed that the user gave."""
-        ...
 
     def mu_s(self, direction: int) -> float:
         """Return the static coefficient."""
-        ...
 
     def mu_c(self, direction: int) -> float:
         """Return the Coulomb coefficient."""
-        ...
 
     def kinetic_at(self, speed: float) -> float:
         """Return the value of the user's function."""
-        ...
 
 
 class Kinetic:
