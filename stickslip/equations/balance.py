@@ -266,8 +266,7 @@ class _Component:
                 continue
             if row != done:
                 work[[done, row]] = work[[row, done]]
-            if work[done, column] != 1.0:
-                work[done] /= work[done, column]
+            work[done] /= work[done, column]
             others = work[:, column].nonzero()[0]
             others = others[others != done]
             if others.size:
@@ -275,11 +274,7 @@ class _Component:
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
-        reduced, drives, combine = (
-            work[:done, :n],
-            work[:done, n : n + D.shape[1]],
-            work[:done, n + D.shape[1] :],
-        )
+        reduced, drives, combine = np.split(work[:done], [n, n + D.shape[1]], axis=1)
         self.T = np.eye(n)
         self.T[self.dependent] = -reduced
         self.T[:, self.dependent] = 0.0
@@ -360,10 +355,8 @@ class _Tree:
         dependent = bodies[some]
         square = G[rows][:, dependent].tocsc()
         solver = scipy.sparse.linalg.splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
-        right: list[Array] = []
-        if not fixed.size:
-            right.append(-G[rows][:, [bodies[root]]].toarray()[:, 0])
-        U: tuple[Any, ...] = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        T: tuple[Any, ...] = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        U = T
         if driven.size:
             drives = D[rows]
             columns = np.unique(drives.indices)
@@ -373,12 +366,10 @@ class _Tree:
                 np.repeat(columns, dependent.size),
                 np.concatenate(solved),
             )
-        if right:
-            along = solver.solve(right[0], "T")
+        if not fixed.size:
             top = bodies[root]
+            along = solver.solve(-G[rows][:, [top]].toarray()[:, 0], "T")
             T = (np.append(dependent, top), np.full(size, top), np.append(along, 1.0))
-        else:
-            T = (np.empty(0, int), np.empty(0, int), np.empty(0))
         back = np.empty(h, dtype=np.intp)
         back[rows] = np.arange(rows.size)
         tree = cls(T, U, dependent, solver, back)

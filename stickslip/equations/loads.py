@@ -33,8 +33,6 @@ class Loads:
         One per entry of the vector.
     rates : sequence of int
         Signals whose slopes follow the values as further entries (the accelerations of drives); a last entry is 1.
-    start, stop : float
-        The time span in s.
     stepped : bool
         Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
     samples : sequence of float
@@ -42,8 +40,6 @@ class Loads:
 
     Attributes
     ----------
-    size : int
-        Number of entries.
     period : float
         Shortest period in s of the signals that oscillate, a tenth of the span where a function tells none.
     breaks : list of float
@@ -146,13 +142,10 @@ class Stretch:
 
     Attributes
     ----------
-    start, stop : float
-        Times in s.
     value, slope : array (size,)
         The straight part at the start.
     is_straight : bool
         Whether there is nothing else.
-    has_functions : bool
     bent : array of int
         Entries that are not straight.
     regions : tuple of int or None

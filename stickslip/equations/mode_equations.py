@@ -215,13 +215,7 @@ class ModeEquations:
     def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order, None where it would be large.
 
-        Parameters
-        ----------
-        order : int
-        frozen : bool
-            Whether static coefficients keep their values.
-        lines : tuple of int or None
-            The line that each table of the state follows.
+        Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
         key = order, frozen, lines
         if key not in self._maps:

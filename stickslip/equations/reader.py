@@ -67,27 +67,20 @@ class BlockPlace:
 
 @dataclass
 class Node:
-    """A function among the inputs.
+    """A function among the inputs, that returns `width` values; `label` is how messages name it.
 
     Attributes
     ----------
-    label : str
-        How messages name it.
-    arguments : list of Form
     values : callable or None
         ``values(t, arguments)`` returns `width` numbers; None for heat and tables.
     given : callable or None
         ``given(t, arguments)`` returns their derivatives, a line each; None where differences are taken.
     row : int
         The row whose heat it is, -1 for a function.
-    width : int
-        How many values it has.
     timed : bool
         Whether it depends on time beside its arguments.
     table : Table or None
         Straight lines, each of which holds in a region of the one argument.
-    calls : int
-        How often the function has been called.
     """
 
     label: str
@@ -139,13 +132,7 @@ def differences(function: Callable[[Array], Array], arguments: Array, value: Arr
 class Reader:
     """Resolves quantities to linear forms.
 
-    Parameters
-    ----------
-    book : Book
-    position_state : dict of int to int
-        Where the positions of bodies and drives stand in the state.
-    places : dict of str to BlockPlace
-        Where the states of blocks stand.
+    `position_state` tells where the positions of bodies and drives stand in the state, `places` where blocks do.
 
     Attributes
     ----------

@@ -314,17 +314,7 @@ class System:
     def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
         """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
 
-        Parameters
-        ----------
-        t, start : float
-            Time, and that of the start, in s.
-        q : array (inputs,)
-        y : array (size,)
-
-        Raises
-        ------
-        ValueError
-            If a block returns what are no finite numbers; the message names block, time and arguments.
+        A ValueError names block, time and arguments where a block returns what are no finite numbers.
         """
         after = y
         for place, block, part in self.sampled:

@@ -479,13 +479,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
 
 
 def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
-    """Return a quantity, a signal or a number as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return a quantity, a signal or a number as an expression; refuse what is none, as `what`."""
     if isinstance(value, Expression):
         return value
     if isinstance(value, Quantity):
@@ -502,13 +496,7 @@ def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
 
 
 def as_load(value: Load | float, what: str) -> Signal | Expression:
-    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression."""
     if not isinstance(value, Quantity):
         return as_signal(cast(Any, value), what)
     own = as_expression(value)
@@ -516,13 +504,7 @@ def as_load(value: Load | float, what: str) -> Signal | Expression:
 
 
 def load_from_dict(data: Any, what: str) -> Load:
-    """Return the signal or quantity that `to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe one; `what` begins the message.
-    """
+    """Return the signal or quantity that `to_dict` wrote; refuse what is none, as `what`."""
     kind = data.get("type") if isinstance(data, Mapping) else None
     makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
     if not isinstance(kind, str) or kind not in makers:

@@ -158,13 +158,7 @@ class Scene:
                 seen.add(one.name)
 
     def check_quantities(self, load: Quantity, label: str) -> None:
-        """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
-
-        Raises
-        ------
-        ValueError
-            If there is no such body or contact.
-        """
+        """Refuse a quantity of what the scene does not know; `label` is the element that reads it."""
         moving, rows, blocks = self._moving, self._row_named, self._block_named
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:

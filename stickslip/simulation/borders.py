@@ -31,15 +31,7 @@ _AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
 
 
 class Borders:
-    """Keeps a run in the regions of its tables.
-
-    Parameters
-    ----------
-    system : System
-        With tables that depend on the state.
-    loads : Loads
-        Tells motions the regions.
-    """
+    """Keeps a run in the regions of its tables; the loads tell motions which these are."""
 
     def __init__(self, system: System, loads: Loads) -> None:
         assert system.dependence is not None

@@ -218,13 +218,7 @@ class DryFriction(Law):
         return max(self.mu_c(direction), self.mu_k(0.0, direction))
 
     def kinetic_at(self, speed: float) -> float:
-        """Return the value of `kinetic`.
-
-        Raises
-        ------
-        ValueError
-            If it is no coefficient.
-        """
+        """Return the value of `kinetic`; a ValueError says where it is no coefficient."""
         assert self.kinetic is not None
         try:
             mu = float(self.kinetic(speed))
@@ -273,13 +267,7 @@ class DryFriction(Law):
 
 
 def law_from_dict(data: Any, what: str) -> Law:
-    """Return the law that `Law.to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe a law; `what` begins the message.
-    """
+    """Return the law that `Law.to_dict` wrote; refuse what is none, as `what`."""
     if not isinstance(data, Mapping):
         raise TypeError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
     values = dict(data)
