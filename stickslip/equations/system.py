@@ -86,6 +86,7 @@ class System:
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
+        self.decays = lru_cache(maxsize=8)(self._decays)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
@@ -385,6 +386,11 @@ class System:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""
         limit = self.laws.slips_beyond
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
+
+    def _decays(self, order: int) -> Array:
+        """Return the sizes of the Taylor coefficients of ``exp(-t / dwell)`` of rows with a dwell, a line per order."""
+        k = np.arange(order + 1)[:, None]
+        return np.asarray(self.dwell[self.dwelling] ** -k / np.cumprod(np.maximum(k, 1), axis=0))
 
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
         return make(self, key)

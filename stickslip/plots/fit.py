@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stickslip.plots.style import COLOURS, TIME, check_is, new_figure, within_or_beside
+from stickslip.plots.style import COLOURS, TIME, check_is, many_axes, new_figure, within_or_beside
 from stickslip.results.units import units
 
 __all__ = ["fit"]
@@ -30,8 +30,8 @@ def fit(found: Any, *, axes: Any = None) -> Any:
         heights = [2.4, 1.2] * len(found.measured)
         figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
         axes = figure.subplots(count, 1, sharex=True, height_ratios=heights)
-    elif len(axes) != count:
-        raise ValueError(f"fit: {count} panels need as many axes, got {len(axes)}")
+    else:
+        axes = many_axes(axes, count, "fit")
     smooth, left, scene = found.result.fit_for_plot(1000), found.residuals(), found.result.scene
     elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
     dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4, "color": COLOURS[1]}

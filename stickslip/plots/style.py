@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stickslip.results.outcome import Drawable
+from stickslip.model.checks import names as checked_names
+from stickslip.results.outcome import Drawable, check_result
 
 __all__ = [
     "COLOURS",
@@ -27,8 +30,10 @@ __all__ = [
     "keep_names_inside",
     "look",
     "makes_room",
+    "many_axes",
     "mark_events",
     "new_figure",
+    "of_result",
     "own_axes",
     "raster",
     "robust",
@@ -90,9 +95,51 @@ def apart_from_pyplot() -> Iterator[None]:
         _ARE_PYPLOTS.reset(before)
 
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def of_result(draw: Callable[P, T]) -> Callable[P, T]:
+    """Let a drawing refuse what is no result."""
+
+    @wraps(draw)
+    def checked(*args: P.args, **given: P.kwargs) -> T:
+        if args:
+            check_result(args[0], draw.__name__)
+        return draw(*args, **given)
+
+    return checked
+
+
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure; call it when nothing can be refused any more."""
-    return new_figure(width, height, layout="constrained").subplots() if ax is None else ax
+    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more.
+
+    Raises
+    ------
+    TypeError
+        If what is given are no axes.
+    """
+    if ax is None:
+        return new_figure(width, height, layout="constrained").subplots()
+    if not isinstance(ax, Axes):
+        raise TypeError(
+            f"ax must be axes of matplotlib, got {ax!r}; plt.subplots() returns a figure and its axes"
+        )
+    return ax
+
+
+def many_axes(axes: Any, count: int, what: str) -> list[Any]:
+    """Return axes given for the panels of a figure.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are no axes, or not as many as panels; `what` begins the message.
+    """
+    listed = list(axes) if isinstance(axes, Iterable) else [axes]
+    if len(listed) != count:
+        raise ValueError(f"{what}: {count} panels need as many axes, got {len(listed)}")
+    return [own_axes(ax) for ax in listed if ax is not None]
 
 
 def look(k: int) -> dict[str, Any]:
@@ -136,11 +183,12 @@ def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]
     ValueError
         If there is no such row.
     """
-    names = [row.name for row in result.scene.rows]
-    for name in contacts or ():
-        if name not in names:
+    known = [row.name for row in result.scene.rows]
+    wanted = known if contacts is None else checked_names(contacts, "contacts")
+    for name in wanted:
+        if name not in known:
             result.mode(name)  # says which there are
-    return names if contacts is None else list(contacts)
+    return wanted
 
 
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

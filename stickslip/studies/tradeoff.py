@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
+from stickslip.simulation.arguments import span as checked_span
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -214,8 +215,7 @@ def tradeoff(
         )
     if not (isinstance(budget, int | float) and 0 < budget < math.inf):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
-    start, stop = (float(t) for t in t_span)
-    span = (start, stop)
+    span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
