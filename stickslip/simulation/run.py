@@ -25,7 +25,8 @@ from stickslip.events.endings import (
     until_unseen_crossing,
 )
 from stickslip.events.impact import struck
-from stickslip.events.settle import Settled, Situation, carried_on, settle
+from stickslip.events.search import Situation
+from stickslip.events.settle import Settled, carried_on, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.local import Local
 from stickslip.simulation.watching import Borders, Watch
@@ -280,7 +281,6 @@ class Run:
             at.let_go,
             motion.equations.regions,
             jump.sides,
-            jump.impulses,
             path.touched,
         )
         self._settle(situation, before, ones, jump)
@@ -289,7 +289,8 @@ class Run:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
         uncertain = self._uncertain(self._fastest)
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, uncertain)
+        settled = settle(self.system, self.loads, situation, self._quiet, self._blur, uncertain)
+        self.now = replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
@@ -322,7 +323,7 @@ class Run:
         elif after == 0:
             cause = "relative velocity 0" if fired else "stuck with another event"
         else:
-            cause = "jump of velocities" if jump.impulses is not None and jump.parted[j] else "reversal"
+            cause = "jump of velocities" if jump.impact is not None and jump.parted[j] else "reversal"
         self._recent = [*self._recent[-19:], j]
         self.keeper.note(t, j, before, after, cause)
 
