@@ -682,7 +682,7 @@ class Motion:
         found[:, :inputs] = parts
         if self._rising.size:
             normals = parts[:, self._dwelling[self._rising]]
-            decay = np.array([self._rate**k / math.factorial(k) for k in range(order + 1)])
+            decay = self.system.decays(order)[:, self._rising]
             rises = np.zeros(normals.shape)
             for k in range(order + 1 if self.stretch.has_waves else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.elements.book import GROUND, Book
+from stickslip.model.elements.book import Book
 from stickslip.model.piecewise import Linear
 
 __all__ = ["PiecewiseMatrices", "Regions", "Triplets"]
@@ -45,17 +45,14 @@ class Layout(Protocol):
     n: int
     size: int
     inputs: int
-    first_signal: int
     first_drive: int
 
     @property
     def position_state(self) -> Mapping[int, int]:
         """Place of each position among the states, by index of the body."""
-        ...
 
     def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
         """Return entries as a matrix."""
-        ...
 
 
 class PiecewiseMatrices:
@@ -76,7 +73,7 @@ class PiecewiseMatrices:
     owner, within, beyond : array (borders,) of int
         The function of each border, its region (its place among all), and the number of the region beyond.
     row : array (p,) of int
-        The row that shows the modes of each, -1 for none.
+        The row that each belongs to, and that shows its regions.
     is_force : array (p,) of bool
         Those that are the force of their row.
     is_stop : array (p,) of bool
@@ -86,31 +83,30 @@ class PiecewiseMatrices:
     """
 
     def __init__(self, book: Book, layout: Layout) -> None:
-        functions = book.piecewises
+        rows = [j for j, row in enumerate(book.rows) if row.regions]
+        functions = [book.rows[j] for j in rows]
         self.count = len(functions)
-        self.labels = [function.label for function in functions]
+        self.labels = [f"{function.kind} {function.name!r}" for function in functions]
         regions = [region for function in functions for region in function.regions]
         sizes = [len(function.regions) for function in functions]
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
         self.mode = np.array([region.mode for region in regions], dtype=np.int8)
-        self.row = np.array([function.row for function in functions], dtype=np.intp)
-        kinds = ["" if row < 0 else book.rows[row].kind for row in self.row.tolist()]
-        self.is_stop = np.array([kind == "stop" for kind in kinds], dtype=bool)
-        self.is_force = np.array([kind == "gap" for kind in kinds], dtype=bool)
-        signals = {id(signal): layout.first_signal + k for k, signal in enumerate(book.signals)}
-        values, borders = (_Expressions(book, layout, signals) for _ in range(2))
+        self.row = np.array(rows, dtype=np.intp)
+        self.is_stop = np.array([function.kind == "stop" for function in functions], dtype=bool)
+        self.is_force = ~self.is_stop
+        values, borders = _Expressions(layout), _Expressions(layout)
         owner, within, beyond, acts = [], [], [], Triplets()
         for k, function in enumerate(functions):
-            for i, c in function.acts.items():
-                if i < layout.n:
-                    acts.add(i, k, c)
+            for i, c in function.coefficients.items():
+                if i < layout.n and function.kind == "gap":
+                    acts.add(i, k, -c)
             for region in function.regions:
                 for border, other in region.borders:
-                    borders.add(border)
+                    borders.add(border, function.coefficients)
                     owner.append(k)
                     within.append(values.count)
                     beyond.append(other)
-                values.add(region.value)
+                values.add(region.value, function.coefficients)
         self.acts = layout.matrix(acts, (layout.n, self.count))
         self.value_y, self.value_q = values.matrices()
         self.border_y, self.border_q = borders.matrices()
@@ -171,8 +167,8 @@ class PiecewiseMatrices:
 
     def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
         """Return the modes that rows show, with those that show regions."""
-        labels, of = labels.copy(), self.row >= 0
-        labels[self.row[of]] = self.mode[self.places(regions)[of]]
+        labels = labels.copy()
+        labels[self.row] = self.mode[self.places(regions)]
         return labels
 
     def widest(self, links: Any) -> Any:
@@ -190,26 +186,19 @@ class PiecewiseMatrices:
 class _Expressions:
     """Linear expressions as rows over states and inputs."""
 
-    def __init__(self, book: Book, layout: Layout, signals: dict[int, int]) -> None:
-        self._book, self._layout, self._signals = book, layout, signals
-        self._y, self._q = Triplets(), Triplets()
+    def __init__(self, layout: Layout) -> None:
+        self._layout, self._y, self._q = layout, Triplets(), Triplets()
         self.count = 0
 
-    def add(self, expression: Linear) -> None:
-        """Enter an expression as the next row."""
-        layout, index, row = self._layout, self._book.index, self.count
-        for name, c in expression.positions.items():
-            if name != GROUND:
-                self._y.add(row, layout.position_state[index[name]], c)
-        for name, c in expression.velocities.items():
-            if name == GROUND:
-                continue
-            if (i := index[name]) < layout.n:
-                self._y.add(row, i, c)
+    def add(self, expression: Linear, coefficients: Mapping[int, float]) -> None:
+        """Enter an expression of the stretch with these coefficients as the next row."""
+        layout, row = self._layout, self.count
+        for i, c in coefficients.items():
+            self._y.add(row, layout.position_state[i], c * expression.stretch)
+            if i < layout.n:
+                self._y.add(row, i, c * expression.rate)
             else:
-                self._q.add(row, layout.first_drive + i - layout.n, c)
-        for c, signal in expression.signals:
-            self._q.add(row, self._signals[id(signal)], c)
+                self._q.add(row, layout.first_drive + i - layout.n, c * expression.rate)
         self._q.add(row, layout.inputs - 1, expression.constant)
         self.count += 1
 

@@ -24,7 +24,7 @@ from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
-from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
+from stickslip.model.quantities import Expression, Output, Position, Stretch, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Load, PiecewiseLinear, Signal
 
@@ -85,10 +85,22 @@ class System:
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
+        self.decays = lru_cache(maxsize=8)(self._decays)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        stretched |= book.read | _read_positions(book)
+        stretched.update(i for row in book.rows if row.regions for i in row.coefficients)
+        read: dict[str, int] = {}
+        for quantity in book.quantities():
+            match quantity:
+                case Position(body=body):
+                    stretched.add(book.index[body])
+                case Stretch(row=row):
+                    stretched.update(book.rows[book.row_index[row]].coefficients)
+                case Output(block=name, index=index):
+                    read[name] = max(read.get(name, 1), index + 1)
+        # the ground stays where it is
+        stretched.discard(self.n + self.drives)
         self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
@@ -96,7 +108,6 @@ class System:
         self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
         self.size = self.first_block = self.first_bristle + bristles.size
         self.blocks: dict[str, BlockPlace] = {}
-        read = _read_outputs(book)
         for block in book.blocks:
             states = len(block.states or ())
             outputs = block.output_count or read.get(block.name, 1)
@@ -108,7 +119,6 @@ class System:
         """Resolve what forces depend on, and give every input its place."""
         m, drives = self.m, self.drives
         reader = Reader(book, self.position_state, self.blocks)
-        reader.signals += book.signals
         parts = [_parts(load) for _, load, _ in book.forces]
         self.pushes = [
             (i, reader.form(linear, label))
@@ -135,7 +145,7 @@ class System:
         ]
         acting = len(reader.nodes)
         seen = [reader.form(load, "the quantity of an event") for load in book.watched]
-        first_signal = self.first_signal = m + len(book.forces)
+        first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
         self.others = [
@@ -245,7 +255,8 @@ class System:
         blocks = self.size - self.first_block
         self.block_C = self.matrix(block_state, (blocks, self.size))
         self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
-        self.has_couplings = bool(state.values or push_state.values or block_state.values or book.piecewises)
+        entries = state.values or push_state.values or block_state.values
+        self.has_couplings = bool(entries or self.is_gap.any() or self.has_stops)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -385,6 +396,11 @@ class System:
         limit = self.laws.slips_beyond
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
+    def _decays(self, order: int) -> Array:
+        """Return the sizes of the Taylor coefficients of ``exp(-t / dwell)`` of rows with a dwell, a line per order."""
+        k = np.arange(order + 1)[:, None]
+        return np.asarray(self.dwell[self.dwelling] ** -k / np.cumprod(np.maximum(k, 1), axis=0))
+
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
         return make(self, key)
 
@@ -395,29 +411,6 @@ class System:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
         return System, (self.scene, self.watched)
-
-
-def _read_positions(book: Book) -> set[int]:
-    """Return the bodies and drives whose positions quantities read."""
-    coefficients = {row.name: row.coefficients for row in book.rows}
-    moving, found = len(book.bodies) + len(book.drives), set[int]()
-    for load in book.loads():
-        for quantity in load.walk() if isinstance(load, Quantity) else ():
-            if isinstance(quantity, Position):
-                found.add(book.index[quantity.body])
-            elif isinstance(quantity, Stretch):
-                found.update(coefficients[quantity.row])
-    return {i for i in found if i < moving}
-
-
-def _read_outputs(book: Book) -> dict[str, int]:
-    """Return how many outputs of each block quantities read."""
-    found: dict[str, int] = {}
-    for load in book.loads():
-        for quantity in load.walk() if isinstance(load, Quantity) else ():
-            if isinstance(quantity, Output):
-                found[quantity.block] = max(found.get(quantity.block, 1), quantity.index + 1)
-    return found
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import inspect
 import math
+import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["NamedArguments", "check_entries", "check_name", "check_takes", "finite", "sequence"]
+__all__ = [
+    "NamedArguments",
+    "check_entries",
+    "check_name",
+    "check_takes",
+    "file_path",
+    "finite",
+    "names",
+    "numbers",
+    "sequence",
+]
 
 
 class NamedArguments(type):
@@ -140,3 +154,49 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
         raise TypeError(
             f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"
         ) from None
+
+
+def numbers(values: Any, what: str) -> NDArray[np.float64]:
+    """Return numbers in one line as an array; which of them make sense is not looked at.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are no sequence of numbers, or have rows; `what` begins the message.
+    """
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        found = np.empty(0, dtype=object)
+    if not found.ndim or found.dtype.kind not in "iuf":
+        raise TypeError(f"{what} must be a sequence of numbers, got {reprlib.repr(values)}")
+    if found.ndim > 1:
+        raise ValueError(f"{what} must be numbers in one line, got an array of shape {found.shape}")
+    return found.astype(float)
+
+
+def names(values: Any, what: str) -> list[str]:
+    """Return a sequence of names as a list; which of them exist is not looked at.
+
+    Raises
+    ------
+    TypeError
+        If it is a single name, or no sequence; `what` begins the message.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        remedy = f"; write [{values!r}]" if isinstance(values, str) else ""
+        raise TypeError(f"{what} must be a sequence of names, got {reprlib.repr(values)}{remedy}")
+    return list(values)
+
+
+def file_path(path: Any, what: str) -> Path:
+    """Return the path of a file.
+
+    Raises
+    ------
+    TypeError
+        If it is no path; `what` begins the message.
+    """
+    if not isinstance(path, (str, PathLike)):
+        raise TypeError(f"{what}: path must be a text or a pathlib.Path, got {reprlib.repr(path)}")
+    return Path(path)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import check_entries, check_name, check_takes, finite, sequence
 from stickslip.model.signal_makers import signal_from_dict
-from stickslip.model.signals import Constant, Line, Load, Signal, as_signal
+from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
 __all__ = [
     "TIME",
@@ -49,8 +49,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-_NOTHING = Constant(0.0)
 
 
 class Quantity(Load):
@@ -110,7 +108,7 @@ class Expression(Quantity):
 
     kind = "expression"
     terms: tuple[tuple[Quantity, float], ...]
-    signal: Signal = _NOTHING
+    signal: Signal = ZERO
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the terms."""
@@ -120,7 +118,7 @@ class Expression(Quantity):
         """Return terms and signal."""
         terms = [{"factor": factor, "quantity": atom.to_dict()} for atom, factor in self.terms]
         data: dict[str, Any] = {"type": self.kind, "terms": terms}
-        return data if self.signal == _NOTHING else data | {"signal": self.signal.to_dict()}
+        return data if self.signal == ZERO else data | {"signal": self.signal.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -579,7 +577,7 @@ _MAKERS: dict[str, Callable[..., Load]] = {
 def _sum(*parts: Expression) -> Expression:
     """Return the sum with each quantity once."""
     factors: dict[Quantity, float] = {}
-    total: Signal = _NOTHING
+    total: Signal = ZERO
     for part in parts:
         for atom, factor in part.terms:
             factors[atom] = factors.get(atom, 0.0) + factor

@@ -244,7 +244,15 @@ class Scene:
         return self._with(replace(e, **changes) if e is named[0] else e for e in self.elements)
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
-        """Return the scene with every contact's law replaced by ``change(law)``."""
+        """Return the scene with every contact's law replaced by ``change(law)``.
+
+        Raises
+        ------
+        TypeError
+            If `change` cannot be called, or returns no law.
+        """
+        if not callable(change):
+            raise TypeError(f"Scene.with_laws: change must be a function of a law, got {change!r}")
         return self._with(
             replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements
         )

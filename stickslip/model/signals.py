@@ -20,6 +20,7 @@ from stickslip.model.checks import finite
 from stickslip.model.crossings import positive_pieces
 
 __all__ = [
+    "ZERO",
     "Clipped",
     "Constant",
     "Function",
@@ -153,7 +154,7 @@ class Signal(Load):
                 "signals are scaled by numbers; use feedback(lambda a, b: a * b, signal, quantity) for a product"
             )
         number = finite(factor, "a signal's factor")
-        return self.scaled(number) if number else Constant(0.0)
+        return self.scaled(number) if number else ZERO
 
     __rmul__ = __mul__
 
@@ -180,7 +181,7 @@ class Constant(Signal):
 
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the number, or 0 where it is negative."""
-        return self if self.value >= 0 else Constant(0.0)
+        return self if self.value >= 0 else ZERO
 
     def scaled(self, factor: float) -> Signal:
         """Return the number times another."""
@@ -189,6 +190,9 @@ class Constant(Signal):
     def to_dict(self) -> float:
         """Return the number."""
         return self.value
+
+
+ZERO = Constant(0.0)
 
 
 @dataclass(frozen=True)
@@ -269,7 +273,7 @@ class PiecewiseLinear(Signal):
         if min(self.values) >= 0:
             return self
         if max(self.values) <= 0:
-            return Constant(0.0)
+            return ZERO
         points = [(self.times[0], self.values[0])]
         for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.values, strict=True)):
             if t1 > t0 and min(v0, v1) < 0 < max(v0, v1):
@@ -468,7 +472,7 @@ class Clipped(Signal):
         ends = (start, *base.breaks(start, stop), stop)
         kinks, positive = positive_pieces(base, base.slope, ends, distance)
         if not any(positive):
-            return Constant(0.0)
+            return ZERO
         return base if all(positive) else cls(base, kinks, positive)
 
     def _is_positive(self, t: float) -> bool:
@@ -543,7 +547,7 @@ def _is_quantity(value: object) -> bool:
 def _sum(*signals: Signal) -> Signal:
     """Return the sum with all straight lines in one term."""
     terms = [term for s in signals for term in (s.terms if isinstance(s, Sum) else (s,))]
-    line: Constant | PiecewiseLinear = Constant(0.0)
+    line: Constant | PiecewiseLinear = ZERO
     curved: list[Signal] = []
     for term in terms:
         if isinstance(term, (Constant, PiecewiseLinear)):
@@ -554,7 +558,7 @@ def _sum(*signals: Signal) -> Signal:
         return line
     if isinstance(line, Constant) and isinstance(wave := curved[0], Sine):
         curved[0] = replace(wave, offset=wave.offset + line.value)
-    elif line != Constant(0.0):
+    elif line != ZERO:
         curved.insert(0, line)
     return curved[0] if len(curved) == 1 else Sum(tuple(curved))
 

@@ -31,7 +31,7 @@ from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
-from stickslip.plots.style import new_figure
+from stickslip.plots.style import new_figure, own_axes
 from stickslip.results.units import units
 
 __all__ = ["schematic"]
@@ -165,6 +165,7 @@ class _Drawing:
         width, height = right - left, 0.15 - lowest
         if ax is None:
             ax = new_figure(width, height).add_axes((0.0, 0.0, 1.0, 1.0))
+        ax = own_axes(ax)
         ax.set(xlim=(left, right), ylim=(lowest, 0.15), aspect="equal")
         ax.set_axis_off()
         box = ax.get_window_extent()

@@ -5,7 +5,7 @@ To read them costs what is read: nothing is stored for the whole scene at an eve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from math import comb
@@ -179,8 +179,7 @@ class Series:
     def _values(self, entry: Indices, t: Array, unit: float, integrated: Sequence[bool]) -> Array:
         found = np.zeros((len(integrated), entry.size))
         flat, t = entry.ravel(), np.broadcast_to(t, entry.shape).ravel()
-        for first in range(0, flat.size if self.terms.shape[1] else 0, _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
+        for some in _at_once(flat.size if self.terms.shape[1] else 0):
             place, own, run = _columns(flat[some])
             s = (t[some][place] - self.origin[own][run]) / unit
             for part, is_integral in zip(found[:, some], integrated, strict=True):
@@ -195,6 +194,28 @@ class Series:
 def _in_order(ticks: Indices) -> Indices | slice:
     """Return in which order ticks follow each other: they mostly do."""
     return slice(None) if (ticks[1:] >= ticks[:-1]).all() else np.argsort(ticks, kind="stable")
+
+
+def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Array:
+    """Return for each of `size` places the largest value of the ranges from `first` to `last` that hold it, or 0."""
+    found = np.zeros(size)
+    if not first.size:
+        return found
+    # a range is two of a power of 2 that overlap; each of these is two of half its length
+    powers = np.log2(last - first).astype(np.intp)
+    for power in range(int(powers.max()), -1, -1):
+        length = 1 << power
+        np.maximum(found[length:], found[:-length].copy(), out=found[length:])
+        own = powers == power
+        np.maximum.at(found, first[own], values[own])
+        np.maximum.at(found, last[own] - length, values[own])
+    return found
+
+
+def _at_once(count: int) -> Iterator[slice]:
+    """Yield so many things in slices, not too many at once."""
+    for first in range(0, count, _AT_ONCE):
+        yield slice(first, min(first + _AT_ONCE, count))
 
 
 def _columns(entry: Indices) -> tuple[Indices, Indices, Indices]:
@@ -448,41 +469,41 @@ class Patchwork:
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
         series, n = self.bodies, self.system.n
-        begins = self.ticks[series.tick.astype(np.intp)]
         low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
-        thing = series.thing.astype(np.intp)
-        t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts - begins)[:, None]
-        entry = np.repeat(np.arange(thing.size)[:, None], t.shape[1], axis=1)
-        for k, values in enumerate(series.both(entry, t, self.unit)):
-            np.minimum.at(low[k], thing, values.min(axis=1))
-            np.maximum.at(high[k], thing, values.max(axis=1))
+        for some in _at_once(series.thing.size):
+            begins, thing = self.ticks[series.tick[some]], series.thing[some]
+            t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts[some] - begins)[:, None]
+            entry = np.repeat(np.arange(some.start, some.start + thing.size)[:, None], t.shape[1], axis=1)
+            for k, values in enumerate(series.both(entry, t, self.unit)):
+                np.minimum.at(low[k], thing, values.min(axis=1))
+                np.maximum.at(high[k], thing, values.max(axis=1))
         return low, high
 
     def worst(self, speed: Array, distance: Array) -> Array:
         """Return for each step the largest second derivative, as a part of what is given for each body's."""
-        series = self.bodies
-        bent = (series.degree > 0).nonzero()[0]
         begins, piece = self.steps
         ends = np.append(begins[1:], self.stop)
         h = np.where(np.append(piece[1:] == piece[:-1], True), ends - begins, self.stops[piece] - begins)
-        found = np.zeros(begins.size)
-        if not bent.size:
-            return found
-        own = series.terms[bent]
-        own_begins = self.ticks[series.tick[bent].astype(np.intp)]
-        s = np.abs(self._lasts[bent] - series.origin[bent]) / self.unit
-        k = np.arange(own.shape[1], dtype=float)
-        size = np.abs(own) * s[:, None] ** np.maximum(k - 1, 0)
-        # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-        thing = series.thing[bent].astype(np.intp)
-        rate = (size @ k) / self.unit / distance[thing]
-        lower = np.abs(own) * s[:, None] ** np.maximum(k - 2, 0)
-        bend = np.maximum((lower @ (k * (k - 1))) / self.unit**2 / speed[thing], rate)
+        own_begins, own_ends, bend = self._bends(speed, distance)
         first = np.searchsorted(begins, own_begins, side="left")
-        last = np.maximum(np.searchsorted(begins, self._lasts[bent], side="left"), first + 1)
-        for a, b, value in zip(first.tolist(), last.tolist(), bend.tolist(), strict=True):
-            found[a:b] = np.maximum(found[a:b], value)
-        return found * h * h
+        last = np.maximum(np.searchsorted(begins, own_ends, side="left"), first + 1)
+        return _largest_over(first, last, bend, begins.size) * h * h
+
+    def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
+        """Return of all series that bend when they begin and end, and the largest second derivative of each."""
+        series = self.bodies
+        bent = (series.degree > 0).nonzero()[0]
+        bend = np.empty(bent.size)
+        k = np.arange(series.terms.shape[1], dtype=float)
+        for some in _at_once(bent.size):
+            own = bent[some]
+            size, thing = np.abs(series.terms[own]), series.thing[own]
+            s = (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None]
+            # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
+            rate = (size * s ** np.maximum(k - 1, 0)) @ k / self.unit / distance[thing]
+            lower = (size * s ** np.maximum(k - 2, 0)) @ (k * (k - 1))
+            bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
+        return self.ticks[series.tick[bent]], self._lasts[bent], bend
 
     # -- piece by piece --------------------------------------------------------------------------------------
 

@@ -205,6 +205,8 @@ def outputs(
     t_eval: Iterable[float] | None, start: float, stop: float, dense: bool
 ) -> NDArray[np.float64] | None:
     """Return the output times, None for every computed point."""
+    if not isinstance(dense, bool):
+        raise TypeError(f"simulate: dense_output must be True or False, got {dense!r}")
     if t_eval is None:
         if not dense:
             raise ValueError("simulate: dense_output=False keeps nothing but the outputs; give t_eval")

@@ -33,11 +33,6 @@ __all__ = ["compiled", "simulate"]
 
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
 _FORMULATIONS = get_args(Formulation)
-_BLUR = 1e-12
-"""Part of the forces that is uncertain at least."""
-
-_REBOUND = 1e-11
-"""Part of the scene's velocities below which stops do not rebound in the series engine."""
 
 
 def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
@@ -127,37 +122,18 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
-    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen.resolution)
+    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
     if system.dependence is not None:
         system.dependence.forget()
     task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
-    blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
-    # the series knows velocities to roundoff: so small rebounds are real
-    exact = name == "series" and margin is None
-    rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    uncertain = _nothing if name == "series" or step is not None else wanted.passed
-    resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
-    run = Run(system, loads, engine, recorder, (start, stop), *resolved)
+    run = Run(system, loads, engine, recorder, (start, stop), wanted)
     if watched:
-        run.watch_events = Watch(system, watched, loads.period)
+        run.watch = Watch(system, watched, loads.period)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
-        run.local = Local(
-            forest,
-            engine.work,
-            task.interruption,
-            recorder.keep_patchwork,
-            recorder.note,
-            run.watch,
-            not recorder.keeps_paths,
-        )
+        run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
     return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
-
-
-def _nothing(fastest: float) -> float:
-    """Return what is uncertain where an engine makes no errors."""
-    return 0.0
 
 
 _MANY = 16

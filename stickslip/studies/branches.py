@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.model.checks import numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.arcs import ERRORS, Arc, Place
@@ -106,6 +107,12 @@ class Branch:
         """Whether each cycle is stable."""
         return np.array([one is not None and one.stable for one in self.cycles])
 
+    @property
+    def unit(self) -> str:
+        """The SI unit of the parameter, empty where it has none or no cycle was found."""
+        scenes = (one.scene for one in self.cycles if one is not None)
+        return next((named_parameters(s, [self.parameter], "Branch")[0].unit(s) for s in scenes), "")
+
     def amplitudes(self, body: str) -> Array:
         """Return half of the ranges of a body's position in m or rad, NaN where there is no cycle.
 
@@ -191,14 +198,9 @@ def continue_cycle(
         raise ValueError(
             f"continue_cycle: {parameter!r} says where a motion starts; a cycle does not depend on it: name another one"
         )
-    wanted = np.array(values, dtype=float)
+    wanted = numbers(values, "continue_cycle: values")
     steps = np.diff(wanted)
-    if (
-        wanted.ndim != 1
-        or wanted.size < 1
-        or not (np.all(steps > 0) or np.all(steps < 0))
-        or not np.isfinite(wanted).all()
-    ):
+    if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
         raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
     follower = _Follower(one, period, accuracy)
     if isinstance(scene, Cycle):

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
+from stickslip.simulation.arguments import span as checked_span
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -144,9 +145,9 @@ class Tradeoff:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw error against time, with the limit of the reference, and return the axes."""
-        from stickslip.plots import studies
+        from stickslip.plots.work_precision import tradeoff as draw
 
-        return studies.tradeoff(self, ax=ax)
+        return draw(self, ax=ax)
 
     def _repr_html_(self) -> str:
         """Return figure and table, as notebooks show them."""
@@ -214,8 +215,7 @@ def tradeoff(
         )
     if not (isinstance(budget, int | float) and 0 < budget < math.inf):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
-    start, stop = (float(t) for t in t_span)
-    span = (start, stop)
+    span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
