@@ -104,7 +104,8 @@ class Replay:
         if not count:
             return Taken(taus, np.empty((0, degree + 1, start.size)), start, found)
         # a step that ends in a root went beyond it: a solver that may go no farther than the first one ever went takes
-        # the same steps, and then there is nothing left to do. One that tried to go to `tau` itself was shortened there
+        # the same steps, and then there is nothing left to do. One that tried to go to `tau` itself was shortened
+        # there, by a part of what was left to `tau`
         stop = self._farthest if found.status == _ROOT and self._farthest < _NEARLY * tau else tau
         ask = partial(self._ask, second, taus, points, stop=max(stop, float(taus[-1])))
         if degree <= _LOW:
