@@ -204,13 +204,8 @@ class ModeEquations:
 
     def _place_maps(self) -> None:
         """Rates, watched quantities and guards, but for constants, from states and from inputs."""
-        own = self.guards
-        by_state = own.turn[:, None] * self.E[own.source]
-        by_input = own.turn[:, None] * self.H[own.source]
-        by_input[np.arange(own.size), own.row] += own.mu
-        by_input[own.rising, own.dwell] -= own.rise
-        self._of_states_all = np.vstack([self._AE, by_state])
-        self._of_inputs_all = np.vstack([self._BH, by_input])
+        self._of_states_all = np.vstack([self._AE, self.guards.by_state])
+        self._of_inputs_all = np.vstack([self._BH, self.guards.by_input])
 
     def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order, None where it would be large.
@@ -355,6 +350,13 @@ class ModeEquations:
         return self._spread(
             scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
         )
+
+    @cached_property
+    def structure(self) -> Any:
+        """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
+        if not self.acting.size:
+            return self.jacobian()
+        return self.jacobian() + self.law_jacobian(np.ones(self.acting.size))
 
     def jacobian(self) -> Any:
         """Return ``A``, dense or sparse as the scene is."""

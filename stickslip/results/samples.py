@@ -67,6 +67,12 @@ class Tables:
     modes: Modes
     inputs: Array
 
+    @cached_property
+    def breakaway(self) -> Array:
+        """Breakaway levels on the side to which rows slip or are pushed."""
+        below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
+        return np.where(below, self.lower, self.upper)
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -206,9 +212,7 @@ class Samples:
 
     def breakaway(self, row: str) -> Array:
         """Return the breakaway level on the side to which a row slips or is pushed, in N or N m."""
-        upper, lower = self.levels(row)
-        side = self.mode(row)
-        return np.where((side < 0) | ((side == 0) & (self.force(row) < 0)), lower, upper)
+        return self._read(self.row(row), lambda tables: tables.breakaway)
 
     def relative_velocity(self, row: str) -> Array:
         """Return the relative velocity w of a row, in m/s or rad/s."""

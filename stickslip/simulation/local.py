@@ -18,7 +18,8 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
-from stickslip.events.settle import Settled, Situation
+from stickslip.events.search import Situation
+from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of

@@ -106,7 +106,8 @@ class Recorder:
             now.labels,
             motion.since,
             equations.regions,
-            now.impulses,
+            None if now.impact is None else now.impact.impulses,
+            None if now.impact is None else now.impact.lost,
             path,
         )
 

@@ -41,7 +41,7 @@ class Kinetic:
             self._gone = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
         self._steepest = np.where(self.exponent < 1, _STEEPEST * self._velocity, 0.0)
         self._isotropic = all(np.array_equal(x[0], x[1]) for x in (level, fall))
-        self._bent = bool(fall.any())
+        self._bent, self._is_square = bool(fall.any()), bool((self.exponent == 2).all())
         self._functions: dict[int, Callable[[float], float]] = {
             row: c.kinetic_at for row, c in enumerate(curves) if c.is_function
         }
@@ -53,7 +53,8 @@ class Kinetic:
             columns = self._gone, self._velocity, self.exponent
             gone, velocity, exponent = columns if w.ndim == 1 else (x[:, None] for x in columns)
             ratio = np.minimum(np.abs(w), gone) / velocity
-            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio**exponent))
+            power = ratio * ratio if self._is_square else ratio**exponent
+            mu = mu + self._of_side(self._fall, w) * np.exp(-power)
         if self._functions:
             mu = mu + np.zeros(w.shape)
             speeds = np.abs(w)
