@@ -25,8 +25,7 @@ from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
 __all__ = ["Kept", "read", "save"]
 
-_FORMAT = 3
-_READS = (2, 3)
+_FORMAT = 4
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 
@@ -119,8 +118,10 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
         known = about["format"]
     except (AttributeError, KeyError, ValueError, EOFError):
         raise ValueError(f"load: {path} was not written by stickslip's save, or only in part") from None
-    if known not in _READS:
-        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
+    if known != _FORMAT:
+        raise ValueError(
+            f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip or simulate again"
+        )
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}

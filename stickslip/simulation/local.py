@@ -18,7 +18,8 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
-from stickslip.events.settle import Settled, Situation
+from stickslip.events.search import Situation
+from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of
@@ -38,15 +39,8 @@ _FLUSH = 50
 class Local:
     """Follows the motion of a scene part by part.
 
-    Parameters
-    ----------
-    forest : Forest
-    work : Work
-    interruption : Interruption
-    recorder : Recorder
-        Where it keeps only outputs, what is known is handed over as it comes, to be forgotten.
-    passed : callable
-        Told the time and the row of every event; raises where time stands still.
+    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. `passed` is told
+    the time and the row of every event; it raises where time stands still.
     """
 
     def __init__(

@@ -23,7 +23,8 @@ from stickslip.events.endings import (
     until_unseen_crossing,
 )
 from stickslip.events.impact import struck
-from stickslip.events.settle import Settled, Situation, carried_on, settle
+from stickslip.events.search import Situation
+from stickslip.events.settle import Settled, carried_on, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
@@ -48,16 +49,7 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
 class Run:
-    """One simulation under way.
-
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-    engine : Engine
-    recorder : Recorder
-    span : (float, float)
-    wanted : Tolerances
+    """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
     Attributes
     ----------
@@ -253,7 +245,6 @@ class Run:
             at.let_go,
             motion.equations.regions,
             jump.sides,
-            jump.impulses,
             path.touched,
         )
         self._settle(situation, before, ones, jump)
@@ -261,10 +252,10 @@ class Run:
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        uncertain = self._wanted.uncertain(self._fastest)
-        self.now = settle(
-            self.system, self.loads, situation, self._wanted.quiet, self._wanted.blur, uncertain
-        )
+        wanted = self._wanted
+        uncertain = wanted.uncertain(self._fastest)
+        settled = settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
+        self.now = replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
@@ -292,7 +283,7 @@ class Run:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"
-        elif before and after and jump.impulses is not None and jump.parted[j]:
+        elif before and after and jump.impact is not None and jump.parted[j]:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)

@@ -15,7 +15,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
-from stickslip.events.settle import Inconsistent
+from stickslip.events.search import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.when import When

@@ -335,3 +335,24 @@ def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[s
     slips, turns = (e.t for e in result.events)
     assert slips == pytest.approx(3.66 - 44.5 * stretched / (0.294 * 16355.0), abs=1e-14)
     assert turns == pytest.approx(3.66 + math.pi / math.sqrt(89.0 - 0.04), abs=1e-7)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_what_relaxes_takes_the_open_contact_with_it_that_joins_it_to_a_body_at_rest(
+    options: dict[str, Any],
+) -> None:
+    """v = exp(-20 t) until that is the margin of 1e-5: then both bodies are held, and the open contact rests."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Damper("a", GROUND, damping=20.0),
+        Contact("smooth", "a", GROUND, DryFriction(0.3, 0.0), normal=10.0),
+        Body("held", inertia=1.0),
+        Contact("floor", "held", GROUND, DRY, normal=10.0),
+        Contact("open", "a", "held", DRY, normal=0.0),
+        Body("fast", inertia=1.0, velocity=5.0),
+        Contact("slides", "fast", GROUND, DRY, normal=1.0),
+    )
+    result = simulate(scene, (0.0, 1.0), velocity_margin=1e-5, **options)
+    assert told(result) == [("open", 1, 0), ("smooth", 1, 0)]
+    assert [e.t for e in result.events] == pytest.approx([math.log(1e5) / 20] * 2, abs=1e-4)
+    assert result.mode("open")[-1] == 0
