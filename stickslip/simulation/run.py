@@ -201,7 +201,7 @@ class Run:
         none = np.empty(0, dtype=np.intp)
         jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
         touching = end.touching | ((before == 0) & ~jump.parted)
-        self._settle(replace(end, y=jump.y, touching=touching), before, [], jump)
+        self._settle(end._replace(y=jump.y, touching=touching), before, [], jump)
 
     def passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
