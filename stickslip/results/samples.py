@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.dependence import BlockPlace
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
+from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
 from stickslip.model.elements import GROUND, Body, Drive, Sampled
 from stickslip.model.modes import Mode

@@ -49,16 +49,7 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
 class Run:
-    """One simulation under way.
-
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-    engine : Engine
-    recorder : Recorder
-    span : (float, float)
-    wanted : Tolerances
+    """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
     Attributes
     ----------
