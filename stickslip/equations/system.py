@@ -17,9 +17,10 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
-from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
+from stickslip.equations.dependence import Dependence, Friction, Part
 from stickslip.equations.loads import Loads
 from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
+from stickslip.equations.reader import BlockPlace, Form, Key, Reader
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -181,8 +182,9 @@ class System:
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
         self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
-        read = [*self._seen.places.tolist(), *self._only_seen.places_read]
-        self.for_watched = self.dependence.before(read) if self.dependence is not None else frozenset()
+        read = [self._seen, *self._only_seen.arguments]
+        watched = [place for part in read for place in part.places.tolist()]
+        self.for_watched = self.dependence.before(watched) if self.dependence is not None else frozenset()
         """The nodes that act and on which watched quantities depend."""
 
     def _place_laws(self, book: Book) -> None:
@@ -238,20 +240,14 @@ class System:
         for k, (i, _, _) in enumerate(book.forces):
             push_inputs.add(i, self.first_force + k, 1.0)
         for i, form in self.pushes:
-            for column, c in form.states.items():
-                push_state.add(i, column, c)
-            for key, c in form.inputs.items():
-                push_inputs.add(i, self._place(key), c)
+            self._enter(form, i, push_state, push_inputs)
         self.push_C = self.matrix(push_state, (n, self.size))
         self.push_Q = self.matrix(push_inputs, (n, self.inputs))
         self.C = self.matrix(state, (n, self.size)) + self.push_C
         self.Q = self.matrix(inputs, (n, self.inputs)) + self.push_Q
         block_state, block_inputs = Triplets(), Triplets()
         for k, form in self._rates.items():
-            for column, c in form.states.items():
-                block_state.add(k - self.first_block, column, c)
-            for key, c in form.inputs.items():
-                block_inputs.add(k - self.first_block, self._place(key), c)
+            self._enter(form, k - self.first_block, block_state, block_inputs)
         blocks = self.size - self.first_block
         self.block_C = self.matrix(block_state, (blocks, self.size))
         self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
@@ -265,9 +261,14 @@ class System:
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
         self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
-        self.carried_state = np.array(
-            [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
-        )
+        self.carried_state = np.array([self.position_state[int(i) + n] for i in self.carried], dtype=np.intp)
+
+    def _enter(self, form: Form, row: int, states: Triplets, inputs: Triplets) -> None:
+        """Enter a form as a row of two matrices."""
+        for column, c in form.states.items():
+            states.add(row, column, c)
+        for key, c in form.inputs.items():
+            inputs.add(row, self._place(key), c)
 
     def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
         """Return entries as a matrix, dense or sparse as the scene is."""
@@ -314,17 +315,7 @@ class System:
     def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
         """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
 
-        Parameters
-        ----------
-        t, start : float
-            Time, and that of the start, in s.
-        q : array (inputs,)
-        y : array (size,)
-
-        Raises
-        ------
-        ValueError
-            If a block returns what are no finite numbers; the message names block, time and arguments.
+        A ValueError names block, time and arguments where a block returns what are no finite numbers.
         """
         after = y
         for place, block, part in self.sampled:

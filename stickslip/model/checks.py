@@ -21,6 +21,7 @@ __all__ = [
     "check_takes",
     "file_path",
     "finite",
+    "limit",
     "names",
     "numbers",
     "sequence",
@@ -70,13 +71,7 @@ def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> N
 
 
 def finite(value: Any, what: str) -> float:
-    """Return a finite number as a float.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no number, or not finite; `what` begins the message.
-    """
+    """Return a finite number as a float; refuse what is none with a message that begins with `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
         raise TypeError(f"{what} must be a number, got {value!r}{remedy}")
@@ -89,14 +84,14 @@ def finite(value: Any, what: str) -> float:
     return number
 
 
-def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Return finite numbers as a tuple of floats.
+def limit(value: Any, none: float, what: str) -> float:
+    """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
+    is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
+    return none if is_none else finite(value, what)
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no sequence, or one of its entries no finite number; `what` begins the message.
-    """
+
+def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
+    """Return finite numbers as a tuple of floats; refuse what is none with a message that begins with `what`."""
     try:
         listed = list(values)
     except TypeError:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import check_entries, check_name, check_takes, finite, sequence
+from stickslip.model.checks import check_entries, check_name, check_takes, finite, limit, sequence
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
@@ -439,8 +439,7 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
         If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
-    lowest = low if isinstance(low, float) and low == -math.inf else finite(low, "saturate: low")
-    highest = high if isinstance(high, float) and high == math.inf else finite(high, "saturate: high")
+    lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
     if not lowest < highest:
         raise ValueError(f"saturate: low must be below high, got {lowest:g} and {highest:g}; exchange them")
     limits = tuple(x for x in (lowest, highest) if math.isfinite(x))
@@ -480,13 +479,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
 
 
 def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
-    """Return a quantity, a signal or a number as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return a quantity, a signal or a number as an expression; refuse what is none, as `what`."""
     if isinstance(value, Expression):
         return value
     if isinstance(value, Quantity):
@@ -503,13 +496,7 @@ def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
 
 
 def as_load(value: Load | float, what: str) -> Signal | Expression:
-    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression."""
     if not isinstance(value, Quantity):
         return as_signal(cast(Any, value), what)
     own = as_expression(value)
@@ -517,13 +504,7 @@ def as_load(value: Load | float, what: str) -> Signal | Expression:
 
 
 def load_from_dict(data: Any, what: str) -> Load:
-    """Return the signal or quantity that `to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe one; `what` begins the message.
-    """
+    """Return the signal or quantity that `to_dict` wrote; refuse what is none, as `what`."""
     kind = data.get("type") if isinstance(data, Mapping) else None
     makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
     if not isinstance(kind, str) or kind not in makers:

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stickslip.model.checks import check_entries
-from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row, StateSpace
+from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row
 from stickslip.model.elements.base import GROUND, Motion, check_motion, listed
-from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
 from stickslip.model.quantities import (
@@ -159,13 +158,7 @@ class Scene:
                 seen.add(one.name)
 
     def check_quantities(self, load: Quantity, label: str) -> None:
-        """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
-
-        Raises
-        ------
-        ValueError
-            If there is no such body or contact.
-        """
+        """Refuse a quantity of what the scene does not know; `label` is the element that reads it."""
         moving, rows, blocks = self._moving, self._row_named, self._block_named
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
@@ -348,8 +341,6 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
             values[name] = load_from_dict(values[name], f"{where}.{name}")
     if isinstance(inputs := values.get("inputs"), (list, tuple)):
         values["inputs"] = [load_from_dict(one, f"{where}.inputs[{k}]") for k, one in enumerate(inputs)]
-    if maker is StateSpace and values.get("limits") is not None:
-        values["limits"] = as_limits(values["limits"])
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:

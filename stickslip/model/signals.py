@@ -520,13 +520,7 @@ def time_scale(signal: Signal, span: float) -> float:
 
 
 def as_signal(value: Signal | float, what: str) -> Signal:
-    """Return a number as a constant signal and a signal as it is.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is neither; `what` begins the message.
-    """
+    """Return a number as a constant signal and a signal as it is; refuse what is neither, as `what`."""
     if isinstance(value, Signal):
         return value
     if callable(value):

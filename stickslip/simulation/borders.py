@@ -31,15 +31,7 @@ _AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
 
 
 class Borders:
-    """Keeps a run in the regions of its tables.
-
-    Parameters
-    ----------
-    system : System
-        With tables that depend on the state.
-    loads : Loads
-        Tells motions the regions.
-    """
+    """Keeps a run in the regions of its tables; the loads tell motions which these are."""
 
     def __init__(self, system: System, loads: Loads) -> None:
         assert system.dependence is not None
@@ -110,7 +102,7 @@ class Borders:
             return False
         steps = np.diff(path.taus)
         for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
-            part = dependence.argument(number)
+            part = dependence.arguments[number]
             value = path.coefficients[:, :, part.columns] @ part.S[0]
             drift = float(part.P[0] @ stretch.slope[part.places])
             since = motion.t - stretch.start + path.taus[:-1]

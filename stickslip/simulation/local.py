@@ -39,15 +39,8 @@ _FLUSH = 50
 class Local:
     """Follows the motion of a scene part by part.
 
-    Parameters
-    ----------
-    forest : Forest
-    work : Work
-    interruption : Interruption
-    recorder : Recorder
-        Where it keeps only outputs, what is known is handed over as it comes, to be forgotten.
-    passed : callable
-        Told the time and the row of every event; raises where time stands still.
+    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. `passed` is told
+    the time and the row of every event; it raises where time stands still.
     """
 
     def __init__(

@@ -28,7 +28,6 @@ class Recorder:
 
     Parameters
     ----------
-    system : System
     span : (float, float, bool)
         Start and end in s, and whether a fixed-step method reads the loads.
     outputs : array or None
@@ -38,7 +37,6 @@ class Recorder:
 
     Attributes
     ----------
-    events : list of Event
     fewest_states : int
         Fewest velocities, positions and bristles that did not depend on others.
     """

@@ -49,16 +49,7 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
 class Run:
-    """One simulation under way.
-
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-    engine : Engine
-    recorder : Recorder
-    span : (float, float)
-    wanted : Tolerances
+    """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
     Attributes
     ----------
@@ -201,7 +192,7 @@ class Run:
         none = np.empty(0, dtype=np.intp)
         jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
         touching = end.touching | ((before == 0) & ~jump.parted)
-        self._settle(replace(end, y=jump.y, touching=touching), before, [], jump)
+        self._settle(end._replace(y=jump.y, touching=touching), before, [], jump)
 
     def passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
@@ -234,7 +225,7 @@ class Run:
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
-            w = motion.watched(float(path.taus[-1]), path.last)[: system.m]
+            w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= self._wanted.quiet)
         touching = at.touching | at_rest
         y = jump.y
@@ -264,7 +255,7 @@ class Run:
         wanted = self._wanted
         uncertain = wanted.uncertain(self._fastest)
         settled = settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
-        self.now = replace(settled, impact=jump.impact)
+        self.now = settled if jump.impact is None else replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

@@ -64,10 +64,7 @@ class Tolerances:
     def uncertain(self, fastest: float) -> float:
         """Return the velocity by which a solver has to go beyond 0 before 0 is passed.
 
-        Parameters
-        ----------
-        fastest : float
-            The largest velocity in m/s or rad/s so far: a solver's errors are parts of the velocities that it has seen.
+        Its errors are parts of the velocities that it has seen: `fastest` is the largest so far.
         """
         if not self.has_errors:
             return 0.0

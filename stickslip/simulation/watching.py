@@ -48,13 +48,7 @@ class Crossing(NamedTuple):
 class Watch:
     """Watches the quantities of the user's events, path by path.
 
-    Parameters
-    ----------
-    system : System
-        Compiled with these quantities as the watched ones.
-    events : sequence of When
-    period : float
-        Shortest period in s of the loads, infinite if they are straight.
+    The system is compiled with these quantities as the watched ones; `period` is the shortest in s of the loads.
     """
 
     def __init__(self, system: System, events: Sequence[When], period: float) -> None:

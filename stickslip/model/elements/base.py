@@ -68,10 +68,7 @@ class Element(metaclass=NamedArguments):
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
         """Refuse names of bodies that the scene does not know, and what nothing can move.
 
-        Parameters
-        ----------
-        free, known : frozenset of str
-            Names of the free bodies, and those of drives and the ground, too.
+        `free` are the names of the free bodies, `known` those of drives and the ground, too.
         """
 
     def _number(self, name: str) -> float:

@@ -23,7 +23,6 @@ class RowEntry:
 
     Attributes
     ----------
-    name : str
     coefficients : dict of int to float
         By index of the body or drive.
     law : Law or None
