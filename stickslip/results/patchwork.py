@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
+from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
 
 __all__ = ["Patches", "Patchwork", "Series"]
@@ -551,16 +551,3 @@ class Patchwork:
                 coefficients[i, 2, system.carried_state] = 0.5 * step * step * u[:, 1]
         last = self.states(np.array([k]), np.array([stop]))[:, 0]
         return Path(ends - t, coefficients, last, True)
-
-
-def shifted(c: Array, s: Array) -> Array:
-    """Return polynomials (a line each) about `s`."""
-    found = c.copy()
-    moved = s.nonzero()[0]
-    count = c.shape[1]
-    for k in range(count if moved.size else 0):
-        value = np.zeros(moved.size)
-        for j in range(count - 1, k - 1, -1):
-            value = value * s[moved] + comb(j, k) * c[moved, j]
-        found[moved, k] = value
-    return found

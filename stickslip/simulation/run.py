@@ -186,7 +186,7 @@ class Run:
         none = np.empty(0, dtype=np.intp)
         jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
         touching = end.touching | ((before == 0) & ~jump.parted)
-        self._settle(replace(end, y=jump.y, touching=touching), before, [], jump)
+        self._settle(end._replace(y=jump.y, touching=touching), before, [], jump)
 
     def passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
@@ -219,7 +219,7 @@ class Run:
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
-            w = motion.watched(float(path.taus[-1]), path.last)[: system.m]
+            w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= self._wanted.quiet)
         touching = at.touching | at_rest
         y = jump.y
@@ -249,7 +249,7 @@ class Run:
         wanted = self._wanted
         uncertain = wanted.uncertain(self._fastest)
         settled = settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
-        self.now = replace(settled, impact=jump.impact)
+        self.now = settled if jump.impact is None else replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)

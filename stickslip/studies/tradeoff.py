@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from stickslip.model.scene import Scene
+from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.arguments import span as checked_span
 from stickslip.simulation.result import Result, SimulationError
@@ -237,7 +238,7 @@ def tradeoff(
         repeats=min(max(int(left / once), 1), _REPEATS),
         warmup=0,
         progress=progress,
-        error_label="velocity error / (m/s or rad/s)" if error == "velocity" else "error",
+        error_label=f"largest velocity error [{units(scene).velocity}]" if error == "velocity" else "error",
     )
     return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped), creeping)
 
