@@ -31,7 +31,7 @@ class BranchPoint:
     message : str
         What happens, in words.
     cycle : Cycle or None
-        At a fold the cycle there.
+        At a fold and at an end the cycle there.
     """
 
     value: float

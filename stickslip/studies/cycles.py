@@ -534,10 +534,13 @@ class Shot:
             self._by_parameter[parameter.name] = found
         return self._by_parameter[parameter.name]
 
-    def along(self, parameter: Parameter) -> tuple[Array, float, Array]:
-        """Return how start, period and starting state change with a parameter along the cycles."""
+    def along(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
+        """Return how start, period and starting state change with a parameter along the cycles.
+
+        A period of the loads that is given changes with it, too, by `given`.
+        """
         by_parameter, begin = self.by_parameter(parameter)
-        change, longer = self.solve(-by_parameter)
+        change, longer = self.solve(-by_parameter - self.rate_after * given)
         return change, longer, begin
 
     def multipliers(self) -> Complex:
@@ -739,7 +742,8 @@ def closed_from(
     """
     shot = cycle.shot
     # the derivative at this cycle, not at the first one of a branch
-    along, slower, begin = shot.along(parameter.at(shot.scene))
+    given = 0.0 if longer is None else longer / change
+    along, slower, begin = shot.along(parameter.at(shot.scene), given)
     scene = parameter.set(shot.scene, value)
     period = slower * change if longer is None else longer
     if shot.forced:

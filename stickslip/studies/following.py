@@ -236,7 +236,7 @@ class Follower:
                 )
             if _speed(a) < _SHRUNK * _speed(last):
                 why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
-            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why])))
+            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why]), a))
             return None
         said = "; ".join([*phases, "cycles without it begin there, and the branch turns back"])
         self._points.append(BranchPoint(0.5 * (at + end), "fold", said, a))
