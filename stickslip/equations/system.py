@@ -27,7 +27,7 @@ from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
 from stickslip.model.quantities import Expression, Output, Position, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signals import Constant, Load, PiecewiseLinear, Signal
+from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -152,7 +152,7 @@ class System:
         self.others = [
             *(own for own, _ in parts),
             *reader.signals,
-            *(Constant(0.0) for _ in range(sum(widths))),
+            *[ZERO] * sum(widths),
             *(drive.velocity for drive in book.drives),
         ]
         self.force_count = len(book.forces)
@@ -189,13 +189,15 @@ class System:
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
-        self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
-        self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
-        self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
-        self.is_stop = np.array([row.kind == "stop" for row in book.rows], dtype=bool)
+        kinds = np.array([row.kind for row in book.rows], dtype=str)
+        self.is_friction, self.is_tie, self.is_one_way = (
+            kinds == "friction",
+            kinds == "tie",
+            kinds == "one-way",
+        )
+        self.is_gap, self.is_stop = kinds == "gap", kinds == "stop"
         self.has_stops = bool(self.is_stop.any())
         self.restitution = np.array([row.restitution for row in book.rows])
-        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed

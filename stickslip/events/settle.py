@@ -158,7 +158,7 @@ def _settled(
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
     if now.labels is not None and (uncertain or not all_closed):
-        named, resting = _directions(now, w, rough, closed, resting, uncertain)
+        named, resting = _directions(now, w, closed, resting, uncertain)
     candidates = closed & resting
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
@@ -213,13 +213,13 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
 
 
 def _directions(
-    now: Situation, w: Array, rough: Array, closed: Mask, resting: Mask, uncertain: float
+    now: Situation, w: Array, closed: Mask, resting: Mask, uncertain: float
 ) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
     # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
-    kept &= now.labels * w > -np.maximum(rough, uncertain)
+    kept &= now.labels * w > -uncertain
     resting = resting & ~kept
     if uncertain:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it

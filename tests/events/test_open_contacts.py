@@ -16,8 +16,10 @@ from stickslip import (
     DryFriction,
     Force,
     Result,
+    Sampled,
     Scene,
     Spring,
+    output,
     piecewise_linear,
     simulate,
     sine,
@@ -356,3 +358,29 @@ def test_what_relaxes_takes_the_open_contact_with_it_that_joins_it_to_a_body_at_
     assert told(result) == [("open", 1, 0), ("smooth", 1, 0)]
     assert [e.t for e in result.events] == pytest.approx([math.log(1e5) / 20] * 2, abs=1e-4)
     assert result.mode("open")[-1] == 0
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "merged"}])
+def test_a_sample_opens_a_contact_in_the_instant_in_which_its_body_comes_to_rest(
+    options: dict[str, Any],
+) -> None:
+    """N is 10 N and 0 in turn: the body gains 0.1 m/s under 1 N, and loses it under 1 - 0.2 10 N, to roundoff."""
+    valve = Sampled(
+        "valve",
+        period=0.1,
+        inputs=(),
+        states=(10.0,),
+        update=lambda t, x, u: [10.0 - x[0]],
+        output=lambda t, x, u: x[0],
+        outputs=1,
+    )
+    scene = Scene(
+        valve,
+        Body("b", inertia=1.0),
+        Force("b", 1.0),
+        Contact("c", "b", GROUND, DryFriction(0.2, 0.2), normal=output("valve")),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    assert told(result) == [("c", 0, 1)]
+    # nine of the ten times it goes 0.005 m
+    assert result.position("b")[-1] == pytest.approx(9 * 0.005, abs=1e-9)
