@@ -22,7 +22,8 @@ from stickslip.engines.cvode import Selected
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.settle import Situation, settle
+from stickslip.events.search import Situation
+from stickslip.events.settle import settle
 
 ROUNDS, CALLS = 7, 300
 

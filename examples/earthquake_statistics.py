@@ -50,9 +50,9 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
     )
 
     axes = (drawing := Figure(figsize=(7.0, 5.0), layout="constrained")).subplots()
-    axes.semilogy(magnitude, number, "k.", markersize=4)
-    axes.set(xlabel="magnitude: log10 of the slip of all blocks [m]", ylabel="events at least as large")
-    drawing.savefig(figure, dpi=110)
+    axes.loglog(10**magnitude, number, "k.", markersize=4)
+    axes.set(xlabel="slip of an event, all blocks [m]", ylabel="number of events at least as large")
+    drawing.savefig(figure, dpi=150)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ import statistics
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -60,6 +61,19 @@ Job = Callable[[argparse.Namespace], int]
 
 class _BadInput(Exception):
     """What was asked for cannot be done; the message says what to change."""
+
+
+@contextmanager
+def _refusals(what: str = "") -> Iterator[None]:
+    """Tell what is refused as bad input; `what` begins the message."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise _BadInput(f"{what}cannot be written: {error.strerror}") from None
+    except (ValueError, TypeError) as error:
+        raise _BadInput(f"{what}{error}") from None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -336,10 +350,8 @@ def _explain(chosen: argparse.Namespace) -> int:
     data, given = _scene_file(chosen)
     scene = _scene(chosen.scene, data)
     span = chosen.span or (given.get("span") if isinstance(given, Mapping) else None)
-    try:
+    with _refusals():
         print(explain(scene, span))
-    except (ValueError, TypeError) as error:
-        raise _BadInput(str(error)) from None
     return _OK
 
 
@@ -347,13 +359,11 @@ def _tradeoff(chosen: argparse.Namespace) -> int:
     _check_folders({"plot": chosen.plot})
     data, given = _scene_file(chosen)
     scene, span = _scene(chosen.scene, data), _options(chosen, given)["span"]
-    try:
+    with _refusals():
         study = tradeoff(scene, span, budget=chosen.budget, progress=sys.stderr.isatty())
         print(study)
         if chosen.error is not None or chosen.time is not None:
             print(f"recommended: {study.recommend(error=chosen.error, time=chosen.time)}")
-    except (ValueError, TypeError) as error:
-        raise _BadInput(str(error)) from None
     if chosen.plot:
         _save_figure(lambda: study.plot().figure, chosen.plot)
     return _OK
@@ -371,26 +381,23 @@ def _sweep(chosen: argparse.Namespace) -> int:
             raise _BadInput(f"--vary {text}: write FIELD=VALUES, such as floor.normal=1,5,10")
         if path in grid:
             raise _BadInput(f"--vary {path} stands twice; list all its values at once")
-        try:
+        with _refusals(f"--vary {text}: "):
             grid[path] = values_of(values)
             # a field that does not exist is told here, and not once for each point
             runs.at({path: grid[path][0]})
-        except (ValueError, TypeError) as error:
-            raise _BadInput(f"--vary {text}: {error}") from None
     varied = [path for path, values in grid.items() if len(values) > 1]
     if chosen.plot and len(varied) != 2:
         raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
     code = _OK
+    executor: Literal["serial"] | None = "serial" if chosen.workers == 1 else None
+    workers = None if chosen.workers == 1 else chosen.workers
+    progress = sys.stderr.isatty()
     try:
-        executor: Literal["serial"] | None = "serial" if chosen.workers == 1 else None
-        workers = None if chosen.workers == 1 else chosen.workers
-        progress = sys.stderr.isatty()
-        found = sweep(runs, grid, executor=executor, workers=workers, progress=progress, save=chosen.save)
+        with _refusals():
+            found = sweep(runs, grid, executor=executor, workers=workers, progress=progress, save=chosen.save)
     except SweepInterrupted as stop:
         print(f"stickslip: {stop}", file=sys.stderr)
         found, code = stop.result, _INTERRUPTED
-    except (ValueError, TypeError, OSError) as error:
-        raise _BadInput(str(error)) from None
     if chosen.csv:
         _write_points(runs, found, chosen.csv)
     print(found)
@@ -400,14 +407,11 @@ def _sweep(chosen: argparse.Namespace) -> int:
 
 
 def _write_points(runs: SceneRuns, found: SweepResult, path: str) -> None:
-    try:
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(_heads(runs, found).values())
-            for point, values in found.points():
-                writer.writerow([*point.values(), *(float(value) for value in values.values())])
-    except OSError as error:
-        raise _BadInput(f"--csv {path}: cannot be written: {error.strerror}") from None
+    with _refusals(f"--csv {path}: "), Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(_heads(runs, found).values())
+        for point, values in found.points():
+            writer.writerow([*point.values(), *(float(value) for value in values.values())])
 
 
 def _heads(runs: SceneRuns, found: SweepResult) -> dict[str, str]:
@@ -435,10 +439,8 @@ def _scene_file(chosen: argparse.Namespace) -> tuple[dict[str, Any], Any]:
 
 
 def _scene(file: str, data: Mapping[str, Any]) -> Scene:
-    try:
+    with _refusals(f"{file}: "):
         return Scene.from_dict(data)
-    except (ValueError, TypeError) as error:
-        raise _BadInput(f"{file}: {error}") from None
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -488,10 +490,8 @@ def _even_times(span: Any, points: Any) -> Any:
 
 
 def _simulated(scene: Scene, span: Any, options: Mapping[str, Any]) -> Result:
-    try:
+    with _refusals():
         return simulate(scene, span, **options)
-    except (ValueError, TypeError) as error:
-        raise _BadInput(str(error)) from None
 
 
 def _print_run(result: Result) -> None:
@@ -532,10 +532,8 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
         if kind == "plot" and not result.t.size:
             print("stickslip: nothing was computed that could be drawn", file=sys.stderr)
             continue
-        try:
+        with _refusals(f"--{kind} {path}: "):
             writer(result, path)
-        except OSError as error:
-            raise _BadInput(f"--{kind} {path}: cannot be written: {error.strerror}") from None
 
 
 def _draw(result: Result, path: str, **options: Any) -> None:
@@ -547,13 +545,9 @@ def _draw(result: Result, path: str, **options: Any) -> None:
 def _save_figure(draw: Callable[[], Any], path: str) -> None:
     from stickslip.plots.style import apart_from_pyplot
 
-    try:
-        with apart_from_pyplot():
-            draw().savefig(path, dpi=_DPI)
-    except OSError as error:
-        raise _BadInput(f"--plot {path}: cannot be written: {error.strerror}") from None
-    except ValueError as error:  # a format that matplotlib does not know
-        raise _BadInput(f"--plot {path}: {error}") from None
+    # a format that matplotlib does not know is a ValueError
+    with _refusals(f"--plot {path}: "), apart_from_pyplot():
+        draw().savefig(path, dpi=_DPI)
 
 
 if __name__ == "__main__":

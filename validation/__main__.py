@@ -28,6 +28,7 @@ try:
         random_machines,
         random_oracle,
         random_scenes,
+        rough,
     )
 except ModuleNotFoundError as missing:
     if missing.name != "mpmath":
@@ -62,6 +63,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *continuation.rows(),
         *forms.ROWS,
         *engines.rows(family if quick else scenes, quick),
+        *rough.rows(max(1, family // 5)),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
         *random_oracle.rows(min(scenes, family)),
         *random_machines.rows(min(scenes, family)),

@@ -418,7 +418,7 @@ class _Trial:
         """Return the modes that may be right: first those where all that is at its level lets go."""
         found: list[Modes] = []
         for eager in (True, False):
-            found += self._settle(eager)
+            found += self._settle(eager, {}, frozenset())
         return found
 
     def _motion(self, slips: Mapping[int, int], sided: Sequence[int]) -> Motion:
@@ -428,14 +428,17 @@ class _Trial:
         modes = Modes({**self._moving, **slips}, tuple(held), self._presses, sides)
         return Motion(self._m, run.t, run.x, run.q, modes, run.since_of(modes))
 
-    def _settle(self, eager: bool) -> list[Modes]:
-        slips: dict[int, int] = {}
-        tried: set[tuple[tuple[int, int], ...]] = set()
+    def _settle(
+        self, eager: bool, slips: dict[int, int], tried: frozenset[tuple[tuple[int, int], ...]]
+    ) -> list[Modes]:
+        """Return the modes in which no held rows carry more than they can, and none slips the wrong way."""
         while True:
             motion = self._complementary(slips)
-            over = self._over(motion, eager)
-            if over:
-                slips |= over
+            ways = self._over(motion, eager)
+            if len(ways) > 1:
+                return self._each_way(eager, [slips | over for over in ways], tried)
+            if ways:
+                slips = slips | ways[0]
                 continue
             accelerations = motion.acceleration @ motion.y0
             least = 1e-9 * motion.swift
@@ -445,9 +448,8 @@ class _Trial:
             key = tuple(sorted(slips.items()))
             if key in tried:
                 raise Doubt(self._run.t, "no consistent modes")
-            tried.add(key)
-            for j in against:
-                del slips[j]
+            tried |= {key}
+            slips = {j: sign for j, sign in slips.items() if j not in against}
         # clutches and stops that neither carry anything nor leave: each may be held, or not
         held = list(motion.modes.held)
         accelerations = motion.acceleration @ motion.y0
@@ -461,6 +463,24 @@ class _Trial:
         for chosen in product((True, False), repeat=len(unsure)):
             some = sure + [j for j, take in zip(unsure, chosen, strict=True) if take]
             found.append(self._motion(slips, some).modes)
+        return found
+
+    def _each_way(
+        self,
+        eager: bool,
+        ways: Sequence[dict[int, int]],
+        tried: frozenset[tuple[tuple[int, int], ...]],
+    ) -> list[Modes]:
+        """Return the modes to which each of several ways leads."""
+        found: list[Modes] = []
+        doubts = []
+        for slips in ways:
+            try:
+                found += self._settle(eager, slips, tried)
+            except Doubt as doubt:
+                doubts.append(doubt)
+        if not found:
+            raise doubts[0]
         return found
 
     def _complementary(self, slips: Mapping[int, int]) -> Motion:
@@ -486,8 +506,8 @@ class _Trial:
     def _turn(self, j: int, side: Mapping[int, int]) -> int:
         return side[j] if self._m.kinds[j] == "stop" else 1
 
-    def _over(self, motion: Motion, eager: bool) -> dict[int, int]:
-        """Return the contacts of the cuts loaded most beyond their level."""
+    def _over(self, motion: Motion, eager: bool) -> list[dict[int, int]]:
+        """Return the contacts of the cuts loaded most beyond their level; where rows share loads, of each cut alone."""
         loads: dict[int, float] = {}
         scale = 1e-10 * max(float((np.abs(motion.force) @ motion.size).max(initial=0.0)), 1e-9)
         for i, guard in enumerate(motion.guards):
@@ -504,17 +524,14 @@ class _Trial:
             if load > limit:
                 beyond[i] = load
         if not beyond:
-            return {}
+            return []
         largest = max(beyond.values())
-        if any(largest * (1 - NEAR_TIE) < x < largest * (1 - TIE) for x in loads.values() if x < math.inf):
+        shares = any(max(len(motion.guards[i].levels), len(motion.guards[i].rows)) > 1 for i in beyond)
+        first = [i for i, load in beyond.items() if load >= largest * (1 - TIE)]
+        sets = [first]
+        if shares and len(beyond) > 1:
+            # the model's order is one of single rows: here each is tried, and the motion tells
+            sets += [[i] for i in beyond if [i] != first]
+        elif any(largest * (1 - NEAR_TIE) < x < largest * (1 - TIE) for x in loads.values() if x < math.inf):
             raise Doubt(self._run.t, "a near tie")
-        if len(beyond) > 1 and any(len(motion.guards[i].levels) > 1 for i in beyond):
-            raise Doubt(self._run.t, "several sets of rows that let go at once")
-        if any(len(motion.guards[i].rows) > len(motion.guards[i].levels) for i in beyond) and len(beyond) > 1:
-            raise Doubt(self._run.t, "several sets of rows that let go at once")
-        return {
-            j: sign
-            for i, load in beyond.items()
-            if load >= largest * (1 - TIE)
-            for j, sign, _ in motion.guards[i].levels
-        }
+        return [{j: sign for i in some for j, sign, _ in motion.guards[i].levels} for some in sets]

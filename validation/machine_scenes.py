@@ -13,7 +13,12 @@ RATIOS = (1.0, -1.0, 2.0, 0.5, -3.0, 1.25)
 
 
 def machine(
-    seed: int, ties: bool = True, clutches: bool = False, gaps: bool = False, stops: bool = False
+    seed: int,
+    ties: bool = True,
+    clutches: bool = False,
+    gaps: bool = False,
+    stops: bool = False,
+    opens: bool = False,
 ) -> Scene:
     """Return two to five bodies with contacts at radii, springs and loads, and what is asked for beside them.
 
@@ -21,9 +26,9 @@ def machine(
     ----------
     seed : int
         The same one gives the same scene.
-    ties, clutches, gaps, stops : bool
+    ties, clutches, gaps, stops, opens : bool
         Whether there are gears, planetaries and loops of them; one-way clutches alone and beside contacts; elastic
-        gaps; rigid stops.
+        gaps; rigid stops; contacts that open and close.
     """
     draw = _Draw(seed)
     stop = draw.one([1.0, 2.0, 4.0])
@@ -40,7 +45,7 @@ def machine(
     if ties and count > 2:
         _tie(draw, names, speed, inertia, rows)
     for k in range(draw.whole(1, 3)):
-        rows.append(_contact(draw, f"c{k}", _pair(draw, names, ends), stop))
+        rows.append(_contact(draw, f"c{k}", _pair(draw, names, ends), stop, opens))
     if clutches:
         _clutches(draw, names, ends, speed, rows, stop)
     if gaps:
@@ -86,8 +91,9 @@ def _speed(draw: _Draw, stop: float, jumps: bool) -> Any:
     return draw.one([lines, draw.number(-1, 1, 1)])
 
 
-def _contact(draw: _Draw, name: str, on: dict[str, float], stop: float) -> Scene:
-    normal = draw.one([draw.number(2, 20, 1), draw.lines(stop, 1, 20, draw.whole(2, 4))])
+def _contact(draw: _Draw, name: str, on: dict[str, float], stop: float, opens: bool = False) -> Scene:
+    lowest = -15 if opens else 1
+    normal = draw.one([draw.number(2, 20, 1), draw.lines(stop, lowest, 20, draw.whole(2, 4))])
     found = draw.contact(name, "", "", normal)
     if draw.chance(0.4):  # no peak
         found["mu_s"] = found["mu_c"]
@@ -162,6 +168,7 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "clutches": (partial(machine, clutches=True), "one-way clutches, alone and beside contacts, and ties"),
     "gaps": (partial(machine, gaps=True), "elastic gaps, friction and ties"),
     "stops": (partial(machine, stops=True), "rigid stops, friction and ties"),
+    "opening": (partial(machine, opens=True), "contacts that open and close, and ties"),
     "machines": (
         partial(machine, clutches=True, gaps=True, stops=True),
         "ties, clutches, gaps and stops together",

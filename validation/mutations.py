@@ -257,19 +257,19 @@ MUTATIONS = (
     Mutation(
         "one-by-one",
         "overloaded contacts are let go with old forces",
-        "stickslip.events.settle:_Search._ratios",
+        "stickslip.events.search:Search._ratios",
         _first_come,
     ),
     Mutation(
         "none-spared",
         "in loops, the first to reach its level moves",
-        "stickslip.events.settle:_Search._spared",
+        "stickslip.events.search:Search._spared",
         _none_spared,
     ),
     Mutation(
         "never-released",
         "overloaded contacts are held all the same",
-        "stickslip.events.settle:_Search._improved",
+        "stickslip.events.search:Search._improved",
         _returning(None),
     ),
     Mutation(

@@ -164,7 +164,7 @@ def difference(family: str, group: str, number: int) -> float:
 def _compare_forces(right: Truth, result: Result, names: list[str], bound: float) -> None:
     """Compare the forces of rows where they are unique."""
     found = {name: result.force(name) for name in names}
-    largest = max([1e-9, *(abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f))])
+    largest = max([1e-6, *(abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f))])
     for k, forces in enumerate(right.forces):
         for name, wanted in forces.items():
             have = found[name][k]

@@ -28,6 +28,7 @@ from stickslip import (
     Stop,
     Tie,
     feedback,
+    output,
     piecewise_linear,
     simulate,
     sine,
@@ -47,6 +48,7 @@ def friction() -> Scene:
         Contact("guide", "mass", GROUND, stribeck, normal=1.0),
         Damper("mass", GROUND, damping=1.0),
         Spring("mass", GROUND, stiffness=500.0, rest=-0.25),
+        motion="translation",
     )
 
 
@@ -55,6 +57,7 @@ def brake() -> Scene:
     return Scene(
         Body("mass", inertia=1.0, velocity=1.0),
         Contact("brake", "mass", GROUND, DryFriction(1.0, 1.0), normal=step(0.1, 0.0, 2.0)),
+        motion="translation",
     )
 
 
@@ -63,6 +66,7 @@ def elasto_gap() -> Scene:
     return Scene(
         Body("mass", inertia=1.0, position=2.0),
         Gap("gap", "mass", GROUND, lower=-0.5, upper=0.5, stiffness=10.0, damping=1.5),
+        motion="translation",
     )
 
 
@@ -76,6 +80,7 @@ def first() -> Scene:
         Damper("shaft", GROUND, damping=10.0),
         Spring("shaft", "load", stiffness=1e4),
         Force("motor", sine(10.0, frequency=5.0)),
+        motion="rotation",
     )
 
 
@@ -89,6 +94,7 @@ def coupled_clutches() -> Scene:
         Contact("clutch1", "J1", "J2", lining, normal=sine(20.0, frequency=0.2, phase=math.pi / 2)),
         Contact("clutch2", "J2", "J3", lining, normal=step(0.4, 0.0, 20.0)),
         Contact("clutch3", "J3", "J4", lining, normal=step(0.9, 0.0, 20.0)),
+        motion="rotation",
     )
 
 
@@ -100,6 +106,7 @@ def backlash() -> Scene:
         Spring("without", GROUND, stiffness=20e3, damping=50.0),
         Body("with", inertia=5.0, position=math.pi / 2),
         Gap("play", "with", GROUND, lower=-half, upper=half, stiffness=20e3, damping=50.0),
+        motion="rotation",
     )
 
 
@@ -112,6 +119,7 @@ def one_way_clutch() -> Scene:
         OneWay("free", "in", "out"),
         Contact("clutch", "in", "out", DryFriction(12.5, 0.5), normal=pressed),
         Force("in", sine(10.0, frequency=3.0)),
+        motion="rotation",
     )
 
 
@@ -123,6 +131,7 @@ def one_way_clutch_disengaged() -> Scene:
         OneWay("free", "in", "out"),
         Force("in", sine(10.0, frequency=2.0, offset=0.3)),
         Force("out", -0.3),
+        motion="rotation",
     )
 
 
@@ -138,6 +147,7 @@ def elastic_bearing() -> Scene:
         Spring("out", "load", stiffness=1e3),
         Spring("housing", GROUND, stiffness=1e5, damping=5.0),
         Force("shaft", piecewise_linear([0.0, 5.0], [0.0, 100.0])),
+        motion="rotation",
     )
 
 
@@ -156,6 +166,7 @@ def simple_gear_shift() -> Scene:
         Contact("brake", "ring", GROUND, lining, normal=1.0 - shift),
         Force("sun", step(0.5, 0.0, 20.0)),
         Force("carrier", load),
+        motion="rotation",
     )
 
 
@@ -228,7 +239,7 @@ def main(figure: Path) -> None:
     """Run all cases, print how far they are from what is known, and draw a page."""
     from stickslip.plots import Figure
 
-    page = Figure(figsize=(9.0, 10.0), layout="constrained")
+    page = Figure(figsize=(8.0, 11.0), layout="constrained")
     for ax, (name, case) in zip(page.subplots(5, 2).flat, CASES.items(), strict=True):
         result = simulate(case.scene(), (0.0, case.stop))
         off = errors(case, result)
@@ -240,12 +251,15 @@ def main(figure: Path) -> None:
             ax.plot(result.t, getattr(result, what)(body), line, linewidth=1.2, label=body)
         for t in {event.t for event in result.events}:
             ax.axvline(t, color="0.8", linewidth=0.6, zorder=0)
-        ax.set_title(name, fontsize="medium")
+        bodies = [drawn.split()[1] for drawn in case.drawn]
+        ax.set_title(name if len(bodies) > 1 else f"{name}: {bodies[0]}", fontsize="medium")
         ax.set_xlabel("time [s]", fontsize="small")
-        ax.set_ylabel(case.drawn[0].split()[0], fontsize="small")
+        unit = output.column_units(result)[case.drawn[0]]
+        ax.set_ylabel(f"{case.drawn[0].split()[0]} [{unit}]", fontsize="small")
         ax.tick_params(labelsize="small")
-        ax.legend(fontsize="x-small")
-    page.savefig(figure, dpi=80)
+        if len(bodies) > 1:
+            ax.legend(fontsize="x-small")
+    page.savefig(figure, dpi=110)
 
 
 if __name__ == "__main__":

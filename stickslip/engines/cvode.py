@@ -99,9 +99,9 @@ class Cvode:
 
     def _solver(self, motion: Motion) -> tuple[_Steps, tuple[Any, Any]]:
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
-        if self._linear_solver.hold(self._motion.jacobian(0.0, self._motion.start)):
-            self._solvers.clear()
         selected = self._motion
+        if self._linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
+            self._solvers.clear()
         bend = selected.pick(2.0 * motion.first.y[2])
         first = first_step(bend, selected.start, self._tolerance, motion.horizon)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
@@ -208,7 +208,10 @@ class Selected:
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return the Jacobian."""
-        matrix = self.motion.jacobian(tau, self.expand(tau, y))
+        return self.pick_both(self.motion.jacobian(tau, self.expand(tau, y)))
+
+    def pick_both(self, matrix: Any) -> Any:
+        """Return the rows and columns of the states that are integrated."""
         return matrix if self._is_all else matrix[self._order][:, self._order]
 
 

@@ -102,7 +102,7 @@ def _first_negative(
         tau, value = _lowest(guards, row, taus[place], taus[place + 2])
         if value < 0:
             return tau, None
-        if value <= touch[row]:
+        if 0 < touch[row] >= value:
             return tau, row
     return found
 

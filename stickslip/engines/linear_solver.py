@@ -6,6 +6,7 @@ chain; SUNDIALS' sparse solver is for what is left.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,11 +56,11 @@ class LinearSolver:
         self._places: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._pattern: Any = None
 
-    def hold(self, jacobian: Any) -> bool:
-        """Make room for a Jacobian; return whether solvers made before have none."""
-        size = jacobian.shape[0]
+    def hold(self, size: int, structure: Callable[[], Any]) -> bool:
+        """Make room for a Jacobian of some size and structure; return whether solvers made before have none."""
         if size <= _DENSE_LIMIT:
             return self._become("dense", size)
+        jacobian = structure()
         is_dense = isinstance(jacobian, np.ndarray)
         matrix = jacobian if is_dense else scipy.sparse.coo_array(jacobian)
         row, column = jacobian.nonzero() if is_dense else (matrix.row, matrix.col)

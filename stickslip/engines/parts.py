@@ -7,7 +7,6 @@ reaches within the time for which series hold; the series of all others go on.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
+from stickslip.equations.polynomials import powers, shifted
 
 __all__ = ["FREE", "GROUND", "Parts", "Patch"]
 
@@ -247,7 +247,7 @@ class Parts:
     def at(self, bodies: Indices, t: float) -> tuple[Array, Array]:
         """Return velocities and positions of some bodies at time `t`."""
         s = (t - self.origin[bodies]) / self.unit
-        terms = _powers(s, self.velocity.shape[1])
+        terms = powers(s, self.velocity.shape[1])
         terms *= self.velocity[bodies]
         return terms.sum(axis=1), self.position[bodies] + self.unit * s * (terms @ self._inverse[:-1])
 
@@ -346,7 +346,7 @@ class Parts:
     def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
         """Return the series of velocities and positions of some bodies about another time."""
         s = (t - self.origin[bodies]) / self.unit
-        v = _shifted(self.velocity[bodies], s)
+        v = shifted(self.velocity[bodies], s)
         x = np.empty_like(v)
         x[:, 1:] = self.unit * v[:, :-1] * self._inverse[: v.shape[1] - 1]
         x[:, 0] = self.at(bodies, t)[1]
@@ -517,7 +517,7 @@ class Parts:
         s = (t - self.origin[bodies]) / self.unit
         moved = s.nonzero()[0]
         if moved.size:
-            v[moved] = _shifted(v[moved], s[moved])
+            v[moved] = shifted(v[moved], s[moved])
         return v
 
     def live_rows(self, patch: Patch, rows: Indices) -> NDArray[np.bool_]:
@@ -566,7 +566,7 @@ class Parts:
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
         bad = which[g[:, 0] <= 0]
         span = np.where(self.is_bounded[which], self.end, self.stop) - t
-        g *= _powers(span / self.unit, g.shape[1])
+        g *= powers(span / self.unit, g.shape[1])
         when = earliest(g)
         soon = np.isfinite(when).nonzero()[0]
         self.work.guards_excluded += when.size - soon.size
@@ -593,7 +593,7 @@ class Parts:
         g = self.watched[rows]
         s = (t - self.row_origin[rows]) / self.unit
         if s.any():
-            g = _shifted(g, s)
+            g = shifted(g, s)
         return g
 
     def refine(self, j: int) -> bool:
@@ -653,7 +653,7 @@ class Parts:
         until = self.end if self.is_bounded[j] else self.stop
         row = np.array([j, j])
         g = self._guards(row, np.array([-1.0, 1.0]), 0, 1, t)
-        g *= _powers(np.full(1, (until - t) / self.unit), g.shape[1])
+        g *= powers(np.full(1, (until - t) / self.unit), g.shape[1])
         self.due[j] = t + (until - t) * float(earliest(g).min())
 
     def _root(self, g: Array, t: float, until: float, floor: float, touches: bool = False) -> float:
@@ -718,30 +718,4 @@ def _side_by_side(first: Array, second: Array, row: Indices, column: Indices, si
         return scipy.sparse.csr_array((entries, columns, starts), shape=(size, 2 * size))
     found = np.zeros((size, 2 * size))
     found[row, column], found[row, size + column] = first, second
-    return found
-
-
-def _powers(s: Array, count: int) -> Array:
-    """Return the powers of each number, a line each."""
-    found = np.empty((s.size, count))
-    found[:, 0] = 1.0
-    found[:, 1:] = s[:, None]
-    return np.multiply.accumulate(found, axis=1, out=found)
-
-
-@lru_cache(maxsize=8)
-def _binomials(count: int) -> tuple[Array, Indices]:
-    """Return binomial coefficients ``(j over k)`` at [k, j], and ``j - k`` where that is not negative."""
-    k, j = np.meshgrid(np.arange(count), np.arange(count), indexing="ij")
-    factor = np.array([[float(math.comb(b, a)) for b in range(count)] for a in range(count)])
-    return factor, np.maximum(j - k, 0)
-
-
-def _shifted(c: Array, s: Array) -> Array:
-    """Return polynomials (a line each) about `s`."""
-    if not c[:, 2:].any():
-        c[:, 0] += s * c[:, 1]
-        return c
-    factor, power = _binomials(c.shape[1])
-    found: Array = ((factor * _powers(s, c.shape[1])[:, power]) @ c[:, :, None])[:, :, 0]
     return found

@@ -27,6 +27,9 @@ _LOW = 6
 _ROOT = 2
 """The status of a solver that has stopped at a root."""
 
+_NEARLY = 1 - 1e-12
+"""A step that is shortened not to pass a time ends this near to it at least."""
+
 _NEGLIGIBLE = 1e-2
 """Part of the tolerances that the last coefficients of a polynomial may be."""
 
@@ -101,8 +104,9 @@ class Replay:
         if not count:
             return Taken(taus, np.empty((0, degree + 1, start.size)), start, found)
         # a step that ends in a root went beyond it: a solver that may go no farther than the first one ever went takes
-        # the same steps, and then there is nothing left to do
-        stop = self._farthest if found.status == _ROOT else tau
+        # the same steps, and then there is nothing left to do. One that tried to go to `tau` itself was shortened
+        # there, by a part of what was left to `tau`
+        stop = self._farthest if found.status == _ROOT and self._farthest < _NEARLY * tau else tau
         ask = partial(self._ask, second, taus, points, stop=max(stop, float(taus[-1])))
         if degree <= _LOW:
             return Taken(

@@ -7,7 +7,7 @@ follow from small products, and so do those of the guards. No step error, nothin
 from __future__ import annotations
 
 import math
-from operator import mul
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,10 @@ Indices = NDArray[np.intp]
 _ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
+_LOG_REMAINDER = math.log(_REMAINDER)
+_NOTHING, _NONE = 1e-250, 1e-267
+"""Sizes below which a term counts as 0, and which 0 then has beside it."""
+
 _WORTH = 0.3
 _BEYOND = 1e100
 _GROWTH = 4.0
@@ -180,23 +184,19 @@ class Series:
             if np.count_nonzero(scale) < scale.size:
                 scale = np.where(scale > 0, scale, np.maximum(terms[:, own].max(axis=0), _TINY))
             terms[:, own] /= scale
-        sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T.tolist()
+        sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T
         if rows.others.size:
-            sizes[-1][0] = max(sizes[-1][0], 1.0)
+            sizes[-1, 0] = max(sizes[-1, 0], 1.0)
         if rows.velocities.size:
             # a drive may turn while no state does
             of_guards = sizes[-2 if rows.others.size else -1]
-            of_guards[0] = max(of_guards[0], sizes[0][0])
-        order, reach = y.shape[0] - 1, 1.0
-        for _ in range(30):
-            powers, part = [reach**k for k in range(order + 1)], 0.0
-            for size in sizes:
-                each = list(map(mul, size, powers))
-                part = max(part, max(each[-2:]) / max(_TINY, *each))
-            if part <= 2 * _REMAINDER:
-                break
-            reach *= 0.99 * (_REMAINDER / part) ** (1.0 / order)
-        return reach
+            of_guards[0] = max(of_guards[0], sizes[0, 0])
+        last = y.shape[0] - 2
+        terms = np.log(np.maximum(sizes[:, :last], _NOTHING))
+        terms -= np.log(np.maximum(sizes[:, last:].max(axis=1), _NONE))[:, None] - _LOG_REMAINDER
+        # s^last times the last terms is the remainder of s^k times the term k
+        terms /= _steps_to(last)
+        return math.exp(min(terms.max(axis=1).min(), 0.0))
 
     def _note_speed(self, motion: Motion, y: Array) -> None:
         speed = np.abs(y[: motion.system.n])
@@ -232,6 +232,12 @@ class Series:
                 found = root if found is None else found * root
                 which, touches_only = i, only
         return found, which, touches_only
+
+
+@lru_cache(maxsize=4)
+def _steps_to(top: int) -> Array:
+    """Return how many orders there are from each one to a higher one."""
+    return np.arange(top, 0.0, -1.0)
 
 
 def _padded(pieces: list[Array], size: int) -> Array:

@@ -68,9 +68,7 @@ class Balance:
         self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
         self.loop = np.full(self.count, -1)
-        if not self.count:
-            self._nothing(D.shape[1])
-            return
+        self._large: list[tuple[Indices, _Tree]] = []
         if self._is_sparse:
             self._eliminate_many(G.tocsr(), D.tocsr())
         else:
@@ -78,17 +76,6 @@ class Balance:
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
-            self._large: list[tuple[Indices, _Tree]] = []
-        self._finish()
-
-    def _nothing(self, drives: int) -> None:
-        self.dependent = np.empty(0, dtype=np.intp)
-        self.parting = None
-        self._large = []
-        n = self._n
-        self.T = scipy.sparse.eye_array(n, format="csr") if self._is_sparse else np.eye(n)
-        self.U = scipy.sparse.csr_array((n, drives)) if self._is_sparse else np.zeros((n, drives))
-        self._S = scipy.sparse.csr_array((0, 0)) if self._is_sparse else np.zeros((0, 0))
         self._finish()
 
     def _finish(self) -> None:
@@ -97,15 +84,14 @@ class Balance:
         inertia = self._inertia
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False
-        self._independent = np.flatnonzero(independent)
+        some = np.flatnonzero(independent)
         # dependent velocities are those of the lightest bodies: one without inertia that is none moves at no cost
-        self.singular = self._independent[inertia[self._independent] <= 0]
+        self.singular = some[inertia[some] <= 0]
         if self._is_sparse:
             self._TT = T.T.tocsr()
             reduced = (self._TT @ (scipy.sparse.diags_array(inertia) @ T)).tocsr()
-            self._reduced = _inverse_of_blocks(reduced, self._independent)
+            self._reduced = _inverse_of_blocks(reduced, some)
         else:
-            some = self._independent
             part = T[:, some]
             reduced = (part.T * inertia) @ part
             self._reduced = np.zeros((self._n, self._n))
@@ -124,8 +110,7 @@ class Balance:
         n, h, d = self._n, self.count, D.shape[1]
         T, U, S = _Entries(), _Entries(), _Entries()
         dependent: list[Indices] = []
-        parting: list[tuple[Indices, Array]] = []
-        self._large = []
+        parting = _Entries()
         single, bodies, c = _alone(G)
         # a body that one row holds to the ground or a drive: c v + D u = 0
         led = D[single].tocoo()
@@ -150,7 +135,7 @@ class Balance:
                 S.block(rows, first + np.arange(own.size), part.S)
                 self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
                 if part.parting is not None:
-                    parting.append((rows, part.parting))
+                    parting.block(rows, np.arange(d), part.parting)
             first += own.size
             dependent.append(own)
         alone = np.setdiff1d(np.arange(n), np.unique(G.indices))
@@ -158,7 +143,7 @@ class Balance:
         self.T, self.U = T.matrix((n, n)), U.matrix((n, d))
         self.dependent = np.concatenate(dependent)
         self._S = S.matrix((h, self.dependent.size))
-        self.parting = _stacked(parting, h, d) if parting else None
+        self.parting = parting.matrix((h, d)) if parting else None
 
     def consistent(self, v: Array, u: Array) -> Array:
         """Return velocities with dependent ones written through T, the independent ones as they are."""
@@ -281,8 +266,7 @@ class _Component:
                 continue
             if row != done:
                 work[[done, row]] = work[[row, done]]
-            if work[done, column] != 1.0:
-                work[done] /= work[done, column]
+            work[done] /= work[done, column]
             others = work[:, column].nonzero()[0]
             others = others[others != done]
             if others.size:
@@ -290,11 +274,7 @@ class _Component:
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
-        reduced, drives, combine = (
-            work[:done, :n],
-            work[:done, n : n + D.shape[1]],
-            work[:done, n + D.shape[1] :],
-        )
+        reduced, drives, combine = np.split(work[:done], [n, n + D.shape[1]], axis=1)
         self.T = np.eye(n)
         self.T[self.dependent] = -reduced
         self.T[:, self.dependent] = 0.0
@@ -375,10 +355,8 @@ class _Tree:
         dependent = bodies[some]
         square = G[rows][:, dependent].tocsc()
         solver = scipy.sparse.linalg.splu(square.T.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0)
-        right: list[Array] = []
-        if not fixed.size:
-            right.append(-G[rows][:, [bodies[root]]].toarray()[:, 0])
-        U: tuple[Any, ...] = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        T: tuple[Any, ...] = (np.empty(0, int), np.empty(0, int), np.empty(0))
+        U = T
         if driven.size:
             drives = D[rows]
             columns = np.unique(drives.indices)
@@ -388,12 +366,10 @@ class _Tree:
                 np.repeat(columns, dependent.size),
                 np.concatenate(solved),
             )
-        if right:
-            along = solver.solve(right[0], "T")
+        if not fixed.size:
             top = bodies[root]
+            along = solver.solve(-G[rows][:, [top]].toarray()[:, 0], "T")
             T = (np.append(dependent, top), np.full(size, top), np.append(along, 1.0))
-        else:
-            T = (np.empty(0, int), np.empty(0, int), np.empty(0))
         back = np.empty(h, dtype=np.intp)
         back[rows] = np.arange(rows.size)
         tree = cls(T, U, dependent, solver, back)
@@ -421,6 +397,9 @@ class _Entries:
     def __init__(self) -> None:
         self._parts: list[tuple[Any, Any, Any]] = []
 
+    def __bool__(self) -> bool:
+        return bool(self._parts)
+
     def add(self, part: tuple[Any, ...]) -> None:
         self._parts.append((part[0], part[1], part[2]))
 
@@ -431,13 +410,6 @@ class _Entries:
     def matrix(self, shape: tuple[int, int]) -> Any:
         rows, columns, values = (np.concatenate(x) for x in zip(*self._parts, strict=True))
         return scipy.sparse.csr_array((values, (rows, columns)), shape=shape)
-
-
-def _stacked(parts: list[tuple[Indices, Array]], h: int, d: int) -> Any:
-    entries = _Entries()
-    for rows, values in parts:
-        entries.block(rows, np.arange(d), values)
-    return entries.matrix((h, d))
 
 
 def _inverse_of_blocks(matrix: Any, some: Indices) -> Any:

@@ -34,6 +34,16 @@ class InModes(Protocol):
     at_level: Indices
     pressed: Indices
     borders: Indices
+    E: Array
+    H: Array
+
+    def watch(self, y: Array) -> Array:
+        """Return what is watched of columns of states."""
+        ...
+
+    def respond(self, q: Array) -> Array:
+        """Return rates, and what is watched, of inputs."""
+        ...
 
     def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return what adds up in the rates and in the watched quantities."""
@@ -153,6 +163,34 @@ class GuardRows:
         sizes = [system.n, system.size - system.n, self.velocities.size, self.others.size]
         ends = np.cumsum([0, *sizes])[:-1]
         return np.asarray(ends[np.array(sizes) > 0])
+
+    @cached_property
+    def by_state(self) -> Array:
+        """The guards from the states of a small scene."""
+        return np.asarray(self.turn[:, None] * self.equations.E[self.source])
+
+    @cached_property
+    def by_input(self) -> Array:
+        """The guards, but for constants, from the inputs of a small scene."""
+        found: Array = self.turn[:, None] * self.equations.H[self.source]
+        found[np.arange(self.size), self.row] += self.mu
+        found[self.rising, self.dwell] -= self.rise
+        return found
+
+    def of_states(self, y: Array) -> Array:
+        """Return what columns of states add to the guards."""
+        if not self.equations.system.sparse:
+            return self.by_state @ y
+        return np.asarray(self.turn[:, None] * self.equations.watch(y)[self.source])
+
+    def of_inputs(self, q: Array) -> Array:
+        """Return what columns of inputs add to the guards, but for constants."""
+        if not self.equations.system.sparse:
+            return self.by_input @ q
+        z = self.equations.respond(q)[self.equations.system.size :]
+        found = self.turn[:, None] * z[self.source] + self.mu[:, None] * q[self.row]
+        found[self.rising] -= self.rise[:, None] * q[self.dwell]
+        return np.asarray(found)
 
     def sizes(self, order: int) -> Array | None:
         """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.floats import Line, evaluate, forces, lines
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
@@ -211,8 +212,9 @@ class Guards:
                 else:
                     # where a load is a function, its slopes are as uncertain as the time
                     near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
+                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[self.row[i]] else 0.0
                     limits = [
-                        closeness * near[1, i] + ROUNDOFF * majorant[1, i],
+                        max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
                         AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
                     ]
             else:
@@ -251,6 +253,15 @@ class Guards:
             if abs(value) > limit and abs(value) * horizon**k > flat:
                 return k if value > 0 else _DOWN
         return NEVER
+
+    def _given_by_level(self, i: int) -> float:
+        """Return the acceleration that the level of a moving row gives it, all that adds up in it where it has none."""
+        system, row = self.motion.system, self.row[i]
+        if not system.is_friction[row]:
+            return float(self._adds_up[1, i])
+        pull = dense(system.G[[row]])[0]
+        level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
+        return float(level * (pull @ self.motion.equations.balance.accelerations(pull)))
 
     @cached_property
     def _never(self) -> Mask:
@@ -457,20 +468,20 @@ class Guards:
         if is_rising:
             unknown[self.rows.rising] |= self.rows.rise < 0
         bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
-        if bends or not path.is_chebyshev or order < 2 or unknown.all():
+        if bends:
+            # velocities are states all the same, unless drives give them
+            unknown |= ~self.is_velocity | bool(system.drives)
+        if not path.is_chebyshev or order < 2 or unknown.all():
             return np.full((self.size, k), -math.inf)
-        turn, mu = self.rows.turn[:, None], self.rows.mu[:, None]
-        z = equations.watch(path.coefficients.reshape(k * order, size).T)
-        g = turn[:, :, None] * z[self.rows.source].reshape(-1, k, order)
+        g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
         middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
         middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
         slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
         for j, q in enumerate((middle, slope)):
-            g[:, :, j] += turn * equations.respond(q)[size:][self.rows.source] + mu * q[self.rows.row]
             if is_rising:
                 q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
-                g[self.rows.rising, :, j] -= self.rows.rise[:, None] * q[self.rows.dwell]
+            g[:, :, j] += self.rows.of_inputs(q)
         low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.uncertain:
             low += self.leeway[:, None]
@@ -511,13 +522,12 @@ class Guards:
     def _on_lines(self) -> tuple[Array, Array] | None:
         """What `smallest` adds to what states and laws do, of a small motion whose inputs are lines, and its slope."""
         motion = self.motion
-        known = None if motion.is_rising(0.0) else motion.watched_on_lines(self.rows.source, self.rows.turn)
-        if known is None:
+        if motion.is_rising(0.0) or not motion.is_on_lines:
             return None
-        value, slope = known[0] + self._constant, known[1]
-        if self.rows.has_levels:
-            value += self.rows.mu * motion.start_inputs[self.rows.row]
-            slope = slope + self.rows.mu * np.append(motion.stretch.slope, 0.0)[self.rows.row]
+        slope = np.zeros(motion.start_inputs.size)
+        slope[: motion.stretch.slope.size] = motion.stretch.slope
+        value, slope = self.rows.of_inputs(np.stack([motion.start_inputs, slope], axis=1)).T
+        value = value + self._constant
         if self.uncertain:
             value += self.leeway
         if self._offset is not None:
@@ -529,10 +539,8 @@ class Guards:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
         if self.motion.in_floats is None or self._on_lines is None:
             return None
-        equations, turn = self.motion.equations, self.rows.turn[:, None]
-        return lines(
-            *self._on_lines, turn * equations.E[self.rows.source], turn * equations.L[self.rows.source]
-        )
+        rows, reached = self.rows, self.motion.equations.L[self.rows.source]
+        return lines(*self._on_lines, rows.by_state, rows.turn[:, None] * reached)
 
     @cached_property
     def _of_states(self) -> Array | None:
@@ -540,7 +548,7 @@ class Guards:
         equations = self.motion.equations
         if self._on_lines is None or equations.watched_by_laws[self.rows.source].any():
             return None
-        return np.asarray(self.rows.turn[:, None] * equations.E[self.rows.source])
+        return self.rows.by_state
 
     @cached_property
     def _told(self) -> float:

@@ -33,8 +33,6 @@ class Loads:
         One per entry of the vector.
     rates : sequence of int
         Signals whose slopes follow the values as further entries (the accelerations of drives); a last entry is 1.
-    start, stop : float
-        The time span in s.
     stepped : bool
         Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
     samples : sequence of float
@@ -42,8 +40,6 @@ class Loads:
 
     Attributes
     ----------
-    size : int
-        Number of entries.
     period : float
         Shortest period in s of the signals that oscillate, a tenth of the span where a function tells none.
     breaks : list of float
@@ -146,13 +142,10 @@ class Stretch:
 
     Attributes
     ----------
-    start, stop : float
-        Times in s.
     value, slope : array (size,)
         The straight part at the start.
     is_straight : bool
         Whether there is nothing else.
-    has_functions : bool
     bent : array of int
         Entries that are not straight.
     regions : tuple of int or None
@@ -184,7 +177,6 @@ class Stretch:
             self._turn = 2 * math.pi * self._frequency
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
-        self.of_functions = np.array(sorted({i for i, _ in functions}), dtype=np.intp)
 
     def at(self, t: float) -> Array:
         """Return the inputs at `t`; functions count with their left limit at the end of the stretch."""

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.matrices import dense, row_maxima
+from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
@@ -138,22 +138,15 @@ class ModeEquations:
         self.side = side
         plain = self.slip[~system.laws.curved[self.slip]]
         total = system.inputs + system.dwelling.size
-        friction = np.zeros((system.m, total)) if not system.sparse else None
-        entries: list[tuple[int, int, float]] = []
+        entries = Triplets()
         for j in plain.tolist():
-            entries.append((j, j, float(modes[j]) * system.mu_c[side[j], j]))
+            entries.add(j, j, float(modes[j]) * system.mu_c[side[j], j])
         for j in self.at_level.tolist():
             sign = 1.0 if modes[j] == AT_HIGH else -1.0
-            entries.append((j, j, sign * system.mu_s[side[j], j]))
+            entries.add(j, j, sign * system.mu_s[side[j], j])
             if (place := system.dwell_place[j]) >= 0:
-                entries.append((j, system.inputs + place, -sign * system.rise[side[j], j]))
-        rows, columns = (np.array([entry[k] for entry in entries], dtype=np.intp) for k in (0, 1))
-        values = np.array([entry[2] for entry in entries])
-        if friction is not None:
-            friction[rows, columns] = values
-            self.friction: Any = friction
-        else:
-            self.friction = scipy.sparse.csr_array((values, (rows, columns)), shape=(system.m, total))
+                entries.add(j, system.inputs + place, -sign * system.rise[side[j], j])
+        self.friction = system.matrix(entries, (system.m, total))
 
     # -- guards ----------------------------------------------------------------------------------------------
 
@@ -201,34 +194,23 @@ class ModeEquations:
     def _assemble(self) -> None:
         system = self.system
         size, total = system.size, system.inputs + system.dwelling.size
-        self.A, self.E = np.split(self._of_states(np.eye(size)), [size])
-        self.B, self.H = np.split(self._of_inputs(np.eye(total)), [size])
-        self.K, self.L = np.split(self._of_friction(np.eye(system.m)[:, self.acting]), [size])
-        self._AE, self._BH = np.vstack([self.A, self.E]), np.vstack([self.B, self.H])
-        self._KL = np.vstack([self.K, self.L])
+        self._AE, self._BH = self._of_states(np.eye(size)), self._of_inputs(np.eye(total))
+        self._KL = self._of_friction(np.eye(system.m)[:, self.acting])
+        (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
+            (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
+        )
         self._place_maps()
         self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
     def _place_maps(self) -> None:
         """Rates, watched quantities and guards, but for constants, from states and from inputs."""
-        own = self.guards
-        by_state = own.turn[:, None] * self.E[own.source]
-        by_input = own.turn[:, None] * self.H[own.source]
-        by_input[np.arange(own.size), own.row] += own.mu
-        by_input[own.rising, own.dwell] -= own.rise
-        self._of_states_all = np.vstack([self._AE, by_state])
-        self._of_inputs_all = np.vstack([self._BH, by_input])
+        self._of_states_all = np.vstack([self._AE, self.guards.by_state])
+        self._of_inputs_all = np.vstack([self._BH, self.guards.by_input])
 
     def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order, None where it would be large.
 
-        Parameters
-        ----------
-        order : int
-        frozen : bool
-            Whether static coefficients keep their values.
-        lines : tuple of int or None
-            The line that each table of the state follows.
+        Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
         key = order, frozen, lines
         if key not in self._maps:
@@ -368,6 +350,13 @@ class ModeEquations:
         return self._spread(
             scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
         )
+
+    @cached_property
+    def structure(self) -> Any:
+        """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
+        if not self.acting.size:
+            return self.jacobian()
+        return self.jacobian() + self.law_jacobian(np.ones(self.acting.size))
 
     def jacobian(self) -> Any:
         """Return ``A``, dense or sparse as the scene is."""

@@ -27,6 +27,7 @@ _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
 
 _DIFFERENCE = 1e-5
+_NO_BRISTLES = np.empty(0)
 
 _IN_FLOATS = 40
 """Entries of the matrix of the rates up to which plain floats are faster than arrays."""
@@ -397,12 +398,10 @@ class Motion:
         velocities = lines(own.w, own.w_slope, equations.acting_velocities) if count else []
         return rates, list(map(Acting, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
 
-    def watched_on_lines(self, source: Indices, turn: Array) -> tuple[Array, Array] | None:
-        """Return what the inputs of a small motion add to ``turn z[source]`` at the start, and with which slope."""
-        if self._lines is None:
-            return None
-        size, own = self.system.size, self._lines
-        return turn * own.response[size:][source], turn * own.response_slope[size:][source]
+    @property
+    def is_on_lines(self) -> bool:
+        """Whether the motion is small and its inputs are lines."""
+        return self._lines is not None
 
     def acting_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
@@ -450,7 +449,8 @@ class Motion:
         if not lines.is_steady:
             w += tau * lines.w_slope
             normal = np.maximum(normal + tau * lines.normal_slope, 0.0)
-        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
+        places = self.equations.bristle_places
+        return w, normal, self._lag(tau, w), y[places] if places.size else _NO_BRISTLES
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the forces of all rows, one column per time where `tau` is an array."""
@@ -504,6 +504,14 @@ class Motion:
         terms = self.acting_terms(y, self.inputs(tau, y), tau)
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
+
+    @property
+    def structure(self) -> Any:
+        """A matrix whose entries are those of the Jacobian that may differ from 0."""
+        equations = self.equations
+        if self.dependence is not None or equations.bristle_places.size:
+            return self.jacobian(0.0, self.y)
+        return equations.structure
 
     def input_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of inputs and dwells with respect to the states that they depend on."""
@@ -682,7 +690,7 @@ class Motion:
         found[:, :inputs] = parts
         if self._rising.size:
             normals = parts[:, self._dwelling[self._rising]]
-            decay = np.array([self._rate**k / math.factorial(k) for k in range(order + 1)])
+            decay = self.system.decays(order)[:, self._rising]
             rises = np.zeros(normals.shape)
             for k in range(order + 1 if self.stretch.has_waves else 2):
                 rises[k:] += decay[: order + 1 - k] * normals[k]

@@ -17,16 +17,19 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
-from stickslip.equations.dependence import BlockPlace, Dependence, Friction, Key, Part, Reader
+from stickslip.equations.dependence import Dependence, Friction, Part
 from stickslip.equations.loads import Loads
-from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
+from stickslip.equations.matrices import Triplets
+from stickslip.equations.piecewise import PiecewiseMatrices
+from stickslip.equations.reader import BlockPlace, Form, Key, Reader
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
-from stickslip.model.quantities import Expression, Output, Position, Quantity, Stretch, as_expression
+from stickslip.model.piecewise import Linear
+from stickslip.model.quantities import Expression, Output, Position, RelativeVelocity, Stretch, as_expression
 from stickslip.model.scene import Scene
-from stickslip.model.signals import Constant, Load, PiecewiseLinear, Signal
+from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
 __all__ = ["System"]
 
@@ -80,15 +83,27 @@ class System:
         self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
-        self.piecewise = PiecewiseMatrices(book, self)
+        self.piecewise = self._piecewise(book)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
+        self.decays = lru_cache(maxsize=8)(self._decays)
 
     def _place_states(self, book: Book) -> None:
         stretched = {i for c in book.couplings if c.stiffness for i in c.coefficients}
-        stretched |= book.read | _read_positions(book)
+        stretched.update(i for row in book.rows if row.regions for i in row.coefficients)
+        read: dict[str, int] = {}
+        for quantity in book.quantities():
+            match quantity:
+                case Position(body=body):
+                    stretched.add(book.index[body])
+                case Stretch(row=row):
+                    stretched.update(book.rows[book.row_index[row]].coefficients)
+                case Output(block=name, index=index):
+                    read[name] = max(read.get(name, 1), index + 1)
+        # the ground stays where it is
+        stretched.discard(self.n + self.drives)
         self.placed = np.array(sorted(stretched), dtype=np.intp)
         self.first_bristle = self.n + self.placed.size
         c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
@@ -96,7 +111,6 @@ class System:
         self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
         self.size = self.first_block = self.first_bristle + bristles.size
         self.blocks: dict[str, BlockPlace] = {}
-        read = _read_outputs(book)
         for block in book.blocks:
             states = len(block.states or ())
             outputs = block.output_count or read.get(block.name, 1)
@@ -108,7 +122,6 @@ class System:
         """Resolve what forces depend on, and give every input its place."""
         m, drives = self.m, self.drives
         reader = Reader(book, self.position_state, self.blocks)
-        reader.signals += book.signals
         parts = [_parts(load) for _, load, _ in book.forces]
         self.pushes = [
             (i, reader.form(linear, label))
@@ -135,13 +148,13 @@ class System:
         ]
         acting = len(reader.nodes)
         seen = [reader.form(load, "the quantity of an event") for load in book.watched]
-        first_signal = self.first_signal = m + len(book.forces)
+        first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
         self.others = [
             *(own for own, _ in parts),
             *reader.signals,
-            *(Constant(0.0) for _ in range(sum(widths))),
+            *[ZERO] * sum(widths),
             *(drive.velocity for drive in book.drives),
         ]
         self.force_count = len(book.forces)
@@ -171,19 +184,22 @@ class System:
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
         self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
-        read = [*self._seen.places.tolist(), *self._only_seen.places_read]
-        self.for_watched = self.dependence.before(read) if self.dependence is not None else frozenset()
+        read = [self._seen, *self._only_seen.arguments]
+        watched = [place for part in read for place in part.places.tolist()]
+        self.for_watched = self.dependence.before(watched) if self.dependence is not None else frozenset()
         """The nodes that act and on which watched quantities depend."""
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
-        self.is_tie = np.array([row.kind == "tie" for row in book.rows], dtype=bool)
-        self.is_one_way = np.array([row.kind == "one-way" for row in book.rows], dtype=bool)
-        self.is_gap = np.array([row.kind == "gap" for row in book.rows], dtype=bool)
-        self.is_stop = np.array([row.kind == "stop" for row in book.rows], dtype=bool)
+        kinds = np.array([row.kind for row in book.rows], dtype=str)
+        self.is_friction, self.is_tie, self.is_one_way = (
+            kinds == "friction",
+            kinds == "tie",
+            kinds == "one-way",
+        )
+        self.is_gap, self.is_stop = kinds == "gap", kinds == "stop"
         self.has_stops = bool(self.is_stop.any())
         self.restitution = np.array([row.restitution for row in book.rows])
-        self.is_friction = ~(self.is_tie | self.is_one_way | self.is_gap | self.is_stop)
         self.all_friction = bool(self.is_friction.all())
         self.mu_c, self.mu_s, self.least, self.dwell = c.mu_c, c.mu_s, c.least, c.dwell
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
@@ -228,24 +244,19 @@ class System:
         for k, (i, _, _) in enumerate(book.forces):
             push_inputs.add(i, self.first_force + k, 1.0)
         for i, form in self.pushes:
-            for column, c in form.states.items():
-                push_state.add(i, column, c)
-            for key, c in form.inputs.items():
-                push_inputs.add(i, self._place(key), c)
+            self._enter(form, i, push_state, push_inputs)
         self.push_C = self.matrix(push_state, (n, self.size))
         self.push_Q = self.matrix(push_inputs, (n, self.inputs))
         self.C = self.matrix(state, (n, self.size)) + self.push_C
         self.Q = self.matrix(inputs, (n, self.inputs)) + self.push_Q
         block_state, block_inputs = Triplets(), Triplets()
         for k, form in self._rates.items():
-            for column, c in form.states.items():
-                block_state.add(k - self.first_block, column, c)
-            for key, c in form.inputs.items():
-                block_inputs.add(k - self.first_block, self._place(key), c)
+            self._enter(form, k - self.first_block, block_state, block_inputs)
         blocks = self.size - self.first_block
         self.block_C = self.matrix(block_state, (blocks, self.size))
         self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
-        self.has_couplings = bool(state.values or push_state.values or block_state.values or book.piecewises)
+        entries = state.values or push_state.values or block_state.values
+        self.has_couplings = bool(entries or self.is_gap.any() or self.has_stops)
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
         self.abs_G, self.abs_D = abs(self.G), abs(self.D)
@@ -254,9 +265,39 @@ class System:
         self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
         self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
-        self.carried_state = np.array(
-            [self.position_state[int(i)] for i in self.placed if i >= n], dtype=np.intp
+        self.carried_state = np.array([self.position_state[int(i) + n] for i in self.carried], dtype=np.intp)
+
+    def _piecewise(self, book: Book) -> PiecewiseMatrices:
+        rows = {j: row for j, row in enumerate(book.rows) if row.regions}
+        acts = Triplets()
+        for k, row in enumerate(rows.values()):
+            for i, c in row.coefficients.items():
+                if i < self.n and row.kind == "gap":
+                    acts.add(i, k, -c)
+        regions = [(region, row.name) for row in rows.values() for region in row.regions]
+        values = self._expressions([(region.value, name) for region, name in regions])
+        borders = self._expressions(
+            [(border, name) for region, name in regions for border, _ in region.borders]
         )
+        return PiecewiseMatrices(rows, self.matrix(acts, (self.n, len(rows))), values, borders)
+
+    def _expressions(self, found: Sequence[tuple[Linear, str]]) -> tuple[Any, Any]:
+        """Return expressions of the stretches of rows as rows of matrices, from states and from inputs."""
+        states, inputs = Triplets(), Triplets()
+        for k, (expression, row) in enumerate(found):
+            form = Form(inputs={("one", 0, 0): expression.constant})
+            form.add(self.reader.form(Stretch(row), row), expression.stretch)
+            form.add(self.reader.form(RelativeVelocity(row), row), expression.rate)
+            self._enter(form, k, states, inputs)
+        count = len(found)
+        return self.matrix(states, (count, self.size)), self.matrix(inputs, (count, self.inputs))
+
+    def _enter(self, form: Form, row: int, states: Triplets, inputs: Triplets) -> None:
+        """Enter a form as a row of two matrices."""
+        for column, c in form.states.items():
+            states.add(row, column, c)
+        for key, c in form.inputs.items():
+            inputs.add(row, self._place(key), c)
 
     def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
         """Return entries as a matrix, dense or sparse as the scene is."""
@@ -303,17 +344,7 @@ class System:
     def sample(self, t: float, start: float, q: Array, y: Array) -> Array:
         """Return the state after the blocks that are due at `t` have read their inputs, which `q` and `y` tell.
 
-        Parameters
-        ----------
-        t, start : float
-            Time, and that of the start, in s.
-        q : array (inputs,)
-        y : array (size,)
-
-        Raises
-        ------
-        ValueError
-            If a block returns what are no finite numbers; the message names block, time and arguments.
+        A ValueError names block, time and arguments where a block returns what are no finite numbers.
         """
         after = y
         for place, block, part in self.sampled:
@@ -385,6 +416,11 @@ class System:
         limit = self.laws.slips_beyond
         return np.where(np.abs(w) > (limit if w.ndim == 1 else limit[:, None]), np.sign(w), 0.0)
 
+    def _decays(self, order: int) -> Array:
+        """Return the sizes of the Taylor coefficients of ``exp(-t / dwell)`` of rows with a dwell, a line per order."""
+        k = np.arange(order + 1)[:, None]
+        return np.asarray(self.dwell[self.dwelling] ** -k / np.cumprod(np.maximum(k, 1), axis=0))
+
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
         return make(self, key)
 
@@ -395,29 +431,6 @@ class System:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
         return System, (self.scene, self.watched)
-
-
-def _read_positions(book: Book) -> set[int]:
-    """Return the bodies and drives whose positions quantities read."""
-    coefficients = {row.name: row.coefficients for row in book.rows}
-    moving, found = len(book.bodies) + len(book.drives), set[int]()
-    for load in book.loads():
-        for quantity in load.walk() if isinstance(load, Quantity) else ():
-            if isinstance(quantity, Position):
-                found.add(book.index[quantity.body])
-            elif isinstance(quantity, Stretch):
-                found.update(coefficients[quantity.row])
-    return {i for i in found if i < moving}
-
-
-def _read_outputs(book: Book) -> dict[str, int]:
-    """Return how many outputs of each block quantities read."""
-    found: dict[str, int] = {}
-    for load in book.loads():
-        for quantity in load.walk() if isinstance(load, Quantity) else ():
-            if isinstance(quantity, Output):
-                found[quantity.block] = max(found.get(quantity.block, 1), quantity.index + 1)
-    return found
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

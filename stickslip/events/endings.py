@@ -14,7 +14,7 @@ from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.impact import struck
+from stickslip.events.impact import Struck, struck
 from stickslip.model.crossings import root_between
 
 __all__ = [
@@ -85,15 +85,15 @@ class Jump(NamedTuple):
         +1 where a stop rests at its upper limit then, -1 at its lower one.
     hit : array (m,) of bool
         Stops that have been hit.
-    impulses : array (2, m) or None
-        Of the rows, and the energy in J that each took; None for none.
+    impact : Struck or None
+        What impulses did; None for none.
     """
 
     parted: Mask
     y: Array
     sides: Modes
     hit: Mask
-    impulses: Array | None
+    impact: Struck | None
 
 
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
@@ -210,7 +210,7 @@ def jumped(
     y[:n] = found.v
     # rebounds slower than the margin do not happen
     sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
-    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, np.array([found.impulses, found.lost]))
+    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found)
 
 
 def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:

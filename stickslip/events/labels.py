@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +29,7 @@ def label(
     w: Array,
     resting: Mask,
     before: Modes | None,
+    crossed: Mask,
     quiet: float,
     blur: float,
 ) -> tuple[Modes, Mask]:
@@ -43,6 +46,8 @@ def label(
         Rows whose relative velocity is 0.
     before : array (m,) or None
         The modes that rows showed so far, None at the start.
+    crossed : array (m,) of bool
+        Rows whose velocity was beyond 0 by more than is uncertain: it has not died away.
     quiet : float
         Velocity in m/s or rad/s that the tolerances leave uncertain.
     blur : float
@@ -56,7 +61,7 @@ def label(
     may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
     if np.count_nonzero(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
-        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, quiet, blur)
+        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, crossed, quiet, blur)
     shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8), died & is_open
 
@@ -68,24 +73,26 @@ def _to_come(
     resting: Mask,
     may_rest: Mask,
     before: Modes,
+    crossed: Mask,
     quiet: float,
     blur: float,
 ) -> tuple[Array | Modes, Mask]:
     """Return the signs of relative velocities, or where these are 0 of what they become, and which have died away."""
     is_open = motion.equations.modes == OPEN
-    to_come, calm = _first_terms(motion, 2, quiet, blur)
+    blurred = np.where(crossed, ROUNDOFF, max(blur, ROUNDOFF))
+    to_come, calm = _first_terms(motion, 2, quiet, blurred)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
-        to_come, calm = _first_terms(motion, _HIGHEST, quiet, blur)
+        to_come, calm = _first_terms(motion, _HIGHEST, quiet, blurred)
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
-    died = ((to_come == 0) | calm) & resting & (before != 0) & free
+    died = ((to_come == 0) | calm) & resting & (before != 0) & free & ~(crossed & (to_come != 0))
     named = np.where(resting, np.where(died, before, to_come), named)
-    named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
+    named[calm & may_rest & (np.abs(w) <= quiet) & ~crossed] = 0.0
     return named, died
 
 
-def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple[Array, Mask]:
+def _first_terms(motion: Motion, order: int, quiet: float, blur: Array) -> tuple[Array, Mask]:
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
@@ -93,7 +100,7 @@ def _first_terms(motion: Motion, order: int, quiet: float, blur: float) -> tuple
     to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
     for k in range(1, order + 1):
         term = expansion.z[k, :m]
-        uncertain = max(blur, ROUNDOFF) if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
+        uncertain: Any = blur if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
         if k > 1 and not motion.is_linear:
             uncertain = _DIFFERENCED
         significant = np.abs(term) > uncertain * magnitude[k]

@@ -2,51 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.balance import Balance, joined
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
+from stickslip.equations.guards import ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
-from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN, equations_in
+from stickslip.equations.mode_equations import APART, FREE, OPEN
 from stickslip.equations.motion import Motion
-from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.events.collapse import collapse
+from stickslip.events.impact import Struck
 from stickslip.events.labels import label
-from stickslip.events.sharing import share
+from stickslip.events.search import Inconsistent, Search, Situation
 
-__all__ = ["Inconsistent", "Settled", "Situation", "carried_on", "settle"]
+__all__ = ["Settled", "carried_on", "only_bends", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
-
-_ALONG = 1e-9
-"""Part of the largest relative acceleration below which a row does not move along."""
-
-_ENUMERATED = 6
-_MOST_TRIALS = 1000
-
-
-class Inconsistent(Exception):
-    """No set of modes satisfies the laws of all rows at rest.
-
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
-
-    def __init__(self, rows: NDArray[np.intp]) -> None:
-        super().__init__("no consistent modes")
-        self.rows = rows
 
 
 @dataclass(frozen=True)
@@ -59,80 +35,50 @@ class Settled:
         The mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is.
     motion : Motion
     guards : Guards
-    impulses : array (2, m) or None
-        With which the motion began, and the energy in J that each row took; None for none.
+    impact : Struck or None
+        With which the motion began; None for none.
     """
 
     labels: Modes
     motion: Motion
     guards: Guards
-    impulses: Array | None = None
+    impact: Struck | None = None
 
 
-@dataclass(frozen=True)
-class Situation:
-    """What is known at an instant at which modes may change.
-
-    Attributes
-    ----------
-    t : float
-        Time in s; loads count with their right limits.
-    y : array (size,)
-    labels : array (m,) or None
-        Modes before, None at the start.
-    since : array (m,)
-        When each row last became held, in s.
-    touching : array (m,) of bool
-        Rows whose relative velocity has been found to be 0.
-    fired : array (m,) of bool
-        Rows found at their limit.
-    was : array (size,), optional
-        Bounds of the sizes of the states since the modes before began.
-    let_go : array (m,) of int, optional
-        The direction in which a held row is pushed that alone has come to its limit.
-    regions : array (p,), optional
-        The regions of the piecewise-linear functions before, None at the start.
-    sides : array (m,), optional
-        +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
-    impulses : array (2, m) or None
-        Of the rows, just before, and the energy in J that each took.
-    touched : int or None
-        The row whose relative velocity only touches 0.
-    """
-
-    t: float
-    y: Array
-    labels: Modes | None
-    since: Array
-    touching: Mask
-    fired: Mask
-    was: Array | None = None
-    let_go: Modes | None = None
-    regions: Regions | None = None
-    sides: Modes | None = None
-    impulses: Array | None = None
-    touched: int | None = None
-
-    def at_level(self, system: System) -> Mask:
-        """Rows whose force has been found at its limit."""
-        if self.labels is None:
-            return self.fired
-        found: Mask = self.fired & ((self.labels == 0) | system.is_stop)
-        if self.touched is not None:
-            # what holds it at rest is its friction in motion, where its level may begin to rise
-            found[self.touched] = True
-        return found
-
-
-def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
-    """Return what goes on in the same modes after a sample, None where these may not hold.
+def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
+    """Tell whether modes may go on at a break of loads: all rows are pressed, no velocity jumps, and none is 0 by now.
 
     Parameters
     ----------
     now : Settled
         Up to `t`.
     stretch : Stretch
-        The loads from there on, which have not jumped.
+        The loads from there on.
+    t : float
+        Time in s.
+    y, largest : array (size,)
+        State there, and bounds of the sizes of the states on the way.
+    """
+    motion, system = now.motion, now.motion.system
+    if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
+        return False
+    q = stretch.at(t)
+    if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
+        return False
+    slip = motion.equations.slip
+    w, rough = _relative(system, y, largest, t, q)
+    return bool(_closed(system, stretch, t, q).all() and (np.abs(w) > rough)[slip].all())
+
+
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample or a break, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on.
     t : float
         Time in s.
     y : array (size,)
@@ -206,13 +152,13 @@ def _settled(
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
     all_closed = np.count_nonzero(closed) == closed.size
-    w, rough = _relative(system, now, q)
+    w, rough = _relative(system, now.y, now.was, now.t, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(rough, system.laws.rests_below)
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
     if now.labels is not None and (uncertain or not all_closed):
-        named, resting = _directions(now, w, rough, closed, resting, uncertain)
+        named, resting = _directions(now, w, closed, resting, uncertain)
     candidates = closed & resting
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
@@ -235,10 +181,11 @@ def _settled(
         trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     regions = functions.at(y, q, now.regions)
-    search = _Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
+    search = Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     # at a break the loads go on otherwise than they came
     motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
-    shown, died = label(motion, labels, w, resting, now.labels, quiet, blur)
+    crossed = now.fired if uncertain else np.zeros(system.m, dtype=bool)
+    shown, died = label(motion, labels, w, resting, now.labels, crossed, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
@@ -251,7 +198,7 @@ def _settled(
             guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), uncertain)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
-    return Settled(shown, motion, guards, now.impulses)
+    return Settled(shown, motion, guards)
 
 
 def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask) -> Mask:
@@ -266,13 +213,13 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
 
 
 def _directions(
-    now: Situation, w: Array, rough: Array, closed: Mask, resting: Mask, uncertain: float
+    now: Situation, w: Array, closed: Mask, resting: Mask, uncertain: float
 ) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
     # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
-    kept &= now.labels * w > -np.maximum(rough, uncertain)
+    kept &= now.labels * w > -uncertain
     resting = resting & ~kept
     if uncertain:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
@@ -317,309 +264,25 @@ def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     return np.asarray(presses & system.alive)
 
 
-def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
+def _relative(system: System, y: Array, was: Array | None, t: float, q: Array) -> tuple[Array, Array]:
     """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
     What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
     drive accelerates, whatever its speed is at the moment.
     """
     n = system.n
-    speed = np.abs(now.y[:n])
-    if now.was is not None:
-        speed = np.maximum(speed, now.was[:n])
+    speed = np.abs(y[:n])
+    if was is not None:
+        speed = np.maximum(speed, was[:n])
     largest = float(speed.max(initial=0.0))
     found = _largest(system.abs_G, speed)
     if system.drives:
-        u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * now.t)
+        u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * t)
         largest = max(largest, float(u.max()))
         found = np.maximum(found, _largest(system.abs_D, u))
-    return system.relative_velocity(now.y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
+    return system.relative_velocity(y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
 
 
 def _largest(coefficients: Any, values: Array) -> Array:
     """Return for each row the largest of its coefficients times the values."""
     return row_maxima(coefficients * values)
-
-
-class _Search:
-    """Try mode sets until one is consistent."""
-
-    def __init__(
-        self,
-        system: System,
-        stretch: Stretch,
-        now: Situation,
-        y: Array,
-        since: Array,
-        labels: Modes,
-        candidates: Mask,
-        regions: Regions,
-        uncertain: float,
-    ) -> None:
-        self._system, self._stretch, self._now = system, stretch, now
-        self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level, self._uncertain = regions, now.at_level(system), uncertain
-        none = np.zeros(system.m, dtype=np.int8)
-        self._sides = none if now.sides is None else now.sides.copy()
-        self._tried: dict[bytes, None] = {}
-
-    def at_rest(self, labels: Modes) -> Mask:
-        """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
-        return np.asarray(self._candidates | (self._labels == 0) & (labels != 0))
-
-    def run(self, trial: Modes) -> tuple[Motion, Guards]:
-        """Return the first consistent motion."""
-        while True:
-            if self._was_tried(trial):
-                # one by one ran in a circle: look at all that is shared together
-                trial = self._shared()
-                if self._was_tried(trial):
-                    return self._enumerate()
-            self._tried[trial.tobytes()] = None
-            motion, guards = self._build(trial)
-            following = self._improved(trial, motion, guards)
-            if following is None:
-                return self._without_idlers(motion, guards)
-            trial = following
-
-    def _build(self, trial: Modes) -> tuple[Motion, Guards]:
-        """Return the motion in some modes, its piecewise-linear functions in the regions that it goes into.
-
-        The functions are continuous: regions that meet at a border agree there about all forces, and about the first
-        derivative with which the border leaves 0. So stepping over each border that is violated ends in the region.
-        """
-        seen: set[bytes] = set()
-        functions = self._system.piecewise
-        if self._system.has_stops:
-            row = functions.row[functions.is_stop]
-            side = np.where(self._sides[row] > 0, 1, 2)
-            self._regions = self._regions.copy()
-            self._regions[functions.is_stop] = np.where(trial[row] == APART, 0, side)
-        while True:
-            equations = equations_in(trial, self._system, self._regions)
-            motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
-            seen.add(self._regions.tobytes())
-            if not equations.borders.size:
-                return motion, guards
-            over = (guards.violated & guards.is_border)[guards.is_border]
-            over &= ~functions.is_stop[functions.owner[equations.borders]]
-            if not over.any():
-                return motion, guards
-            following = self._beyond(motion, over)
-            if following.tobytes() in seen:
-                return motion, guards
-            self._regions = following
-
-    def _beyond(self, motion: Motion, over: Mask) -> Regions:
-        """Return the regions beyond some of the borders; of those of one function the first counts."""
-        functions, following = self._system.piecewise, self._regions.copy()
-        for border in motion.equations.borders[over][::-1].tolist():
-            following[functions.owner[border]] = functions.beyond[border]
-        return following
-
-    def _improved(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
-        """Return the modes to try next, None if these are consistent."""
-        if not np.count_nonzero(guards.violated):
-            return None
-        violated = guards.violated & ~guards.is_border
-        if (again := self._closed_again(trial, motion, guards)) is not None:
-            return again
-        if not violated.any():
-            return None
-        over = (violated & ~guards.is_velocity).nonzero()[0]
-        following = trial.copy()
-        carrying = over[guards.direction[over] == 0]
-        if carrying.size:
-            # the share of a row that carries its level is within it again: it holds
-            following[guards.row[carrying]] = 0
-            return following
-        if not over.size:
-            following[guards.row[violated]] = 0
-            return following
-        if (torn := collapse(motion, guards)) is not None:
-            return self._released(trial, motion, *torn)
-        ratio = self._ratios(motion, guards, over)
-        first = over[self._farthest(motion, guards.row[over], ratio)]
-        rows, side = guards.row[first], guards.direction[first]
-        spared = self._spared(motion, rows, guards.start[1, first])
-        if spared.any():
-            # others can carry what is beyond their level
-            following[rows[spared]] = np.where(side[spared] > 0, AT_HIGH, AT_LOW)
-            return following
-        return self._released(trial, motion, rows, side)
-
-    def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
-        """Return modes in which stops are closed that would pass their limit, None if there are none."""
-        functions, borders = self._system.piecewise, motion.equations.borders
-        over = (guards.violated & guards.is_border)[guards.is_border]
-        over &= functions.is_stop[functions.owner[borders]]
-        if not over.any():
-            return None
-        following = trial.copy()
-        for border in borders[over].tolist():
-            row = functions.row[functions.owner[border]]
-            following[row] = 0
-            self._sides[row] = 1 if functions.beyond[border] == 1 else -1
-        return following
-
-    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
-        """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
-
-        Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
-        joined rows has a largest ratio of its own.
-        """
-        equations = motion.equations
-        largest = np.full(rows.size, ratio.max())
-        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
-        if rows.size > 1 and no_loops and equations.is_held[rows].all():
-            number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
-            each = np.zeros(number.max() + 1)
-            np.maximum.at(each, number, ratio)
-            largest = each[number]
-        return np.asarray(ratio >= largest * (1 - AT_LIMIT))
-
-    def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
-        """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
-
-        Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
-        their level in their place.
-        """
-        system, following = self._system, trial.copy()
-        top = ((trial == AT_HIGH) | (trial == AT_LOW)).nonzero()[0]
-        if top.size:
-            rest = motion.equations.is_held.copy()
-            rest[rows] = False
-            push = system.GT[:, rows] @ side
-            given = system.balance(rest.tobytes()).accelerations(push)
-            along = np.asarray(system.G[top] @ given)
-            along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
-            # what others hold does not move along, but for roundoff
-            rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given)).max()
-            least = max(_ALONG * np.abs(along).max(), rough)
-            following[top] = 0
-            if np.any(along < -least):
-                following[top[along > least]] = trial[top[along > least]]
-                following[rows] = np.where(side > 0, AT_HIGH, AT_LOW)
-                if following.tobytes() not in self._tried:
-                    return following
-            let_go = top[along > least]
-            following[top] = 0
-            moving = np.where(trial[let_go] == AT_HIGH, 1, -1)
-            following[let_go] = np.where(system.is_stop[let_go], APART, moving)
-        following[rows] = np.where(system.is_stop[rows], APART, np.sign(side))
-        return following
-
-    def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
-        """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
-
-        Where it does not, those go first whose guards fall fastest.
-        """
-        held, balance = motion.equations.held, motion.equations.balance
-        spared = np.zeros(rows.size, dtype=bool)
-        if balance.loop.max(initial=-1) < 0:
-            return spared
-        loop = balance.loop[np.searchsorted(held, rows)]
-        for number in np.unique(loop[loop >= 0]).tolist():
-            ties = (loop == number).nonzero()[0]
-            if self._can_spare(motion, rows[ties]):
-                spared[ties] = True
-                continue
-            for place in ties[np.argsort(slopes[ties], kind="stable")].tolist():
-                spared[place] = True
-                spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
-        return spared
-
-    def _can_spare(self, motion: Motion, rows: NDArray[np.intp]) -> bool:
-        """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
-        balance = motion.equations.balance
-        rest = motion.equations.is_held.copy()
-        rest[rows] = False
-        others = self._system.balance(rest.tobytes())
-        return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
-
-    def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
-        """Tell whether drives that move apart part the ends of some rows when only others hold."""
-        system = self._system
-        if not system.drives:
-            return False
-        for q in motion.start.q:
-            if q is not None:
-                rate = system.drive_accelerations(q)
-                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-                if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
-                    return True
-        return False
-
-    def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
-        """Return force to level for violated guards of held rows, by their rates where both are 0."""
-        found = np.empty(over.size)
-        expansion, noise = motion.start, ROUNDOFF * guards.majorant
-        for place, i in enumerate(over.tolist()):
-            sign, ratio = guards.direction[i], np.inf
-            source = int(guards.rows.source[i])
-            for k in range(3):
-                q = expansion.q[k]
-                level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
-                force = sign * float(expansion.z[k, source])
-                if abs(force) > noise[k, i] or abs(level) > noise[k, i]:
-                    ratio = force / level if level > noise[k, i] else np.inf
-                    break
-            found[place] = min(ratio, np.finfo(float).max)
-        return found
-
-    def _was_tried(self, trial: Modes) -> bool:
-        return trial.tobytes() in self._tried or len(self._tried) > _MOST_TRIALS
-
-    def _shared(self) -> Modes:
-        """Return the modes in which the rows that were tried held at first share what they hold, or let go together."""
-        trial = np.frombuffer(next(iter(self._tried)), dtype=np.int8).copy()
-        found = share(*self._build(trial))
-        if found is not None:
-            limit = np.where(found.side > 0, AT_HIGH, AT_LOW)
-            moving = np.where(self._system.is_stop[found.rows], APART, np.sign(found.side))
-            trial[found.rows] = limit if found.holds else moving
-        return trial
-
-    def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
-        """Let rows that were released, but stay at rest now that others move, be held again if they can.
-
-        Where their share would be beyond their level, they carry their level if others can spare the rest.
-        """
-        if guards.is_plain or not (idlers := guards.idle).size:
-            return motion, guards
-        trial = motion.equations.modes.copy()
-        trial[idlers] = 0
-        seen = set[bytes]()
-        while trial.tobytes() not in seen:
-            seen.add(trial.tobytes())
-            again = self._build(trial)
-            following = self._improved(trial, *again)
-            if following is None:
-                return again
-            if np.any((following != trial) & np.isin(following, (-1, 1, APART))):
-                # one more row would move
-                break
-            trial = following
-        return motion, guards
-
-    def _enumerate(self) -> tuple[Motion, Guards]:
-        """Try every combination where releasing one after another ran in a circle."""
-        rows = (self._candidates & ~self._system.is_tie).nonzero()[0]
-        if rows.size <= _ENUMERATED:
-            for trial in self._combinations(rows):
-                found = self._build(trial)
-                if not found[1].violated.any():
-                    return found
-        raise Inconsistent(rows)
-
-    def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
-        base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
-        system = self._system
-        choices = [
-            (0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
-        ]
-        for values in sorted(product(*choices), key=np.count_nonzero):
-            trial = base.copy()
-            trial[rows] = values
-            yield trial

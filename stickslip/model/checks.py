@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import inspect
 import math
+import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["NamedArguments", "check_entries", "check_name", "check_takes", "finite", "sequence"]
+__all__ = [
+    "NamedArguments",
+    "check_entries",
+    "check_name",
+    "check_takes",
+    "file_path",
+    "finite",
+    "limit",
+    "names",
+    "numbers",
+    "sequence",
+]
 
 
 class NamedArguments(type):
@@ -56,13 +71,7 @@ def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> N
 
 
 def finite(value: Any, what: str) -> float:
-    """Return a finite number as a float.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no number, or not finite; `what` begins the message.
-    """
+    """Return a finite number as a float; refuse what is none with a message that begins with `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
         raise TypeError(f"{what} must be a number, got {value!r}{remedy}")
@@ -75,14 +84,14 @@ def finite(value: Any, what: str) -> float:
     return number
 
 
-def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
-    """Return finite numbers as a tuple of floats.
+def limit(value: Any, none: float, what: str) -> float:
+    """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
+    is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
+    return none if is_none else finite(value, what)
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no sequence, or one of its entries no finite number; `what` begins the message.
-    """
+
+def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
+    """Return finite numbers as a tuple of floats; refuse what is none with a message that begins with `what`."""
     try:
         listed = list(values)
     except TypeError:
@@ -140,3 +149,40 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
         raise TypeError(
             f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"
         ) from None
+
+
+def numbers(values: Any, what: str) -> NDArray[np.float64]:
+    """Return numbers in one line as an array; which of them make sense is not looked at.
+
+    `what` begins the message of what is refused.
+    """
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        found = np.empty(0, dtype=object)
+    if not found.ndim or found.dtype.kind not in "iuf":
+        raise TypeError(f"{what} must be a sequence of numbers, got {reprlib.repr(values)}")
+    if found.ndim > 1:
+        raise ValueError(f"{what} must be numbers in one line, got an array of shape {found.shape}")
+    return found.astype(float)
+
+
+def names(values: Any, what: str) -> list[str]:
+    """Return a sequence of names as a list; which of them exist is not looked at.
+
+    `what` begins the message of what is refused.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        remedy = f"; write [{values!r}]" if isinstance(values, str) else ""
+        raise TypeError(f"{what} must be a sequence of names, got {reprlib.repr(values)}{remedy}")
+    return list(values)
+
+
+def file_path(path: Any, what: str) -> Path:
+    """Return the path of a file.
+
+    `what` begins the message of what is refused.
+    """
+    if not isinstance(path, (str, PathLike)):
+        raise TypeError(f"{what}: path must be a text or a pathlib.Path, got {reprlib.repr(path)}")
+    return Path(path)

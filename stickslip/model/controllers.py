@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import finite, limit
 from stickslip.model.elements.block import Sampled, StateSpace
 from stickslip.model.quantities import as_expression, output
 from stickslip.model.signals import Load
@@ -60,22 +60,14 @@ def pid(
         If an argument is no number or quantity, or the rate or a gain is missing that is needed.
     """
     label = f"pid {name!r}"
-    gains = [finite(value, f"{label}: {what}") for what, value in (("kp", kp), ("ki", ki), ("kd", kd))]
-    limits = [value if math.isinf(value) else finite(value, f"{label}: limits") for value in (low, high)]
-    if not limits[0] < limits[1]:
+    kp, ki, kd = (finite(value, f"{label}: {gain}") for gain, value in (("kp", kp), ("ki", ki), ("kd", kd)))
+    low, high = limit(low, -math.inf, f"{label}: limits"), limit(high, math.inf, f"{label}: limits")
+    if not low < high:
         raise ValueError(f"{label}: low must be below high, got {low:g} and {high:g}; exchange them")
     e = as_expression(error, f"{label}: error")
     if period is not None:
         inputs = [e] if rate is None else [e, as_expression(rate, f"{label}: rate")]
-        law = _Law(
-            gains[0],
-            gains[1],
-            gains[2],
-            limits[0],
-            limits[1],
-            finite(period, f"{label}: period"),
-            rate is None,
-        )
+        law = _Law(kp, ki, kd, low, high, finite(period, f"{label}: period"), rate is None)
         # integral, error of the last sample, and whether there was one
         return Sampled(
             name,
@@ -93,14 +85,14 @@ def pid(
         )
     de = as_expression(0.0 if rate is None else rate, f"{label}: rate")
     if math.isinf(low) and math.isinf(high):
-        return StateSpace(name, 0.0, [[1.0, 0.0]], gains[1], [[gains[0], gains[2]]], inputs=(e, de))
+        return StateSpace(name, 0.0, [[1.0, 0.0]], ki, [[kp, kd]], inputs=(e, de))
     if ki and not kp:
         raise ValueError(f"{label}: limits with ki need kp, by which what is cut off is led back")
-    back = 1.0 / gains[0] if gains[0] else 0.0
+    back = 1.0 / kp if kp else 0.0
     cut = output(name, 0) - output(name, 1)
-    rows = [[gains[0], gains[2], 0.0]] * 2
-    both = ((limits[0], limits[1]), (-math.inf, math.inf))
-    return StateSpace(name, 0.0, [[1.0, 0.0, back]], [[gains[1]]] * 2, rows, inputs=(e, de, cut), limits=both)
+    rows = [[kp, kd, 0.0]] * 2
+    both = ((low, high), (-math.inf, math.inf))
+    return StateSpace(name, 0.0, [[1.0, 0.0, back]], [[ki]] * 2, rows, inputs=(e, de, cut), limits=both)
 
 
 @dataclass(frozen=True)

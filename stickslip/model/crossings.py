@@ -25,16 +25,8 @@ def crossings(
     """Find the times between `left` and `right` at which a function crosses 0.
 
     Samples tell where its sign changes. Where it turns round between two samples of one sign, its extremum is
-    looked at too, so that short dips are not missed; one that only touches 0 is no crossing.
-
-    Parameters
-    ----------
-    value, slope : callable
-        The function and its derivative, smooth from `left` up to but not at `right`.
-    left, right : float
-        Times in s.
-    distance : float
-        Longest time in s between samples, infinite for none.
+    looked at too, so that short dips are not missed; one that only touches 0 is no crossing. The function is smooth
+    from `left` up to but not at `right`, `slope` is its derivative, and `distance` the longest time between samples.
     """
     samples = ceil((right - left) / distance) if isfinite(distance) else 0
     times = np.linspace(left, np.nextafter(right, left), max(samples, _SAMPLES_AT_LEAST) + 1).tolist()
@@ -60,23 +52,10 @@ def crossings(
 def positive_pieces(
     value: Callable[[float], float], slope: Callable[[float], float], ends: Sequence[float], distance: float
 ) -> tuple[tuple[float, ...], tuple[bool, ...]]:
-    """Tell where a function is positive.
+    """Tell where a function is positive that is smooth between its `ends`: start, breaks and stop.
 
-    Parameters
-    ----------
-    value, slope : callable
-        The function and its derivative, smooth between the `ends`.
-    ends : sequence of float
-        Start, breaks and stop in s.
-    distance : float
-        Longest time in s between samples.
-
-    Returns
-    -------
-    kinks : tuple of float
-        Zero crossings, and the breaks at which the function is positive.
-    positive : tuple of bool
-        Whether it is, before the first kink, between them, and after the last.
+    Returned are its kinks, which are zero crossings and the breaks at which it is positive, and whether it is positive
+    before the first of them, between them, and after the last.
     """
     zeros = {t for left, right in pairwise(ends) for t in crossings(value, slope, left, right, distance)}
     times = sorted(zeros.union(ends))

@@ -16,9 +16,9 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import check_entries, check_name, check_takes, finite, sequence
+from stickslip.model.checks import check_entries, check_name, check_takes, finite, limit, sequence
 from stickslip.model.signal_makers import signal_from_dict
-from stickslip.model.signals import Constant, Line, Load, Signal, as_signal
+from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
 __all__ = [
     "TIME",
@@ -49,8 +49,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-_NOTHING = Constant(0.0)
 
 
 class Quantity(Load):
@@ -110,7 +108,7 @@ class Expression(Quantity):
 
     kind = "expression"
     terms: tuple[tuple[Quantity, float], ...]
-    signal: Signal = _NOTHING
+    signal: Signal = ZERO
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the terms."""
@@ -120,7 +118,7 @@ class Expression(Quantity):
         """Return terms and signal."""
         terms = [{"factor": factor, "quantity": atom.to_dict()} for atom, factor in self.terms]
         data: dict[str, Any] = {"type": self.kind, "terms": terms}
-        return data if self.signal == _NOTHING else data | {"signal": self.signal.to_dict()}
+        return data if self.signal == ZERO else data | {"signal": self.signal.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -441,8 +439,7 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
         If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
-    lowest = low if isinstance(low, float) and low == -math.inf else finite(low, "saturate: low")
-    highest = high if isinstance(high, float) and high == math.inf else finite(high, "saturate: high")
+    lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
     if not lowest < highest:
         raise ValueError(f"saturate: low must be below high, got {lowest:g} and {highest:g}; exchange them")
     limits = tuple(x for x in (lowest, highest) if math.isfinite(x))
@@ -482,13 +479,7 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
 
 
 def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
-    """Return a quantity, a signal or a number as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return a quantity, a signal or a number as an expression; refuse what is none, as `what`."""
     if isinstance(value, Expression):
         return value
     if isinstance(value, Quantity):
@@ -505,13 +496,7 @@ def as_expression(value: Load | float, what: str = "a quantity") -> Expression:
 
 
 def as_load(value: Load | float, what: str) -> Signal | Expression:
-    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is none of these; `what` begins the message.
-    """
+    """Return what may stand as a force: a number or signal as a signal, a quantity as an expression."""
     if not isinstance(value, Quantity):
         return as_signal(cast(Any, value), what)
     own = as_expression(value)
@@ -519,13 +504,7 @@ def as_load(value: Load | float, what: str) -> Signal | Expression:
 
 
 def load_from_dict(data: Any, what: str) -> Load:
-    """Return the signal or quantity that `to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe one; `what` begins the message.
-    """
+    """Return the signal or quantity that `to_dict` wrote; refuse what is none, as `what`."""
     kind = data.get("type") if isinstance(data, Mapping) else None
     makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
     if not isinstance(kind, str) or kind not in makers:
@@ -579,7 +558,7 @@ _MAKERS: dict[str, Callable[..., Load]] = {
 def _sum(*parts: Expression) -> Expression:
     """Return the sum with each quantity once."""
     factors: dict[Quantity, float] = {}
-    total: Signal = _NOTHING
+    total: Signal = ZERO
     for part in parts:
         for atom, factor in part.terms:
             factors[atom] = factors.get(atom, 0.0) + factor
@@ -588,6 +567,8 @@ def _sum(*parts: Expression) -> Expression:
 
 
 def _number(value: Any, what: str) -> float:
+    if type(value) is float and math.isfinite(value):
+        return value
     if not isinstance(value, str) and np.size(value) == 1:
         try:
             number = float(np.reshape(value, ()))

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stickslip.model.checks import check_entries
-from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row, StateSpace
+from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row
 from stickslip.model.elements.base import GROUND, Motion, check_motion, listed
-from stickslip.model.elements.block import as_limits
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
 from stickslip.model.quantities import (
@@ -131,6 +130,14 @@ class Scene:
         return (*self.blocks, *self.state_spaces, *self.sampled)
 
     @cached_property
+    def derived(self) -> dict[str, Any]:
+        """What others have made of the scene, such as its matrices: kept as long as the scene is, never written."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "derived"}
+
+    @cached_property
     def _moving(self) -> frozenset[str]:
         """The names of bodies, drives and the ground."""
         return frozenset({GROUND, *(one.name for one in (*self.bodies, *self.drives))})
@@ -159,13 +166,7 @@ class Scene:
                 seen.add(one.name)
 
     def check_quantities(self, load: Quantity, label: str) -> None:
-        """Refuse a quantity of what the scene does not know; `label` is the element that reads it.
-
-        Raises
-        ------
-        ValueError
-            If there is no such body or contact.
-        """
+        """Refuse a quantity of what the scene does not know; `label` is the element that reads it."""
         moving, rows, blocks = self._moving, self._row_named, self._block_named
         for quantity in load.walk():
             if isinstance(quantity, (Position, Velocity)) and quantity.body not in moving:
@@ -244,7 +245,15 @@ class Scene:
         return self._with(replace(e, **changes) if e is named[0] else e for e in self.elements)
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
-        """Return the scene with every contact's law replaced by ``change(law)``."""
+        """Return the scene with every contact's law replaced by ``change(law)``.
+
+        Raises
+        ------
+        TypeError
+            If `change` cannot be called, or returns no law.
+        """
+        if not callable(change):
+            raise TypeError(f"Scene.with_laws: change must be a function of a law, got {change!r}")
         return self._with(
             replace(e, law=change(e.law)) if isinstance(e, Contact) else e for e in self.elements
         )
@@ -340,8 +349,6 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
             values[name] = load_from_dict(values[name], f"{where}.{name}")
     if isinstance(inputs := values.get("inputs"), (list, tuple)):
         values["inputs"] = [load_from_dict(one, f"{where}.inputs[{k}]") for k, one in enumerate(inputs)]
-    if maker is StateSpace and values.get("limits") is not None:
-        values["limits"] = as_limits(values["limits"])
     if "law" in values:
         values["law"] = law_from_dict(values["law"], f"{where}.law")
     try:

@@ -159,13 +159,7 @@ def signal(
 
 
 def signal_from_dict(data: Any, what: str) -> Signal:
-    """Return the signal that `Signal.to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe a signal; `what` begins the message.
-    """
+    """Return the signal that `Signal.to_dict` wrote; refuse what is none, as `what`."""
     if not isinstance(data, Mapping):
         return as_signal(data, what)
     fields = dict(data)

@@ -20,6 +20,7 @@ from stickslip.model.checks import finite
 from stickslip.model.crossings import positive_pieces
 
 __all__ = [
+    "ZERO",
     "Clipped",
     "Constant",
     "Function",
@@ -153,7 +154,7 @@ class Signal(Load):
                 "signals are scaled by numbers; use feedback(lambda a, b: a * b, signal, quantity) for a product"
             )
         number = finite(factor, "a signal's factor")
-        return self.scaled(number) if number else Constant(0.0)
+        return self.scaled(number) if number else ZERO
 
     __rmul__ = __mul__
 
@@ -180,7 +181,7 @@ class Constant(Signal):
 
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the number, or 0 where it is negative."""
-        return self if self.value >= 0 else Constant(0.0)
+        return self if self.value >= 0 else ZERO
 
     def scaled(self, factor: float) -> Signal:
         """Return the number times another."""
@@ -189,6 +190,9 @@ class Constant(Signal):
     def to_dict(self) -> float:
         """Return the number."""
         return self.value
+
+
+ZERO = Constant(0.0)
 
 
 @dataclass(frozen=True)
@@ -269,7 +273,7 @@ class PiecewiseLinear(Signal):
         if min(self.values) >= 0:
             return self
         if max(self.values) <= 0:
-            return Constant(0.0)
+            return ZERO
         points = [(self.times[0], self.values[0])]
         for (t0, v0), (t1, v1) in pairwise(zip(self.times, self.values, strict=True)):
             if t1 > t0 and min(v0, v1) < 0 < max(v0, v1):
@@ -302,11 +306,6 @@ class Sine(Signal):
     def __call__(self, t: float) -> float:
         """Return the value at `t`."""
         return self.offset + self.amplitude * math.sin(self._angle(t))
-
-    def sampled(self, times: Array) -> Array:
-        """Return the values at many times."""
-        angles = 2 * math.pi * np.fmod(self.frequency * times, 1.0) + self.phase
-        return self.offset + self.amplitude * np.sin(angles)
 
     def slope(self, t: float) -> float:
         """Return the derivative at `t`."""
@@ -417,10 +416,6 @@ class Sum(Signal):
         """Return the sum of the values."""
         return sum(term(t) for term in self.terms)
 
-    def sampled(self, times: Array) -> Array:
-        """Return the sums of the values at many times."""
-        return np.asarray(np.sum([term.sampled(times) for term in self.terms], axis=0))
-
     def slope(self, t: float) -> float:
         """Return the sum of the slopes."""
         return sum(term.slope(t) for term in self.terms)
@@ -468,7 +463,7 @@ class Clipped(Signal):
         ends = (start, *base.breaks(start, stop), stop)
         kinks, positive = positive_pieces(base, base.slope, ends, distance)
         if not any(positive):
-            return Constant(0.0)
+            return ZERO
         return base if all(positive) else cls(base, kinks, positive)
 
     def _is_positive(self, t: float) -> bool:
@@ -477,11 +472,6 @@ class Clipped(Signal):
     def __call__(self, t: float) -> float:
         """Return the value at `t`, never negative."""
         return max(0.0, self.base(t)) if self._is_positive(t) else 0.0
-
-    def sampled(self, times: Array) -> Array:
-        """Return the values at many times, none negative."""
-        positive = np.array(self.positive)[np.searchsorted(self.kinks, times, side="right")]
-        return np.where(positive, np.maximum(self.base.sampled(times), 0.0), 0.0)
 
     def slope(self, t: float) -> float:
         """Return the slope of the base, 0 where that is cut off."""
@@ -516,13 +506,7 @@ def time_scale(signal: Signal, span: float) -> float:
 
 
 def as_signal(value: Signal | float, what: str) -> Signal:
-    """Return a number as a constant signal and a signal as it is.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is neither; `what` begins the message.
-    """
+    """Return a number as a constant signal and a signal as it is; refuse what is neither, as `what`."""
     if isinstance(value, Signal):
         return value
     if callable(value):
@@ -543,7 +527,7 @@ def _is_quantity(value: object) -> bool:
 def _sum(*signals: Signal) -> Signal:
     """Return the sum with all straight lines in one term."""
     terms = [term for s in signals for term in (s.terms if isinstance(s, Sum) else (s,))]
-    line: Constant | PiecewiseLinear = Constant(0.0)
+    line: Constant | PiecewiseLinear = ZERO
     curved: list[Signal] = []
     for term in terms:
         if isinstance(term, (Constant, PiecewiseLinear)):
@@ -554,7 +538,7 @@ def _sum(*signals: Signal) -> Signal:
         return line
     if isinstance(line, Constant) and isinstance(wave := curved[0], Sine):
         curved[0] = replace(wave, offset=wave.offset + line.value)
-    elif line != Constant(0.0):
+    elif line != ZERO:
         curved.insert(0, line)
     return curved[0] if len(curved) == 1 else Sum(tuple(curved))
 

@@ -10,6 +10,8 @@ from typing import Any
 
 from matplotlib.figure import Figure as Figure
 
+from stickslip.model.checks import numbers
+from stickslip.plots.bifurcation import bifurcation
 from stickslip.plots.blocks import block
 from stickslip.plots.contact import (
     characteristic,
@@ -19,12 +21,24 @@ from stickslip.plots.contact import (
     phase_portrait,
     varying,
 )
+from stickslip.plots.fit import fit
 from stickslip.plots.limits import has_limits, stretch
-from stickslip.plots.motion import MANY, modes, velocities, velocity_units
+from stickslip.plots.motion import MANY, body_names, modes, velocities, velocity_units
 from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
-from stickslip.plots.studies import bifurcation, fit, sweep_map, work_precision
-from stickslip.plots.style import TIME, beside, contact_names, look, mark_events, new_figure, own_axes
+from stickslip.plots.style import (
+    TIME,
+    beside,
+    contact_names,
+    look,
+    many_axes,
+    mark_events,
+    new_figure,
+    of_result,
+    own_axes,
+)
+from stickslip.plots.sweep_map import sweep_map
+from stickslip.plots.work_precision import work_precision
 from stickslip.results.outcome import Drawable
 
 __all__ = [
@@ -53,6 +67,7 @@ _CURVES = 6
 Panel = tuple[float, Callable[[Any], Any]]
 
 
+@of_result
 def overview(
     result: Drawable,
     *,
@@ -87,20 +102,23 @@ def overview(
         If a name is unknown, or the number of axes is not that of the panels.
     """
     names = contact_names(result, contacts)
+    shown = None if t_span is None else numbers(t_span, "overview: t_span")
+    if shown is not None and not (shown.size == 2 and shown[0] < shown[1]):
+        raise ValueError(f"overview: t_span must be two times (start, end), got {t_span!r}")
     panels = _panels(result, bodies, names)
     if axes is None:
         ratios = [height for height, _ in panels]
         figure = new_figure(9.0, 0.6 + sum(ratios), layout="constrained")
         axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
         figure.align_ylabels(axes)
-    elif len(axes) != len(panels):
-        raise ValueError(f"overview: {len(panels)} panels need as many axes, got {len(axes)}")
+    else:
+        axes = many_axes(axes, len(panels), "overview")
     for ax, (_, draw) in zip(axes, panels, strict=True):
         draw(ax)
         mark_events(ax, result)
         ax.set_xlabel("")
-        if t_span is not None:
-            ax.set_xlim(t_span)
+        if shown is not None:
+            ax.set_xlim(*shown)
     axes[-1].set_xlabel(TIME)
     drawn: Figure = axes[0].get_figure()
     return drawn
@@ -132,11 +150,12 @@ def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) ->
 
 def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
     """Return bodies and drives in groups that are measured in the same unit: a panel each."""
-    names = [one.name for one in (*result.scene.bodies, *result.scene.drives)] if bodies is None else bodies
+    names = body_names(result, bodies)
     own = velocity_units(result, names)
     return [[name for name in names if own[name] == unit] for unit in dict.fromkeys(own.values())]
 
 
+@of_result
 def energy(result: Drawable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.plots.points import FINE
-from stickslip.plots.style import TIME, beside, look, own_axes
+from stickslip.plots.style import TIME, beside, look, of_result, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = ["block"]
@@ -15,6 +15,7 @@ __all__ = ["block"]
 _CURVES = 8
 
 
+@of_result
 def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
     """Draw the outputs and states of a block over time and return the axes.
 

@@ -24,6 +24,7 @@ from stickslip.plots.style import (
     contact_names,
     dots,
     look,
+    of_result,
     own_axes,
     raster,
     value_raster,
@@ -38,6 +39,7 @@ Array = NDArray[np.float64]
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
 
 
+@of_result
 def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
 
@@ -80,6 +82,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     return ax
 
 
+@of_result
 def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw ``|r| / B`` of many contacts over time as a raster with a colour bar, and return the axes.
 
@@ -116,6 +119,7 @@ def _ratio(force: Array, level: Array) -> Array:
     return np.divide(force, level, out=np.full_like(force, np.nan), where=carries)
 
 
+@of_result
 def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw normal forces over time and return the axes.
 
@@ -154,6 +158,7 @@ def varying(result: Drawable) -> list[str]:
     return [c.name for c in result.scene.contacts if not isinstance(c.normal, (Constant, float, int))]
 
 
+@of_result
 def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
@@ -190,6 +195,7 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     return ax
 
 
+@of_result
 def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.plots.points import FINE
-from stickslip.plots.style import TIME, beside, look, own_axes
+from stickslip.plots.style import TIME, beside, look, of_result, own_axes
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
@@ -19,6 +19,7 @@ def has_limits(result: Drawable, row: str) -> bool:
     return any(element.name == row for element in (*result.scene.gaps, *result.scene.stops))
 
 
+@of_result
 def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
     """Draw the stretch of a gap or a stop over time between its limits, impacts marked, and return the axes.
 

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
+from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
 from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
@@ -22,6 +23,7 @@ from stickslip.plots.style import (
     dots,
     keep_names_inside,
     look,
+    of_result,
     own_axes,
     raster,
     value_raster,
@@ -29,7 +31,7 @@ from stickslip.plots.style import (
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["modes", "velocities", "velocity_units"]
+__all__ = ["body_names", "modes", "velocities", "velocity_units"]
 
 MANY = 12
 """More curves or strips than this become a raster."""
@@ -46,6 +48,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
 }
 
 
+@of_result
 def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities over time and return the axes.
 
@@ -66,8 +69,7 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
     ValueError
         If there is no such body.
     """
-    scene = result.scene
-    names = [element.name for element in (*scene.bodies, *scene.drives)] if bodies is None else list(bodies)
+    names = body_names(result, bodies)
     shared, labels = _units(result, names)
     ax = own_axes(ax)
     if len(names) > MANY:
@@ -102,18 +104,25 @@ def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: 
     beside(ax)
 
 
-def velocity_units(result: Drawable, names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
+def body_names(result: Drawable, bodies: Sequence[str] | None) -> list[str]:
+    """Return the bodies and drives to draw: those asked for, else all of the scene.
 
     Raises
     ------
-    ValueError
-        If there is no such body.
+    ValueError, TypeError
+        If there is no such body, or they are no sequence of names.
     """
-    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
-    for name in names:
-        if name not in moving:
+    known = [one.name for one in (*result.scene.bodies, *result.scene.drives)]
+    wanted = known if bodies is None else checked_names(bodies, "bodies")
+    for name in wanted:
+        if name not in known:
             result.velocity(name)  # says which there are
+    return wanted
+
+
+def velocity_units(result: Drawable, names: Sequence[str]) -> dict[str, str]:
+    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves."""
+    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
     return {name: units(result.scene, moving[name]).velocity for name in names}
 
 
@@ -164,6 +173,7 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
     ax.margins(y=0.09)  # or a line at the lowest velocity would run into the ticks
 
 
+@of_result
 def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw the modes of contacts over time, a strip each, and return the axes.
 

@@ -27,11 +27,12 @@ from stickslip.model.elements import (
     Stop,
     Tie,
 )
+from stickslip.model.elements.base import Link, Radii
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
-from stickslip.plots.style import new_figure
+from stickslip.plots.style import new_figure, own_axes
 from stickslip.results.units import units
 
 __all__ = ["schematic"]
@@ -165,6 +166,7 @@ class _Drawing:
         width, height = right - left, 0.15 - lowest
         if ax is None:
             ax = new_figure(width, height).add_axes((0.0, 0.0, 1.0, 1.0))
+        ax = own_axes(ax)
         ax.set(xlim=(left, right), ylim=(lowest, 0.15), aspect="equal")
         ax.set_axis_off()
         box = ax.get_window_extent()
@@ -280,7 +282,9 @@ def _link(element: Any, scene: Scene) -> _Link | None:
     ends = dict.fromkeys(_ends(element), "")
     if not ends:
         return None
-    ends |= {end: f"r = {radius:.4g}" for end, radius in _radii(element).items() if radius != 1}
+    if isinstance(element, Radii):
+        at = zip((element.a, element.b), element.radii, strict=True)
+        ends |= {end: f"r = {radius:.4g}" for end, radius in at if radius != 1}
     name = (_short(element.name),) if hasattr(element, "name") else ()
     unit = units(scene, element)
     match element:
@@ -320,15 +324,7 @@ def _link(element: Any, scene: Scene) -> _Link | None:
 
 def _ends(element: Any) -> list[str]:
     """Return the names of the bodies that an element of any kind joins."""
-    if isinstance(coefficients := getattr(element, "coefficients", None), Mapping):
-        return list(coefficients)
-    return [getattr(element, end) for end in ("a", "b") if isinstance(getattr(element, end, None), str)]
-
-
-def _radii(element: Any) -> dict[str, float]:
-    if not hasattr(element, "radius_a"):
-        return {}
-    return {element.a: element.radius_a, element.b: element.radius_b}
+    return [element.a, element.b] if isinstance(element, Link) else list(getattr(element, "coefficients", ()))
 
 
 def _blocks(scene: Scene) -> list[tuple[float, float, str]]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stickslip.results.outcome import Drawable
+from stickslip.model.checks import names as checked_names
+from stickslip.results.outcome import Drawable, check_result
 
 __all__ = [
     "COLOURS",
@@ -27,8 +30,10 @@ __all__ = [
     "keep_names_inside",
     "look",
     "makes_room",
+    "many_axes",
     "mark_events",
     "new_figure",
+    "of_result",
     "own_axes",
     "raster",
     "robust",
@@ -36,6 +41,8 @@ __all__ = [
 ]
 
 TIME = "time [s]"
+STUDY = (9.0, 5.0)
+"""Width and height in inches of a figure of a study."""
 NORMAL = "normal force [N]"
 
 WITH_DOTS = 300
@@ -44,11 +51,14 @@ WITH_DOTS = 300
 COLOURS = (
     *("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#7F6000", "#56B4E9", "#E69F00"),
     *("#5E3C99", "#8C1515", "#66A61E", "#01665E", "#1F3A93", "#B8A800", "#E7298A", "#A0522D"),
+    *("#7570B3", "#999999", "#FB8072", "#66C2A5"),
 )
 """No panel has more curves than these."""
-_LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
-_MARKERS = "osD^vPX*<>hp"
+LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+MARKERS = "osD^vPX*<>hp"
 _MARKED_EVENTS = 40
+_INSIDE = 8
+"""So many entries of a legend find room within the axes."""
 _STRETCHED = 3.0
 """Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
@@ -86,20 +96,62 @@ def apart_from_pyplot() -> Iterator[None]:
         _ARE_PYPLOTS.reset(before)
 
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def of_result(draw: Callable[P, T]) -> Callable[P, T]:
+    """Let a drawing refuse what is no result."""
+
+    @wraps(draw)
+    def checked(*args: P.args, **given: P.kwargs) -> T:
+        if args:
+            check_result(args[0], draw.__name__)
+        return draw(*args, **given)
+
+    return checked
+
+
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure; call it when nothing can be refused any more."""
-    return new_figure(width, height, layout="constrained").subplots() if ax is None else ax
+    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more.
+
+    Raises
+    ------
+    TypeError
+        If what is given are no axes.
+    """
+    if ax is None:
+        return new_figure(width, height, layout="constrained").subplots()
+    if not isinstance(ax, Axes):
+        raise TypeError(
+            f"ax must be axes of matplotlib, got {ax!r}; plt.subplots() returns a figure and its axes"
+        )
+    return ax
+
+
+def many_axes(axes: Any, count: int, what: str) -> list[Any]:
+    """Return axes given for the panels of a figure.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are no axes, or not as many as panels; `what` begins the message.
+    """
+    listed = list(axes) if isinstance(axes, Iterable) else [axes]
+    if len(listed) != count:
+        raise ValueError(f"{what}: {count} panels need as many axes, got {len(listed)}")
+    return [own_axes(ax) for ax in listed if ax is not None]
 
 
 def look(k: int) -> dict[str, Any]:
     """Return colour and line style of the k-th curve; broken lines are thinner than whole ones."""
-    width = 1.9 if k % len(_LINES) == 0 else 1.4
-    return {"color": COLOURS[k % len(COLOURS)], "linestyle": _LINES[k % len(_LINES)], "linewidth": width}
+    width = 1.9 if k % len(LINES) == 0 else 1.4
+    return {"color": COLOURS[k % len(COLOURS)], "linestyle": LINES[k % len(LINES)], "linewidth": width}
 
 
 def dots(k: int) -> dict[str, Any]:
     """Return how the k-th curve's computed points are marked."""
-    marker = _MARKERS[k % len(_MARKERS)]
+    marker = MARKERS[k % len(MARKERS)]
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
 
 
@@ -132,11 +184,12 @@ def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]
     ValueError
         If there is no such row.
     """
-    names = [row.name for row in result.scene.rows]
-    for name in contacts or ():
-        if name not in names:
+    known = [row.name for row in result.scene.rows]
+    wanted = known if contacts is None else checked_names(contacts, "contacts")
+    for name in wanted:
+        if name not in known:
             result.mode(name)  # says which there are
-    return names if contacts is None else list(contacts)
+    return wanted
 
 
 def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -199,3 +252,25 @@ def value_raster(
     """Draw numbers as a raster with its colour bar."""
     limits, ends = robust(rows)
     color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)
+
+
+def check_is(thing: Any, kind: str, what: str) -> None:
+    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots.
+
+    Raises
+    ------
+    TypeError
+        `what` begins the message.
+    """
+    if kind not in (one.__name__ for one in type(thing).__mro__):
+        raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
+
+
+def within_or_beside(ax: Any) -> None:
+    """Name the curves: within the axes where there is room, else to their right."""
+    crowded = len(ax.get_legend_handles_labels()[1]) > _INSIDE
+    if not makes_room(ax):
+        ax.legend(fontsize="xx-small" if crowded else "x-small", framealpha=0.8)
+        return
+    place = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0)} if crowded else {}
+    ax.legend(fontsize="small", **place)

@@ -198,9 +198,9 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
         ends = np.array([trajectory.pieces[k - 1].end for k in struck])
         before = Samples.at_local(trajectory, numbers - 1, ends)
         after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
-        impulses, lost = np.array([trajectory.pieces[k].impulses for k in struck], dtype=float).transpose(
-            1, 2, 0
-        )
+        pieces = [trajectory.pieces[k] for k in struck]
+        impulses = np.array([piece.impulses for piece in pieces], dtype=float).T
+        lost = np.array([piece.lost for piece in pieces], dtype=float).T
         taken[:, numbers] = lost[rows]
         if system.drives:
             moved = 0.5 * (before.drive_velocities + after.drive_velocities)
@@ -209,8 +209,8 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
             # where one impact follows another at the same instant, drives have their new velocity in the second
             given[numbers] += lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
     total = np.cumsum(taken, axis=1)[:, samples.piece_of]
-    lost = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
-    return np.cumsum(given)[samples.piece_of], lost
+    by_name = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
+    return np.cumsum(given)[samples.piece_of], by_name
 
 
 class _Links:

@@ -1,10 +1,9 @@
-"""What a scene is compiled to and why, and why each event of a result happened, in words."""
+"""What a scene is compiled to and why, and what was watched while it ran, in words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +12,12 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.elements import KINDS, AnyBlock, Contact, Gap, OneWay, Sampled, StateSpace, Stop
-from stickslip.model.laws import Law
-from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, as_signal
-from stickslip.results.outcome import Event, Outcome, Runs
-from stickslip.results.samples import Samples
+from stickslip.results.causes import event_sentences
+from stickslip.results.outcome import Outcome, Runs
 from stickslip.results.units import units
 
 __all__ = ["explain_result", "explain_scene", "span_of"]
@@ -29,8 +26,6 @@ Array = NDArray[np.float64]
 
 _LISTED = 12
 _MODE_SETS = 20
-_AT_ONCE = 1_000_000
-_WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forward"}
 
 
 def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
@@ -62,7 +57,7 @@ def explain_result(result: Runs) -> str:
             [f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s"] if len(result.runs) > 1 else []
         )
         lines += _compiled(trajectory.system, trajectory.loads)
-        parts.append("\n".join([*lines, *_watched(run), *_event_sentences(run)]))
+        parts.append("\n".join([*lines, *_watched(run), *event_sentences(run)]))
     return "\n\n".join(parts)
 
 
@@ -338,178 +333,3 @@ def _listed(names: Iterable[str]) -> str:
     all_names = list(names)
     rest = len(all_names) - _LISTED
     return ", ".join(all_names[:_LISTED]) + (f", ... ({rest} more)" if rest > 0 else "")
-
-
-# -- events ---------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """Force, breakaway level and relative velocity of a contact just before and just after its event."""
-
-    force: tuple[float, float]
-    level: tuple[float, float]
-    w: tuple[float, float]
-    others: list[str]
-
-
-def _event_sentences(result: Outcome) -> list[str]:
-    """Return a heading and one line per event: time, contact, modes, cause."""
-    events, samples = result.events, result.samples
-    if not events:
-        return ["Events: none"]
-    scene = samples.system.scene
-    names = {row.name: j for j, row in enumerate(samples.system.rows)}
-    of_rows = [event for event in events if event.contact in names]
-    elements = {row.name: row for row in scene.rows}
-    changing = {event.contact: elements[event.contact] for event in of_rows}
-    shared = units(scene, *changing.values())
-    own = {name: units(scene, row) for name, row in changing.items()}
-    lines = [f"Events: {len(events)} (forces in {shared.force}, velocities in {shared.velocity})"]
-    noted = {name: f" [{unit.force}, {unit.velocity}]" for name, unit in own.items() if unit != shared}
-    rows = [names[event.contact] for event in of_rows]
-    dense = bool(of_rows) and samples.trajectory.is_dense
-    around = dict(zip(map(id, of_rows), _limits(samples, of_rows, rows), strict=True)) if dense else {}
-    for event in events:
-        at = around.get(id(event))
-        reason = (
-            event.cause if at is None else _reason(event, samples.system.rows[names[event.contact]].law, at)
-        )
-        change = f"{event.before.name} -> {event.after.name}"
-        lines.append(f"  {event.t:.12g} s  {event.contact} {change}: {reason}{noted.get(event.contact, '')}")
-    return lines
-
-
-def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Limits | None]:
-    """Read forces and levels at both sides of every event: the end of one piece, the start of the next."""
-    trajectory = samples.trajectory
-    times = np.array([event.t for event in events])
-    left = np.searchsorted(trajectory.stops, times, side="left")
-    right = np.searchsorted(trajectory.starts, times, side="right") - 1
-    at_once = _AT_ONCE // max(samples.system.m, 1) + 1
-    sides = []
-    for piece_of in (left, right):
-        read = []
-        for first in range(0, times.size, at_once):
-            some = slice(first, first + at_once)
-            taus = trajectory.local(piece_of[some], times[some])
-            at = Samples.at_local(trajectory, piece_of[some], taus)
-            read.append(_at_events(at, np.array(rows[some])))
-        sides.append(np.concatenate(read, axis=1).tolist())
-    together: dict[float, set[str]] = {}
-    for event in events:
-        together.setdefault(event.t, set()).add(event.contact)
-    found: list[_Limits | None] = []
-    for place, event in enumerate(events):
-        force, level, w = ((sides[0][k][place], sides[1][k][place]) for k in range(3))
-        found.append(_Limits(force, level, w, sorted(together[event.t] - {event.contact})))
-    return found
-
-
-def _at_events(at: Samples, rows: NDArray[np.intp]) -> Array:
-    """Return force, level and relative velocity of one row at each time."""
-    tables, place = at.tables, np.arange(rows.size)
-    force, mode = tables.forces[rows, place], tables.modes[rows, place]
-    is_lower = (mode < 0) | ((mode == 0) & (force < 0))
-    level = np.where(is_lower, tables.lower[rows, place], tables.upper[rows, place])
-    return np.array([force, level, at.relative_velocities[rows, place]])
-
-
-def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
-    character = Character() if law is None else law.character
-    if character.has_slip_state and event.cause != "open":
-        return _slip_state(event, character, limits)
-    if character.rests_below > 0 and event.cause == "relative velocity 0":
-        return f"came into the dead band of {character.rests_below:g}; {_held(limits)}"
-    if event.cause in _AT_LIMITS:
-        return _at_limit(event, limits)
-    if event.cause == "jump of velocities":
-        return f"its relative velocity jumped from {limits.w[0]:.6g} to {limits.w[1]:.6g} {_with(limits)}"
-    if event.cause == "force 0" and event.before != Mode.STUCK:
-        return f"its force came to 0: {event.before.name.lower()} limit left"
-    if law is None and event.before == Mode.STUCK:
-        others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
-        return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
-    sentence = _SENTENCES.get(event.cause)
-    return event.cause if sentence is None else sentence(event, limits)
-
-
-_AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
-
-
-def _at_limit(event: Event, at: _Limits) -> str:
-    """Return what a gap or a stop did at a limit."""
-    if event.cause == "impact":
-        limit = "upper" if at.w[0] > 0 else "lower"
-        ends = "closed" if event.after != Mode.OPEN else f"rebounded with {at.w[1]:.6g}"
-        return f"struck its {limit} limit at relative velocity {at.w[0]:.6g}, {ends}"
-    if event.after == Mode.OPEN:
-        limit = "upper" if event.before == Mode.FORWARD else "lower"
-        others = (
-            f" with the change of {', '.join(at.others)}" if "another" in event.cause and at.others else ""
-        )
-        return f"left its {limit} limit{others} at relative velocity {at.w[1]:.6g}"
-    limit = "upper" if event.after == Mode.FORWARD else "lower"
-    return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"
-
-
-def _with(at: _Limits) -> str:
-    return f"with the change of {', '.join(at.others)}" if at.others else "with a drive"
-
-
-def _slip_state(event: Event, character: Character, at: _Limits) -> str:
-    drop = f"its force goes from {abs(at.force[0]):.6g} to {abs(at.force[1]):.6g}"
-    if event.after == Mode.STUCK:
-        return f"back in pre-slip at |w| = {abs(at.w[1]):.3g}, a tenth of the pre-slip velocity; {drop}"
-    velocity = character.slips_beyond
-    return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {velocity:g}; {drop}"
-
-
-def _broke_away(event: Event, at: _Limits) -> str:
-    needed = f"needed {abs(at.force[0]):.6g} to stay stuck, could hold {at.level[0]:.6g}"
-    return f"broke away {_WORDS[event.after]}: {needed}; slips on with {abs(at.force[1]):.6g}"
-
-
-def _broke_away_with(event: Event, at: _Limits) -> str:
-    reason = f"the change of {', '.join(at.others)}" if at.others else "a jump of the loads"
-    needed = f"needed {abs(at.force[0]):.6g} just before, could then hold {at.level[0]:.6g}"
-    return f"broke away {_WORDS[event.after]} by {reason}: {needed}; slips on with {abs(at.force[1]):.6g}"
-
-
-def _held(at: _Limits) -> str:
-    if math.isinf(at.level[1]):
-        return f"its force is {abs(at.force[1]):.6g}"
-    return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"
-
-
-def _stuck(event: Event, at: _Limits) -> str:
-    return f"its relative velocity reached 0; {_held(at)}"
-
-
-def _stuck_with(event: Event, at: _Limits) -> str:
-    reason = f"the change of {', '.join(at.others)}" if at.others else "a break of the loads"
-    return f"found at rest at {reason}; {_held(at)}"
-
-
-def _relaxed(event: Event, at: _Limits) -> str:
-    return f"relaxed to rest: velocities had become constant, {abs(at.w[0]):.3g} was left; {_held(at)}"
-
-
-def _reversed(event: Event, at: _Limits) -> str:
-    return f"passed 0 without sticking: that would have needed more than the {at.level[1]:.6g} it could hold"
-
-
-def _open(event: Event, at: _Limits) -> str:
-    now = "is now 0" if event.after == Mode.STUCK else f"now points {_WORDS[event.after]}"
-    return f"carries no force; its relative velocity {now}"
-
-
-_SENTENCES: dict[str, Callable[[Event, _Limits], str]] = {
-    "breakaway": _broke_away,
-    "breakaway with another event": _broke_away_with,
-    "relative velocity 0": _stuck,
-    "stuck with another event": _stuck_with,
-    "relaxation": _relaxed,
-    "reversal": _reversed,
-    "open": _open,
-}

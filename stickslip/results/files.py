@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
+from stickslip.model.checks import file_path
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import position
 from stickslip.model.scene import Scene
@@ -25,8 +25,7 @@ from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
 __all__ = ["Kept", "read", "save"]
 
-_FORMAT = 3
-_READS = (2, 3)
+_FORMAT = 4
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 
@@ -49,7 +48,11 @@ def save(result: Outcome, path: Target) -> None:
     OSError
         If the file cannot be written.
     """
-    samples = result.samples
+    if not hasattr(result, "samples"):
+        raise TypeError(
+            f"save: expected a Result, got {type(result).__name__}; of runs in a row save each of `runs`"
+        )
+    target, samples = file_path(path, "save"), result.samples
     system, parts = samples.system, samples.trajectory.parts
     pieces = [part for part in parts if isinstance(part, Piece)]
     arrays: dict[str, Any] = {"t": samples.t, "y": samples.y, "piece_of": samples.piece_of}
@@ -76,7 +79,7 @@ def save(result: Outcome, path: Target) -> None:
     about["positions"] = [moving[i] for i in system.placed] if system.watched else []
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
-    with Path(path).open("wb") as file:
+    with target.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 
@@ -109,14 +112,16 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
         If it is not such a file, or the scene is missing or another one.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(file_path(path, "load"), allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
         about = json.loads(str(data["about"]))
         known = about["format"]
-    except (KeyError, ValueError, EOFError) as error:
-        raise ValueError(f"load: {path} was not written by stickslip's save ({error})") from None
-    if known not in _READS:
-        raise ValueError(f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip")
+    except (AttributeError, KeyError, ValueError, EOFError):
+        raise ValueError(f"load: {path} was not written by stickslip's save, or only in part") from None
+    if known != _FORMAT:
+        raise ValueError(
+            f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip or simulate again"
+        )
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}

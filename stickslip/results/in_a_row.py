@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +37,23 @@ def of_each(runs: Sequence[Outcome], read: Callable[[Samples], T]) -> list[T | N
     return found
 
 
-def joined(parts: Sequence[NDArray[np.generic] | None], sizes: Sequence[int]) -> NDArray[np.generic]:
-    """Return arrays one after another along their last axis; NaN as many times as said where one is missing.
+def joined(parts: Sequence[NDArray[Any] | None], sizes: Sequence[int]) -> NDArray[Any]:
+    """Return arrays one after another along their last axis, with NaN where one is missing or has fewer lines.
 
-    Raises
-    ------
-    ValueError
-        If they differ in their other axes.
+    Parameters
+    ----------
+    parts : sequence of array (n,), array (lines, n) or None
+    sizes : sequence of int
+        How many times each has.
     """
-    shapes = {part.shape[:-1] for part in parts if part is not None}
-    if len(shapes) > 1:
-        raise ValueError(
-            "the runs have different numbers of outputs or states here; read each of them by itself"
-        )
-    shape = shapes.pop()
-    return np.concatenate(
-        [
-            np.full((*shape, size), np.nan) if part is None else part
-            for part, size in zip(parts, sizes, strict=True)
-        ],
-        axis=-1,
-    )
+    known = [part for part in parts if part is not None]
+    lines = max(part.shape[:-1] for part in known)
+    if len(known) == len(parts) and all(part.shape[:-1] == lines for part in known):
+        return np.concatenate(known, axis=-1)
+    whole = np.full((*lines, sum(sizes)), np.nan)
+    stop = 0
+    for part, size in zip(parts, sizes, strict=True):
+        start, stop = stop, stop + size
+        if part is not None:
+            whole[(*map(slice, part.shape[:-1]), slice(start, stop))] = part
+    return whole

@@ -14,7 +14,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 
-__all__ = ["Drawable", "Event", "Outcome", "Runs", "Target"]
+__all__ = ["Drawable", "Event", "Outcome", "Runs", "Target", "check_result"]
 
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
@@ -168,3 +168,17 @@ class Drawable(Runs, Protocol):
     def fit_for_plot(self, points: int = 0) -> Self:
         """Return the same motion at times between which straight lines look like it."""
         ...
+
+
+def check_result(result: Any, what: str) -> None:
+    """Refuse what is no result of a simulation.
+
+    Raises
+    ------
+    TypeError
+        `what` begins the message.
+    """
+    if not hasattr(result, "runs"):
+        raise TypeError(
+            f"{what}: expected a Result, got {type(result).__name__}; simulate(scene, t_span) returns one"
+        )

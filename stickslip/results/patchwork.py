@@ -5,9 +5,9 @@ To read them costs what is read: nothing is stored for the whole scene at an eve
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
+from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
 
 __all__ = ["Patches", "Patchwork", "Series"]
@@ -23,9 +24,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
 
-_AT_ONCE = 500_000
+_AT_ONCE = 40_000
 _DEGREES = (3, 6, 10, 15)
 """Polynomials up to these degrees are evaluated together."""
+
+_IN_COLUMN = 8
+"""Times at which one polynomial is evaluated at once."""
 
 _NOTHING = 1e-18
 
@@ -158,46 +162,95 @@ class Series:
         found: Indices = low + np.searchsorted(self.tick[low:high], ticks, side="right") - 1
         return found
 
-    def values(self, entry: Indices, t: Array, unit: float, integrated: bool = False) -> Array:
-        """Return the values of entries (a line for each thing) at times, or the integrals from their origins."""
-        found = np.empty(entry.size)
-        entry, t = entry.ravel(), np.broadcast_to(t, entry.shape).ravel()
-        for first in range(0, entry.size, _AT_ONCE):
-            some = slice(first, first + _AT_ONCE)
-            found[some] = self._values(entry[some], t[some], unit, integrated)
+    def values(self, entry: Indices, t: Array, unit: float) -> Array:
+        """Return the values of entries (a line for each thing) at times."""
+        found: Array = self._values(entry, t, unit, (False,))[0]
         return found
 
-    def _values(self, entry: Indices, t: Array, unit: float, integrated: bool) -> Array:
-        if not entry.size or not self.terms.shape[1]:
-            return np.zeros(entry.size)
-        s = (t - self.origin[entry]) / unit
-        # times that follow each other read the same entry
-        starts = np.append(True, entry[1:] != entry[:-1]).nonzero()[0]
-        own = entry[starts]
-        terms = self.terms[own]
-        if integrated:
-            terms = terms * (unit / np.arange(1, terms.shape[1] + 1))
-        count = np.diff(np.append(starts, entry.size))
-        degree = np.repeat(_degrees(terms, np.maximum.reduceat(np.abs(s), starts)), count)
-        place = np.repeat(np.arange(own.size), count)
-        columns = np.ascontiguousarray(terms.T)
-        found = columns[0].take(place)
-        low = 1
-        most = terms.shape[1] - 1
-        for high in (*(k for k in _DEGREES if k < most), most):
-            some = ((degree >= low) & (degree <= high)).nonzero()[0]
-            low = high + 1
-            if not some.size:
-                continue
-            at, x = place[some], s[some]
-            value = columns[high].take(at)
-            for k in range(high - 1, -1, -1):
-                value *= x
-                value += columns[k].take(at)
-            found[some] = value
-        if integrated:
-            found *= s
-        return np.asarray(found)
+    def integrals(self, entry: Indices, t: Array, unit: float) -> Array:
+        """Return the integrals of entries from their origins, and what they begin with."""
+        return np.asarray(self._values(entry, t, unit, (True,))[0] + self.first[entry])
+
+    def both(self, entry: Indices, t: Array, unit: float) -> tuple[Array, Array]:
+        """Return the values of entries, and their integrals."""
+        values, moved = self._values(entry, t, unit, (False, True))
+        return values, moved + self.first[entry]
+
+    def _values(self, entry: Indices, t: Array, unit: float, integrated: Sequence[bool]) -> Array:
+        found = np.zeros((len(integrated), entry.size))
+        flat, t = entry.ravel(), np.broadcast_to(t, entry.shape).ravel()
+        for some in _at_once(flat.size if self.terms.shape[1] else 0):
+            place, own, run = _columns(flat[some])
+            s = (t[some][place] - self.origin[own][run]) / unit
+            for part, is_integral in zip(found[:, some], integrated, strict=True):
+                terms = self.terms[own]
+                if is_integral:
+                    terms *= unit / np.arange(1, terms.shape[1] + 1)
+                value = _polynomials(terms, run, s)
+                part[place] = value * s if is_integral else value
+        return found.reshape(-1, *entry.shape)
+
+
+def _in_order(ticks: Indices) -> Indices | slice:
+    """Return in which order ticks follow each other: they mostly do."""
+    return slice(None) if (ticks[1:] >= ticks[:-1]).all() else np.argsort(ticks, kind="stable")
+
+
+def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Array:
+    """Return for each of `size` places the largest value of the ranges from `first` to `last` that hold it, or 0."""
+    found = np.zeros(size)
+    if not first.size:
+        return found
+    # a range is two of a power of 2 that overlap; each of these is two of half its length
+    powers = np.log2(last - first).astype(np.intp)
+    for power in range(int(powers.max()), -1, -1):
+        length = 1 << power
+        np.maximum(found[length:], found[:-length].copy(), out=found[length:])
+        own = powers == power
+        np.maximum.at(found, first[own], values[own])
+        np.maximum.at(found, last[own] - length, values[own])
+    return found
+
+
+def _at_once(count: int) -> Iterator[slice]:
+    """Yield so many things in slices, not too many at once."""
+    for first in range(0, count, _AT_ONCE):
+        yield slice(first, min(first + _AT_ONCE, count))
+
+
+def _columns(entry: Indices) -> tuple[Indices, Indices, Indices]:
+    """Return the places of equal neighbours, some at once in a column; the entries of runs, and each column's run.
+
+    Times that follow each other read the same entry. The last place of a run fills its last column.
+    """
+    starts = np.append(True, entry[1:] != entry[:-1]).nonzero()[0]
+    ends = np.append(starts[1:], entry.size)
+    count = -(-(ends - starts) // _IN_COLUMN)
+    run = np.repeat(np.arange(starts.size), count)
+    first = starts[run] + _IN_COLUMN * (np.arange(run.size) - np.repeat(np.cumsum(count) - count, count))
+    place = np.minimum(first + np.arange(_IN_COLUMN)[:, None], ends[run] - 1)
+    return place, entry[starts], run
+
+
+def _polynomials(terms: Array, run: Indices, s: Array) -> Array:
+    """Return the values of polynomials (a line each, for runs of columns of `s`) by Horner's scheme."""
+    firsts = np.append(True, run[1:] > run[:-1]).nonzero()[0]
+    degree = _degrees(terms, np.maximum.reduceat(np.abs(s).max(axis=0), firsts))[run]
+    powers = np.ascontiguousarray(terms.T)[:, run]
+    found = np.broadcast_to(powers[0], s.shape).copy()
+    low, most = 1, terms.shape[1] - 1
+    for high in (*(k for k in _DEGREES if k < most), most):
+        some = ((degree >= low) & (degree <= high)).nonzero()[0]
+        low = high + 1
+        if not some.size:
+            continue
+        own, x = powers[: high + 1, some], s[:, some]
+        value = own[high] * x
+        for k in range(high - 1, 0, -1):
+            value += own[k]
+            value *= x
+        found[:, some] += value
+    return found
 
 
 def _degrees(terms: Array, reach: Array) -> Indices:
@@ -294,27 +347,35 @@ class Patchwork:
         """Return the states at times of pieces, a column each."""
         system = self.system
         ticks = self._ticks(piece, t)
-        order = np.argsort(ticks, kind="stable")
-        back = np.empty_like(order)
-        back[order] = np.arange(order.size)
+        order = _in_order(ticks)
         y = np.empty((system.size, t.size))
         t = t[order]
         entry = self.bodies.entries(ticks[order], slice(None))
-        y[: system.n] = self._velocities(entry, t)
-        if system.placed.size:
-            y[system.moved_state] = self._positions(entry[system.moved], t)
+        if not system.placed.size:
+            y[: system.n] = self._led(self.bodies.values(entry, t, self.unit), entry, t)
+        else:
+            velocities, places = self.bodies.both(entry, t, self.unit)
+            y[: system.n] = self._led(velocities, entry, t)
+            y[system.moved_state] = places[system.moved]
             u = self.drives[1][system.carried]
             d = t - self.since
             y[system.carried_state] = self.drives[0][system.carried, None] + d * (
                 u[:, :1] + 0.5 * d * u[:, 1:]
             )
-        return y[:, back]
+        if isinstance(order, slice):
+            return y
+        found = np.empty_like(y)
+        found[:, order] = y
+        return found
 
     def of_body(self, piece: Indices, t: Array, body: int, integrated: bool) -> Array:
         """Return the velocity of one body at times of pieces, or its position."""
         order, entry = self._entries_of(self.bodies, piece, t, body)
-        found = np.empty(t.size)
-        found[order] = (self._positions if integrated else self._velocities)(entry[None], t[order])[0]
+        found, own = np.empty(t.size), t[order]
+        if integrated:
+            found[order] = self.bodies.integrals(entry, own, self.unit)
+        else:
+            found[order] = self._led(self.bodies.values(entry, own, self.unit)[None], entry[None], own)[0]
         return found
 
     def of_row(self, piece: Indices, t: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
@@ -327,19 +388,21 @@ class Patchwork:
         found[3, order] = self.rows.values(entry, t[order], self.unit)
         return found[0].astype(np.int8), found[1].astype(np.int8), found[2], found[3]
 
-    def _entries_of(self, series: Series, piece: Indices, t: Array, thing: int) -> tuple[Indices, Indices]:
+    def _entries_of(
+        self, series: Series, piece: Indices, t: Array, thing: int
+    ) -> tuple[Indices | slice, Indices]:
         """Return an order of times of pieces, and which entries of one thing hold there."""
         ticks = self._ticks(piece, t)
-        order = np.argsort(ticks, kind="stable")
+        order = _in_order(ticks)
         return order, series.entries(ticks[order], thing)
 
     def moved(self, piece: Indices, t: Array) -> Array:
         """Return how far the bodies have come since the start, a column for each time of a piece."""
         ticks = self._ticks(piece, t)
-        order = np.argsort(ticks, kind="stable")
+        order = _in_order(ticks)
         found = np.empty((self.system.n, t.size))
         entry = self.bodies.entries(ticks[order], slice(None))
-        found[:, order] = self._positions(entry, t[order]) - self.begin[:, None]
+        found[:, order] = self.bodies.integrals(entry, t[order], self.unit) - self.begin[:, None]
         return found
 
     @cached_property
@@ -347,26 +410,21 @@ class Patchwork:
         """Positions of the bodies at the start."""
         t = self.starts[:1]
         first = self.bodies.entries(self._ticks(np.zeros(1, dtype=np.intp), t), slice(None))
-        return self._positions(first, t)[:, 0]
+        return self.bodies.integrals(first, t, self.unit)[:, 0]
 
-    def _velocities(self, entry: Indices, t: Array) -> Array:
-        v = self.bodies.values(entry, t, self.unit).reshape(entry.shape)
+    def _led(self, v: Array, entry: Indices, t: Array) -> Array:
+        """Return velocities where those of bodies that a drive leads are equal to its own to the bit."""
         lead = self.bodies.second[entry]
         if self.drives[1].size and (on := lead >= 0).any():
-            # equal to the drive's to the bit
             u = self.drives[1]
             led = u[:, :1] + u[:, 1:] * (t - self.since)
             v[on] = led[lead[on].astype(np.intp), np.broadcast_to(np.arange(t.size), entry.shape)[on]]
         return v
 
-    def _positions(self, entry: Indices, t: Array) -> Array:
-        moved = self.bodies.values(entry, t, self.unit, integrated=True).reshape(entry.shape)
-        return moved + self.bodies.first[entry]
-
     def modes(self, piece: Indices, t: Array) -> tuple[Modes, Modes, Array]:
         """Return modes as the equations know them, modes that rows show, and since when they rest: a column each."""
         ticks = self._ticks(piece, t)
-        order = np.argsort(ticks, kind="stable")
+        order = _in_order(ticks)
         entry = np.empty((self.system.m, t.size), dtype=np.intp)
         entry[:, order] = self.rows.entries(ticks[order], slice(None))
         inner = self.rows.first[entry].astype(np.int8)
@@ -382,10 +440,10 @@ class Patchwork:
     def forces(self, piece: Indices, t: Array) -> Array:
         """Return the forces of held rows at times of pieces, a column each; those of other rows mean nothing."""
         ticks = self._ticks(piece, t)
-        order = np.argsort(ticks, kind="stable")
+        order = _in_order(ticks)
         found = np.empty((self.system.m, t.size))
         entry = self.rows.entries(ticks[order], slice(None))
-        found[:, order] = self.rows.values(entry, t[order], self.unit).reshape(entry.shape)
+        found[:, order] = self.rows.values(entry, t[order], self.unit)
         return found
 
     # -- how it bends ----------------------------------------------------------------------------------------
@@ -411,44 +469,41 @@ class Patchwork:
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
         series, n = self.bodies, self.system.n
-        begins = self.ticks[series.tick.astype(np.intp)]
         low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
-        thing = series.thing.astype(np.intp)
-        t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts - begins)[:, None]
-        entry = np.repeat(np.arange(thing.size), t.shape[1])
-        for k in (0, 1):
-            values = series.values(entry, t.ravel(), self.unit, integrated=k == 1).reshape(t.shape)
-            if k:
-                values += series.first[:, None]
-            np.minimum.at(low[k], thing, values.min(axis=1))
-            np.maximum.at(high[k], thing, values.max(axis=1))
+        for some in _at_once(series.thing.size):
+            begins, thing = self.ticks[series.tick[some]], series.thing[some]
+            t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts[some] - begins)[:, None]
+            entry = np.repeat(np.arange(some.start, some.start + thing.size)[:, None], t.shape[1], axis=1)
+            for k, values in enumerate(series.both(entry, t, self.unit)):
+                np.minimum.at(low[k], thing, values.min(axis=1))
+                np.maximum.at(high[k], thing, values.max(axis=1))
         return low, high
 
     def worst(self, speed: Array, distance: Array) -> Array:
         """Return for each step the largest second derivative, as a part of what is given for each body's."""
-        series = self.bodies
-        bent = (series.degree > 0).nonzero()[0]
         begins, piece = self.steps
         ends = np.append(begins[1:], self.stop)
         h = np.where(np.append(piece[1:] == piece[:-1], True), ends - begins, self.stops[piece] - begins)
-        found = np.zeros(begins.size)
-        if not bent.size:
-            return found
-        own = series.terms[bent]
-        own_begins = self.ticks[series.tick[bent].astype(np.intp)]
-        s = np.abs(self._lasts[bent] - series.origin[bent]) / self.unit
-        k = np.arange(own.shape[1], dtype=float)
-        size = np.abs(own) * s[:, None] ** np.maximum(k - 1, 0)
-        # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-        thing = series.thing[bent].astype(np.intp)
-        rate = (size @ k) / self.unit / distance[thing]
-        lower = np.abs(own) * s[:, None] ** np.maximum(k - 2, 0)
-        bend = np.maximum((lower @ (k * (k - 1))) / self.unit**2 / speed[thing], rate)
+        own_begins, own_ends, bend = self._bends(speed, distance)
         first = np.searchsorted(begins, own_begins, side="left")
-        last = np.maximum(np.searchsorted(begins, self._lasts[bent], side="left"), first + 1)
-        for a, b, value in zip(first.tolist(), last.tolist(), bend.tolist(), strict=True):
-            found[a:b] = np.maximum(found[a:b], value)
-        return found * h * h
+        last = np.maximum(np.searchsorted(begins, own_ends, side="left"), first + 1)
+        return _largest_over(first, last, bend, begins.size) * h * h
+
+    def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
+        """Return of all series that bend when they begin and end, and the largest second derivative of each."""
+        series = self.bodies
+        bent = (series.degree > 0).nonzero()[0]
+        bend = np.empty(bent.size)
+        k = np.arange(series.terms.shape[1], dtype=float)
+        for some in _at_once(bent.size):
+            own = bent[some]
+            size, thing = np.abs(series.terms[own]), series.thing[own]
+            s = (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None]
+            # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
+            rate = (size * s ** np.maximum(k - 1, 0)) @ k / self.unit / distance[thing]
+            lower = (size * s ** np.maximum(k - 2, 0)) @ (k * (k - 1))
+            bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
+        return self.ticks[series.tick[bent]], self._lasts[bent], bend
 
     # -- piece by piece --------------------------------------------------------------------------------------
 
@@ -486,7 +541,7 @@ class Patchwork:
             x = v * powers * (h * self.unit / np.arange(1, width))
             if system.placed.size:
                 coefficients[i, 1:, system.moved_state] = x[system.moved]
-                at = self._positions(own[system.moved, None], ends[i : i + 1])[:, 0]
+                at = self.bodies.integrals(own[system.moved, None], ends[i : i + 1], self.unit)[:, 0]
                 coefficients[i, 0, system.moved_state] = at
                 u, d = self.drives[1][system.carried], ends[i] - self.since
                 step = h * self.unit
@@ -496,16 +551,3 @@ class Patchwork:
                 coefficients[i, 2, system.carried_state] = 0.5 * step * step * u[:, 1]
         last = self.states(np.array([k]), np.array([stop]))[:, 0]
         return Path(ends - t, coefficients, last, True)
-
-
-def shifted(c: Array, s: Array) -> Array:
-    """Return polynomials (a line each) about `s`."""
-    found = c.copy()
-    moved = s.nonzero()[0]
-    count = c.shape[1]
-    for k in range(count if moved.size else 0):
-        value = np.zeros(moved.size)
-        for j in range(count - 1, k - 1, -1):
-            value = value * s[moved] + comb(j, k) * c[moved, j]
-        found[moved, k] = value
-    return found

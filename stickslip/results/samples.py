@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.dependence import BlockPlace
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
+from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
 from stickslip.model.elements import GROUND, Body, Drive, Sampled
 from stickslip.model.modes import Mode
@@ -66,6 +66,12 @@ class Tables:
     normals: Array
     modes: Modes
     inputs: Array
+
+    @cached_property
+    def breakaway(self) -> Array:
+        """Breakaway levels on the side to which rows slip or are pushed."""
+        below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
+        return np.where(below, self.lower, self.upper)
 
 
 @dataclass(frozen=True)
@@ -206,9 +212,7 @@ class Samples:
 
     def breakaway(self, row: str) -> Array:
         """Return the breakaway level on the side to which a row slips or is pushed, in N or N m."""
-        upper, lower = self.levels(row)
-        side = self.mode(row)
-        return np.where((side < 0) | ((side == 0) & (self.force(row) < 0)), lower, upper)
+        return self._read(self.row(row), lambda tables: tables.breakaway)
 
     def relative_velocity(self, row: str) -> Array:
         """Return the relative velocity w of a row, in m/s or rad/s."""
@@ -302,7 +306,7 @@ class Samples:
         upper, lower = self._levels(normals, shown, slow, since)
         forces = self._moving(inner, normals, upper, lower)
         pushed = self._piecewise(q)
-        self._hold(q, forces, pushed)
+        self._hold(q, inner, forces, pushed)
         shows = system.piecewise.is_force.nonzero()[0]
         forces[system.piecewise.row[shows]] = pushed[shows]
         inputs = q[: system.inputs].copy()
@@ -354,11 +358,11 @@ class Samples:
         for key, places in groups.items():
             yield np.frombuffer(key, dtype=np.int16), np.concatenate(places)
 
-    def _hold(self, q: Array, forces: Array, pushed: Array) -> None:
+    def _hold(self, q: Array, inner: Modes, forces: Array, pushed: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         for part, some, own in self.trajectory.by_part(self.piece_of):
-            inner, _, _ = part.modes(own, self.t[some])
-            forces[:, some] = np.where(inner == 0, part.forces(own, self.t[some]), forces[:, some])
+            held = inner[:, some] == 0
+            forces[:, some] = np.where(held, part.forces(own, self.t[some]), forces[:, some])
         system, sets = self.system, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return

@@ -7,14 +7,14 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.checks import file_path
 from stickslip.results.in_a_row import joined
-from stickslip.results.outcome import Drawable, Event, Outcome, Target
+from stickslip.results.outcome import Drawable, Event, Outcome, Target, check_result
 from stickslip.results.samples import Samples
 from stickslip.results.units import units as units_of
 
@@ -37,6 +37,7 @@ def columns(result: Drawable) -> dict[str, NDArray[Any]]:
         from the start, ``heat NAME`` of contacts; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work
         of loads`` and ``work of drives``. Heat, energy and work are left out where only the outputs were kept.
     """
+    check_result(result, "columns")
     parts = [_columns(run.samples) for run in result.runs]
     sizes = [run.samples.t.size for run in result.runs]
     names = dict.fromkeys(name for part in parts for name in part)
@@ -78,6 +79,7 @@ def column_units(result: Drawable) -> dict[str, str]:
     ----------
     result : Result or Joined
     """
+    check_result(result, "column_units")
     scene = result.scene
     found = {"time": "s"}
     for one in (*scene.bodies, *scene.drives):
@@ -108,10 +110,10 @@ def to_csv(result: Drawable, path: Target, *, units: bool | None = None) -> None
     OSError
         If the file cannot be written.
     """
-    found, known = columns(result), column_units(result)
+    target, found, known = file_path(path, "to_csv"), columns(result), column_units(result)
     with_units = None not in result.scene.motions.values() if units is None else units
     heads = [f"{name} [{known[name]}]" if with_units and known[name] else name for name in found]
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
+    with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heads)
         writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
@@ -125,6 +127,7 @@ def summary(result: Drawable) -> dict[str, Any]:
     result : Result or Joined
         Of runs in a row there is a list: outcome, events and counts of each.
     """
+    check_result(result, "summary")
     ended = [how_it_ended(run) for run in result.runs]
     data: dict[str, Any] = ended[0] if len(ended) == 1 else {"runs": ended}
     if result.t.size:
@@ -158,7 +161,8 @@ def to_json(result: Drawable, path: Target) -> None:
     OSError
         If the file cannot be written.
     """
-    Path(path).write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    target = file_path(path, "to_json")
+    target.write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def to_frame(result: Drawable) -> Any:

@@ -52,8 +52,10 @@ class Piece:
         When each row last became held, in s.
     regions : array (p,) of int16
         The region of each piecewise-linear function.
-    impulses : array (2, m) or None
-        Of the rows, with which the motion began, and the energy in J that each row took; None for none.
+    impulses : array (m,) or None
+        Of the rows, with which the motion began; None for none.
+    lost : array (m,) or None
+        The energy in J that each row took with its impulse.
     path : Path or None
         The states; None where only the requested outputs were kept.
     """
@@ -66,6 +68,7 @@ class Piece:
     since: Array = field(repr=False)
     regions: Regions = field(repr=False)
     impulses: Array | None = field(repr=False)
+    lost: Array | None = field(repr=False)
     path: Path | None = field(repr=False)
 
     @property
@@ -81,7 +84,7 @@ class Piece:
         y = patchwork.states(at, t)[:, 0]
         none = np.empty(0, dtype=np.int16)
         stop = float(patchwork.stops[k])
-        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since[:, 0], none, None, path)
+        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since[:, 0], none, None, None, path)
 
 
 @dataclass(frozen=True)

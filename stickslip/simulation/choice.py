@@ -21,20 +21,8 @@ def choose(
 ) -> tuple[str, str]:
     """Return the engine, a key of `METHODS`, and the reason for it.
 
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-        Over the time span.
-    formulation, method : str
-        As `simulate` takes them.
-    duration : float
-        Length of the time span in s: a short run is no stiff one.
-
-    Raises
-    ------
-    ValueError
-        If formulation and method do not go together, or the method cannot follow the scene.
+    Formulation and method are as `simulate` takes them; a run of short `duration` in s is no stiff one. A ValueError
+    says that they do not go together, or that the method cannot follow the scene.
     """
     if formulation == "multiplier" and method in ("auto", "BDF"):
         return "IDA", "forces as unknowns make a differential-algebraic equation"

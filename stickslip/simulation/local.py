@@ -8,7 +8,6 @@ it, and only the bodies that it reaches are expanded anew.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,16 +18,16 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
+from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
-from stickslip.results.patchwork import Patches, Patchwork
+from stickslip.results.patchwork import Patches
+from stickslip.simulation.recorder import Recorder, cause_of
 
-__all__ = ["Ending", "Local"]
+__all__ = ["Local"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Note = Callable[[float, int, int, int, str], None]
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
@@ -37,49 +36,11 @@ _FLUSH = 50
 """Entries for each state after which a run that keeps only outputs hands over what it has."""
 
 
-@dataclass(frozen=True)
-class Ending:
-    """Where the whole scene is to be settled.
-
-    Attributes
-    ----------
-    t : float
-    y : array (size,)
-    labels, since : array (m,)
-    touching, fired : array (m,) of bool
-        Rows whose relative velocity, and whose guard, has come to 0.
-    largest : array (size,)
-        A bound of the sizes of the states before.
-    is_whole : bool
-        Whether the motion from there on is to be followed as a whole.
-    """
-
-    t: float
-    y: Array
-    labels: NDArray[np.int8]
-    since: Array
-    touching: Mask
-    fired: Mask
-    largest: Array
-    is_whole: bool
-
-
 class Local:
     """Follows the motion of a scene part by part.
 
-    Parameters
-    ----------
-    forest : Forest
-    work : Work
-    interruption : Interruption
-    keep : callable
-        Takes a `Patchwork`.
-    note : callable
-        Takes an event: time, row, mode before and after, cause.
-    watch : callable
-        Takes the time of every event; raises where time stands still.
-    flushes : bool
-        Whether what is known is handed over as it comes, to be forgotten.
+    Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. `passed` is told
+    the time and the row of every event; it raises where time stands still.
     """
 
     def __init__(
@@ -87,13 +48,11 @@ class Local:
         forest: Forest,
         work: Work,
         interruption: Interruption,
-        keep: Callable[[Patchwork, int], None],
-        note: Note,
-        watch: Callable[[float, int], None],
-        flushes: bool,
+        recorder: Recorder,
+        passed: Callable[[float, int], None],
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
-        self._keep, self._note, self._watch, self._flushes = keep, note, watch, flushes
+        self._recorder, self._passed = recorder, passed
         self.most_guards = self._held = self._most_held = self._closed = 0
 
     @property
@@ -108,15 +67,17 @@ class Local:
         plain = (order == 0) | ((order == 1) & guards.is_velocity)
         return bool(motion.stretch.is_straight and plain.all() and motion.horizon > 0)
 
-    def follow(self, now: Settled) -> Ending:
-        """Follow a motion and all its events to where the whole scene is to be settled."""
+    def follow(self, now: Settled) -> tuple[Situation, bool]:
+        """Follow a motion and all its events to where the whole scene is to be settled.
+
+        Returns the situation there, and whether the motion from there on is to be followed as a whole.
+        """
         motion, guards = now.motion, now.guards
         self._now = now
         started = np.zeros(motion.system.m, dtype=bool)
         started[guards.row[guards.order == 1]] = True
         parts = self._parts = Parts(self._forest, motion, now.labels, started, self._work)
         self._work.starts += 1
-        self._began = motion.t
         everything = np.arange(self._forest.n)
         self._held = int(np.count_nonzero(parts.mode == 0))
         self._closed = int(np.count_nonzero(parts.mode != OPEN))
@@ -128,7 +89,7 @@ class Local:
 
     # -- the loop --------------------------------------------------------------------------------------------
 
-    def _loop(self) -> Ending:
+    def _loop(self) -> tuple[Situation, bool]:
         parts = self._parts
         due, is_root = parts.due, parts.is_root
         tie = _TIE * parts.unit
@@ -218,7 +179,7 @@ class Local:
         if outcome is None or outcome.mode[0] == before:
             parts.since[j] = since
             return False
-        self._watch(t, j)
+        self._passed(t, j)
         self._change(t, tree, outcome, groups, patch, where, before)
         return True
 
@@ -301,14 +262,7 @@ class Local:
         for j, a, b in sorted(
             zip(which.tolist(), old[changed].tolist(), mode[changed].tolist(), strict=True)
         ):
-            fired = j == rows[0]
-            if a == 0:
-                cause = "breakaway" if fired else "breakaway with another event"
-            elif b == 0:
-                cause = "relative velocity 0" if fired else "stuck with another event"
-            else:
-                cause = "reversal"
-            self._note(t, j, a, b, cause)
+            self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
 
     def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
         """Form the groups that go on together."""
@@ -346,10 +300,10 @@ class Local:
         parts = self._parts
         self._last = t
         if (
-            self._flushes
+            not self._recorder.keeps_paths
             and self._patches.entries > _FLUSH * (self._forest.n + self._forest.m) * parts.velocity.shape[1]
         ):
-            self._keep(self._patches.until(t), self._most_held)
+            self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
             self._begin(t)
             self._enter_bodies(np.arange(self._forest.n))
             self._enter_rows((parts.mode == 0).nonzero()[0])
@@ -369,10 +323,10 @@ class Local:
             rows, parts.row_origin[rows], parts.mode[rows], parts.since[rows], parts.watched[rows]
         )
 
-    def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> Ending:
+    def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> tuple[Situation, bool]:
         """Hand over what is known, and say where the whole scene is to be settled."""
         parts, system = self._parts, self._now.motion.system
-        self._keep(self._patches.until(t), self._most_held)
+        self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
         fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
         if not is_whole:
             fired[fired_rows] = True
@@ -381,4 +335,4 @@ class Local:
         largest = np.abs(y)
         largest[: system.n] = np.maximum(largest[: system.n], parts.speed)
         since = np.where(parts.label == 0, parts.since, t)
-        return Ending(t, y, parts.label.copy(), since, touching, fired, largest, is_whole)
+        return Situation(t, y, parts.label.copy(), since, touching, fired, largest), is_whole

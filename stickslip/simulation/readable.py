@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.checks import file_path, numbers
 from stickslip.model.modes import Mode
 from stickslip.results import shares, tables
 from stickslip.results.energy import EnergyLedger, energy
@@ -23,7 +23,7 @@ else:
     # what the protocol declares would hide the fields of the classes that have them
     Drawable = object
 
-__all__ = ["Readable", "times_within"]
+__all__ = ["Readable", "check_count", "times_within"]
 
 _MOST_TIMES = 100_000_000
 
@@ -294,7 +294,9 @@ class Readable(Drawable):
         """
         from stickslip.plots.report import report
 
-        Path(path).write_text(report(self, title), encoding="utf-8")
+        if not isinstance(title, str):
+            raise TypeError(f"report: title must be a text, got {title!r}")
+        file_path(path, "report").write_text(report(self, title), encoding="utf-8")
 
     def _repr_html_(self) -> str:
         """Return figure, events and last velocities, as notebooks show them."""
@@ -329,10 +331,18 @@ def times_within(times: int | Sequence[float] | Array, start: float, stop: float
         if times > _MOST_TIMES:
             raise ValueError(f"sample: give at most {_MOST_TIMES} times, or times of your own choice")
         return np.linspace(start, stop, int(times))
-    try:
-        wanted = np.array(times, dtype=float)
-    except (TypeError, ValueError):
-        raise TypeError(f"sample: give times or their number, got {times!r}") from None
-    if wanted.ndim != 1:
-        raise ValueError(f"sample: give times in one line, got an array of shape {wanted.shape}")
-    return wanted
+    if not isinstance(times, Iterable) or isinstance(times, str):
+        raise TypeError(f"sample: give times or their number, got {times!r}")
+    return numbers(times, "sample: times")
+
+
+def check_count(points: Any) -> None:
+    """Refuse what is no number of times to add.
+
+    Raises
+    ------
+    TypeError
+        If it is no whole number from 0 on.
+    """
+    if isinstance(points, bool) or not isinstance(points, (int, np.integer)) or points < 0:
+        raise TypeError(f"fit_for_plot: points must be a whole number from 0 on, got {points!r}")

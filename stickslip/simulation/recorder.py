@@ -18,7 +18,7 @@ from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
 from stickslip.simulation.result import Result
 
-__all__ = ["Recorder"]
+__all__ = ["Recorder", "cause_of"]
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,6 @@ class Recorder:
 
     Parameters
     ----------
-    system : System
     span : (float, float, bool)
         Start and end in s, and whether a fixed-step method reads the loads.
     outputs : array or None
@@ -38,7 +37,6 @@ class Recorder:
 
     Attributes
     ----------
-    events : list of Event
     fewest_states : int
         Fewest velocities, positions and bristles that did not depend on others.
     """
@@ -66,13 +64,10 @@ class Recorder:
         if len(self._balances) < self._most_balances:
             equations = motion.equations
             self._balances.setdefault(equations.is_held.tobytes(), equations.balance)
-        if self._outputs is None:
+        times = self._outputs_until(stop)
+        if not times.size:
             return
-        first = self._done
-        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
-        if self.keeps_paths or self._done == first:
-            return
-        taus = np.clip(self._outputs[first : self._done] - motion.t, 0.0, path.taus[-1])
+        taus = np.clip(times - motion.t, 0.0, path.taus[-1])
         self._states.append(motion.exact(taus, path.at(taus).T))
         self._counts.append(taus.size)
         self._pieces.append(self._piece(now, stop, None))
@@ -82,18 +77,22 @@ class Recorder:
         self.fewest_states = min(self.fewest_states, self._system.size - held)
         if self.keeps_paths:
             self._pieces.append(patchwork)
-        if self._outputs is None:
+        times = self._outputs_until(patchwork.stop)
+        if not times.size:
             return
-        first, stop = self._done, patchwork.stop
-        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
-        if self.keeps_paths or self._done == first:
-            return
-        times = self._outputs[first : self._done]
         piece = np.searchsorted(patchwork.starts, times, side="right") - 1
         self._states.append(patchwork.states(piece, times))
         numbers, counts = np.unique(piece, return_counts=True)
         self._counts += counts.tolist()
         self._pieces += [Piece.of(patchwork, k, None) for k in numbers.tolist()]
+
+    def _outputs_until(self, stop: float) -> Array:
+        """Return the outputs since the last ones that have to be computed now: none where paths are kept."""
+        if self._outputs is None:
+            return np.empty(0)
+        first = self._done
+        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
+        return self._outputs[: 0 if self.keeps_paths else self._done][first:]
 
     @staticmethod
     def _piece(now: Settled, stop: float, path: Path | None) -> Piece:
@@ -107,7 +106,8 @@ class Recorder:
             now.labels,
             motion.since,
             equations.regions,
-            now.impulses,
+            None if now.impact is None else now.impact.impulses,
+            None if now.impact is None else now.impact.lost,
             path,
         )
 
@@ -134,3 +134,12 @@ class Recorder:
     def _kept(self, trajectory: Trajectory, times: Array) -> Samples:
         states = np.concatenate([np.empty((self._system.size, 0)), *self._states], axis=1)
         return Samples(trajectory, times, states, np.repeat(np.arange(len(self._pieces)), self._counts))
+
+
+def cause_of(before: int, after: int, fired: bool) -> str:
+    """Return what explanations call the change of a friction contact, at its limit or with another row's event."""
+    if before == 0:
+        return "breakaway" if fired else "breakaway with another event"
+    if after == 0:
+        return "relative velocity 0" if fired else "stuck with another event"
+    return "reversal"

@@ -18,7 +18,7 @@ from stickslip.results.outcome import Event, Target
 from stickslip.results.samples import Samples
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
-from stickslip.simulation.readable import Readable, times_within
+from stickslip.simulation.readable import Readable, check_count, times_within
 
 __all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
 
@@ -150,8 +150,10 @@ class Result(Readable):
             If `t` is no time, a time lies outside, or only the requested outputs were kept.
         """
         given = np.asarray(t)
-        if given.dtype.kind not in "iuf":
-            raise TypeError(f"a result is called with times in s, got {t!r}; give numbers")
+        if given.dtype.kind not in "iuf" or given.ndim > 1:
+            raise TypeError(
+                f"a result is called with times in s, got {t!r}; give a number, or numbers in one line"
+            )
         times = np.atleast_1d(given.astype(float))
         states = Samples.at_times(self.trajectory, times).y
         return states[:, 0] if np.ndim(t) == 0 else states
@@ -182,6 +184,7 @@ class Result(Readable):
         points : int
             About how many evenly spaced times to add.
         """
+        check_count(points)
         if not self.trajectory.is_dense:
             return self
         at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +23,14 @@ from stickslip.events.endings import (
     until_unseen_crossing,
 )
 from stickslip.events.impact import struck
-from stickslip.events.settle import Settled, Situation, carried_on, settle
+from stickslip.events.search import Situation
+from stickslip.events.settle import Settled, carried_on, only_bends, settle
 from stickslip.model.modes import Mode
+from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
-from stickslip.simulation.watching import Borders, Watch
+from stickslip.simulation.recorder import Recorder, cause_of
+from stickslip.simulation.tolerances import Tolerances
+from stickslip.simulation.watching import Watch
 
 __all__ = ["Run"]
 
@@ -46,69 +48,37 @@ _ROUNDOFF = 1e-12
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
-class Keeper(Protocol):
-    """Keeps what a run computes."""
-
-    def keep(self, now: Settled, path: Path, stop: float) -> None:
-        """Keep the path of a motion that ends at time `stop`."""
-        ...
-
-    def note(self, t: float, row: int, before: int, after: int, cause: str) -> None:
-        """Keep an event."""
-        ...
-
-    def note_user(self, t: float, name: str, sign: int) -> None:
-        """Keep an event of the user."""
-        ...
-
-
 class Run:
-    """One simulation under way.
+    """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    Parameters
+    Attributes
     ----------
-    system : System
-    loads : Loads
-    engine : Engine
-    keeper : Keeper
-    span : (float, float)
-    margin : float
-        Velocity in m/s or rad/s of the relaxation check.
-    rebound : float
-        Velocity in m/s or rad/s below which stops do not rebound.
-    quiet : float
-        Velocity in m/s or rad/s that the tolerances leave uncertain.
-    blur : float
-        Part of the forces that is uncertain.
-    uncertain : callable
-        Returns the velocity in m/s or rad/s by which a row has to pass 0 before that is an event, from the largest
-        velocity so far: 0 where the engine is exact.
+    start, stop, t : float
+        The time span, and how far it is, in s.
+    now : Settled or None
+        The motion from there on.
+    stopped : str or None
+        The user's event that has stopped it.
     """
 
-    def __init__(  # noqa: PLR0913  (what an engine leaves uncertain has five names)
+    def __init__(
         self,
         system: System,
         loads: Loads,
         engine: Engine,
-        keeper: Keeper,
+        recorder: Recorder,
         span: tuple[float, float],
-        margin: float,
-        rebound: float,
-        quiet: float,
-        blur: float,
-        uncertain: Callable[[float], float],
+        wanted: Tolerances,
     ) -> None:
-        self.system, self.loads, self.engine, self.keeper = system, loads, engine, keeper
-        self.t, self._stop = span
-        self._start = self.t
-        self._margin, self._rebound, self._quiet, self._blur = margin, rebound, quiet, blur
-        self._uncertain, self._fastest = uncertain, 0.0
+        self.system, self.loads, self.engine, self.recorder = system, loads, engine, recorder
+        self.start, self.stop = span
+        self.t, self._wanted, self._fastest = self.start, wanted, 0.0
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
-        self.watch_events: Watch | None = None
+        self.watch: Watch | None = None
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, loads) if tables else None
         self.stopped: str | None = None
@@ -121,44 +91,33 @@ class Run:
         y = system.at_start()
         if system.sampled:
             q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
-            y = system.sample(self.t, self._start, q, y)
+            y = system.sample(self.t, self.start, q, y)
         if self._borders is not None:
             self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        hit = self._strike_at_start(y) if system.has_stops else nothing
-        situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
-        uncertain = self._uncertain(self._fastest)
-        self.now = settle(system, self.loads, situation, self._quiet, self._blur, uncertain)
+        hit, sides = self._stops_at_start(y)
+        situation = Situation(self.t, y, None, since, nothing, nothing, sides=sides)
+        uncertain = self._wanted.uncertain(self._fastest)
+        self.now = settle(system, self.loads, situation, self._wanted.quiet, self._wanted.blur, uncertain)
         for j in hit.nonzero()[0].tolist():
-            self.keeper.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
+            self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
-    def _strike_at_start(self, y: Array) -> Mask:
-        """Let stops rebound, in place, that start at a limit and go on into it; return which."""
-        system = self.system
-        q = self.loads.after(self.t).at(self.t)
+    def _stops_at_start(self, y: Array) -> tuple[Mask, Modes]:
+        """Let stops rebound, in place, that start at a limit and go on into it.
+
+        Returns which do, and at which limits stops rest then.
+        """
+        system, q = self.system, self.loads.after(self.t).at(self.t)
         sides, _ = at_stops(system, y, q)
         u = system.drive_velocities(q)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
-        rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
-        if system.drives:
-            rough += _ROUNDOFF * (system.abs_D @ np.abs(u))
+        rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
         if hit.any():
             y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
-        return hit
-
-    def _sides(self, y: Array) -> Modes:
-        """Return at which limits stops rest at the start."""
-        system, q = self.system, self.loads.after(self.t).at(self.t)
-        sides, _ = at_stops(system, y, q)
-        sides[sides * system.relative_velocity(y, q) < -self._rebound] = 0
-        return sides
-
-    def to_end(self) -> None:
-        """Advance, settle, repeat."""
-        while self.t < self._stop:
-            self.advance()
+        sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0
+        return hit, sides
 
     def advance(self) -> None:
         """Follow the motion to its end, keep it, and settle the next one."""
@@ -182,16 +141,16 @@ class Run:
         if self._borders is not None:
             path = self._borders.cut(motion, path)
         path = until_unseen_crossing(motion, path, now.guards.uncertain)
-        path, ones = relaxed(motion, path, self._margin)
+        path, ones = relaxed(motion, path, self._wanted.margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
         stop = motion.stretch.stop
         if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= _SAME_TIME * abs(stop):
             # the break itself: what was added up to it has been rounded
             t = stop
-        if self.watch_events is not None:
-            path, t = self._note_crossings(motion, path, t, self.watch_events)
-        self.keeper.keep(now, path, t)
+        if self.watch is not None:
+            path, t = self._note_crossings(motion, path, t, self.watch)
+        self.recorder.keep(now, path, t)
         if now.guards.uncertain:
             self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
         if self.stopped is not None:
@@ -203,7 +162,7 @@ class Run:
         """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
         for one in watch.crossings(motion, path):
             at = t if one.tau >= path.taus[-1] else motion.t + one.tau
-            self.keeper.note_user(float(at), one.event.name, one.sign)
+            self.recorder.note_user(float(at), one.event.name, one.sign)
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
@@ -214,24 +173,23 @@ class Run:
     def _follow(self, now: Settled, local: Local) -> None:
         """Follow a motion and all events that can be settled where they are, up to one that cannot."""
         motion = now.motion
-        ending = local.follow(now)
+        end, self._is_whole = local.follow(now)
+        assert end.labels is not None
         self.most_guards = max(self.most_guards, local.most_guards)
-        t, hit = ending.t, bool(ending.fired.any())
-        self.now = replace(now, labels=ending.labels)
+        t, before, hit = end.t, end.labels, bool(end.fired.any())
+        self.now = replace(now, labels=before)
         self._watch_progress(t, hit)
-        if t >= self._stop or local.is_interrupted:
+        if t >= self.stop or local.is_interrupted:
             return
         self.restarts += 1
-        self._is_whole = ending.is_whole
-        path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, ending.y.size)), ending.y, hit)
-        before = ending.labels
-        jump = jumped(motion, self.loads, path, t, before, np.empty(0, dtype=np.intp), self._rebound, True)
-        touching = ending.touching | ((before == 0) & ~jump.parted)
-        situation = Situation(t, jump.y, before, ending.since, touching, ending.fired, ending.largest)
-        self._settle(situation, before, [], jump)
+        path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
+        none = np.empty(0, dtype=np.intp)
+        jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
+        touching = end.touching | ((before == 0) & ~jump.parted)
+        self._settle(end._replace(y=jump.y, touching=touching), before, [], jump)
 
-    def watch(self, t: float, j: int) -> None:
-        """Go on to an event of a row."""
+    def passed(self, t: float, j: int) -> None:
+        """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
         self._watch_progress(t, True)
         self.restarts += 1
@@ -239,13 +197,18 @@ class Run:
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion = now.motion
         self._watch_progress(t, path.has_event and not now.guards.is_border.any())
-        if t >= self._stop:
+        if t >= self.stop:
             return
         self.restarts += 1
         system, held = self.system, self._sampled(motion, path, t)
         # where tables are, a motion may have been followed only so far
         paused = t < motion.stretch.stop and self.loads.regions == motion.regions
-        if not (path.has_event or ones) and (paused or self.loads.goes_on(t)):
+        goes_on = not (path.has_event or ones) and (
+            paused
+            or self.loads.goes_on(t)
+            or only_bends(now, self.loads.after(t), t, path.last, path.largest)
+        )
+        if goes_on:
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)
@@ -255,10 +218,15 @@ class Run:
                 return
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
-        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors
+        # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         is_exact = not now.guards.uncertain
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, self._rebound, is_exact)
-        touching = at.touching | (before == 0) & ~jump.parted
+        rebound = self._wanted.rebound
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
+        at_rest = (before == 0) & ~jump.parted
+        if motion.equations.open.size:
+            w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
+            at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= self._wanted.quiet)
+        touching = at.touching | at_rest
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
@@ -276,7 +244,6 @@ class Run:
             at.let_go,
             motion.equations.regions,
             jump.sides,
-            jump.impulses,
             path.touched,
         )
         self._settle(situation, before, ones, jump)
@@ -284,8 +251,10 @@ class Run:
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired = situation.t, situation.fired
-        uncertain = self._uncertain(self._fastest)
-        self.now = settle(self.system, self.loads, situation, self._quiet, self._blur, uncertain)
+        wanted = self._wanted
+        uncertain = wanted.uncertain(self._fastest)
+        settled = settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
+        self.now = settled if jump.impact is None else replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
             self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
@@ -296,7 +265,7 @@ class Run:
         if not system.sampled or t != motion.stretch.stop:
             return path.last[system.first_block :]
         q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
-        return system.sample(t, self._start, q, path.last)[system.first_block :]
+        return system.sample(t, self.start, q, path.last)[system.first_block :]
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None
@@ -313,18 +282,16 @@ class Run:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"
-        elif before == 0:
-            cause = "breakaway" if fired else "breakaway with another event"
-        elif after == 0:
-            cause = "relative velocity 0" if fired else "stuck with another event"
+        elif before and after and jump.impact is not None and jump.parted[j]:
+            cause = "jump of velocities"
         else:
-            cause = "jump of velocities" if jump.impulses is not None and jump.parted[j] else "reversal"
+            cause = cause_of(before, after, fired)
         self._recent = [*self._recent[-19:], j]
-        self.keeper.note(t, j, before, after, cause)
+        self.recorder.note(t, j, before, after, cause)
 
     def _watch_progress(self, t: float, hit: bool) -> None:
         """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
-        whole = self._stop - self._start
+        whole = self.stop - self.start
         stands = t - self.t <= 1e-14 * whole
         self.t = t
         self._idle = self._idle + 1 if stands else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
 from collections.abc import Iterable
 from typing import Any, get_args
 
@@ -15,7 +14,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
-from stickslip.events.settle import Inconsistent
+from stickslip.events.search import Inconsistent
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
@@ -33,11 +32,6 @@ __all__ = ["compiled", "simulate"]
 
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
 _FORMULATIONS = get_args(Formulation)
-_BLUR = 1e-12
-"""Part of the forces that is uncertain at least."""
-
-_REBOUND = 1e-11
-"""Part of the scene's velocities below which stops do not rebound in the series engine."""
 
 
 def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
@@ -127,93 +121,63 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
-    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen.resolution)
+    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
     if system.dependence is not None:
         system.dependence.forget()
     task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
-    blur = max(_BLUR, chosen.force_uncertainty * wanted.rtol)
     recorder = Recorder(system, span, outputs, dense_output)
-    # the series knows velocities to roundoff: so small rebounds are real
-    exact = name == "series" and margin is None
-    rebound = _REBOUND * wanted.speed if exact else wanted.margin
     engine = chosen.make(task)
-    uncertain = _nothing if name == "series" or step is not None else wanted.passed
-    resolved = (wanted.margin, rebound, wanted.quiet, blur, uncertain)
-    run = Run(system, loads, engine, recorder, (start, stop), *resolved)
+    run = Run(system, loads, engine, recorder, (start, stop), wanted)
     if watched:
-        run.watch_events = Watch(system, watched, loads.period)
+        run.watch = Watch(system, watched, loads.period)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
-        run.local = Local(
-            forest,
-            engine.work,
-            task.interruption,
-            recorder.keep_patchwork,
-            recorder.note,
-            run.watch,
-            not recorder.keeps_paths,
-        )
-    return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
-
-
-def _nothing(fastest: float) -> float:
-    """Return what is uncertain where an engine makes no errors."""
-    return 0.0
+        run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
+    return _Simulation(run, task, chosen.title).to_end(progress)
 
 
 _MANY = 16
 """Bodies from which events are followed one by one where they are."""
 
-_FORESTS: weakref.WeakKeyDictionary[System, Forest] = weakref.WeakKeyDictionary()
-_COMPILED: dict[int, System] = {}
-
 
 def compiled(scene: Scene) -> System:
     """Return the scene as constant matrices, built once for each scene object."""
-    known = _COMPILED.get(id(scene))
-    if known is None:
-        known = _COMPILED[id(scene)] = System(scene)
-        # the entry of a scene that nobody holds would keep it alive
-        weakref.finalize(scene, _COMPILED.pop, id(scene), None)
-    return known
+    if "system" not in scene.derived:
+        scene.derived["system"] = System(scene)
+    system: System = scene.derived["system"]
+    return system
 
 
 def _forest(system: System, loads: Loads) -> Forest | None:
-    """Return which bodies reach which where events can be followed one by one, built once for each system."""
+    """Return which bodies reach which where events can be followed one by one, built once for each scene."""
     if system.n < _MANY or Forest.why_not(system, loads) is not None:
         return None
-    if system not in _FORESTS:
-        _FORESTS[system] = Forest(system)
-    return _FORESTS[system]
+    known = system.scene.derived
+    if "forest" not in known:
+        known["forest"] = Forest(system)
+    forest: Forest = known["forest"]
+    return forest
 
 
 class _Simulation:
     """A run with its progress bar, its way out when something fails, and its counts."""
 
-    def __init__(
-        self,
-        run: Run,
-        recorder: Recorder,
-        task: Task,
-        span: tuple[float, float],
-        title: str,
-    ) -> None:
-        self._run, self._recorder, self._task, self._title = run, recorder, task, title
-        self._start, self._stop = span
+    def __init__(self, run: Run, task: Task, title: str) -> None:
+        self._run, self._recorder, self._task, self._title = run, run.recorder, task, title
         self._calls, self._samples = self._function_calls, run.system.samples
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
         run, interruption = self._run, self._task.interruption
-        bar = _bar(self._stop - self._start) if progress else None
+        bar = _bar(run.stop - run.start) if progress else None
         if bar is not None:
-            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - run.start)
         try:
             with interruption:
                 run.begin()
-                while run.t < self._stop and run.stopped is None:
+                while run.t < run.stop and run.stopped is None:
                     run.advance()
                     if bar is not None:
-                        _advance_bar(bar, run.t - self._start)
+                        _advance_bar(bar, run.t - run.start)
                     if interruption.pressed:
                         raise KeyboardInterrupt
         except SolverFailure as failure:

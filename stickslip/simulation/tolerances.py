@@ -1,4 +1,4 @@
-"""Natural scales of a scene, so that tolerances mean the same whatever the units."""
+"""Tolerances from the natural scales of a scene, so that they mean the same whatever the units."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.base import Method
 from stickslip.equations.system import System
 from stickslip.model.signals import Signal
 
@@ -21,10 +22,16 @@ _TIMES, _AT_MOST = 100.0, 1e-3
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
+_BLUR = 1e-12
+"""Part of the forces that is uncertain at least."""
+
+_REBOUND = 1e-11
+"""Part of the scene's velocities below which stops do not rebound where the engine is exact."""
+
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What the solver is asked for.
+    """What the solver is asked for, and what it leaves uncertain.
 
     Attributes
     ----------
@@ -33,26 +40,34 @@ class Tolerances:
         For each state.
     margin : float
         Relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest.
+    rebound : float
+        Relative velocity in m/s or rad/s below which stops do not rebound.
     quiet : float
         Velocity in m/s or rad/s that the tolerances leave uncertain.
+    blur : float
+        Part of the forces that is uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
+    has_errors : bool
+        Whether velocities have errors where they pass 0: not where the engine is exact, or events are at step ends.
     """
 
     rtol: float
     atol: Array
     margin: float
+    rebound: float
     quiet: float
+    blur: float
     speed: float
+    has_errors: bool
 
-    def passed(self, fastest: float) -> float:
+    def uncertain(self, fastest: float) -> float:
         """Return the velocity by which a solver has to go beyond 0 before 0 is passed.
 
-        Parameters
-        ----------
-        fastest : float
-            The largest velocity in m/s or rad/s so far: a solver's errors are parts of the velocities that it has seen.
+        Its errors are parts of the velocities that it has seen: `fastest` is the largest so far.
         """
+        if not self.has_errors:
+            return 0.0
         speed = max(self.speed, fastest)
         return _added_up(self.quiet + self.rtol * (speed - self.speed), speed)
 
@@ -64,12 +79,13 @@ def tolerances(
     rtol: float,
     atol: float,
     margin: float | None,
-    resolution: float,
+    method: Method,
+    is_exact: bool,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, and both so that a pre-slip velocity is `resolution` times what they leave uncertain.
+    them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain.
 
     Raises
     ------
@@ -77,7 +93,9 @@ def tolerances(
         If a pre-slip velocity is too small for double precision.
     """
     speed, frequency = _speed(system, start, stop)
-    finest = _finest_velocity(system)
+    # the smallest pre-slip velocity
+    finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
+    resolution = method.resolution
     if speed > 0:
         atol = min(atol, rtol * speed)
         if resolution * (rtol * speed + atol) > finest:
@@ -95,7 +113,12 @@ def tolerances(
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
     quiet = rtol * speed + atol
-    return Tolerances(rtol, each, _added_up(quiet, speed) if margin is None else margin, quiet, speed)
+    blur = max(_BLUR, method.force_uncertainty * rtol)
+    relaxed = _added_up(quiet, speed) if margin is None else margin
+    # an exact engine knows velocities to roundoff: so small rebounds are real
+    rebound = _REBOUND * speed if is_exact and margin is None else relaxed
+    has_errors = not (is_exact or method.takes_steps)
+    return Tolerances(rtol, each, relaxed, rebound, quiet, blur, speed, has_errors)
 
 
 def _added_up(quiet: float, speed: float) -> float:
@@ -109,11 +132,6 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
         f"for double precision; make it at least {2 * resolution * _FINEST * speed:.1g}, or use DryFriction"
     )
-
-
-def _finest_velocity(system: System) -> float:
-    """Return the smallest pre-slip velocity of the scene, infinite without one."""
-    return float(system.laws.resolution[system.alive].min(initial=math.inf))
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float]:

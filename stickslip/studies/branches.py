@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.studies.cycles import Cycle
+from stickslip.studies.parameters import named_parameters
 
 __all__ = ["Branch", "BranchPoint"]
 
@@ -85,6 +86,12 @@ class Branch:
     def stable(self) -> NDArray[np.bool_]:
         """Whether each cycle is stable."""
         return np.array([one is not None and one.stable for one in self.cycles])
+
+    @property
+    def unit(self) -> str:
+        """The SI unit of the parameter, empty where it has none or no cycle was found."""
+        scenes = (one.scene for one in self.cycles if one is not None)
+        return next((named_parameters(s, [self.parameter], "Branch")[0].unit(s) for s in scenes), "")
 
     def amplitudes(self, body: str) -> Array:
         """Return half of the ranges of a body's position in m or rad, NaN where there is no cycle.

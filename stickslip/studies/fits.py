@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import finite, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import Result, SimulationError
@@ -269,10 +269,13 @@ def _measured(scene: Scene, data: Any) -> tuple[Measured, ...]:
             )
         if not isinstance(series, (tuple, list)) or len(series) not in (2, 3):
             raise TypeError(f"fit: data {name!r} must be (times, values) or (times, values, sigma)")
-        t, values = (np.array(x, dtype=float) for x in series[:2])
-        if t.ndim != 1 or t.shape != values.shape or not t.size:
+        t, values = (
+            numbers(x, f"fit: data {name!r}: {what}")
+            for x, what in zip(series, ("times", "values"), strict=False)
+        )
+        if t.size != values.size or not t.size:
             raise ValueError(
-                f"fit: data {name!r}: times and values must be equally many, got {t.shape}, {values.shape}"
+                f"fit: data {name!r}: times and values must be equally many, got {t.size} and {values.size}"
             )
         if not (np.isfinite(t).all() and np.isfinite(values).all()):
             raise ValueError(f"fit: data {name!r} must be finite; leave out what is missing")

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.model.checks import numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.arcs import ERRORS, Arc, Place
@@ -85,14 +86,9 @@ def continue_cycle(
         raise ValueError(
             f"continue_cycle: {parameter!r} says where a motion starts; a cycle does not depend on it: name another one"
         )
-    wanted = np.array(values, dtype=float)
+    wanted = numbers(values, "continue_cycle: values")
     steps = np.diff(wanted)
-    if (
-        wanted.ndim != 1
-        or wanted.size < 1
-        or not (np.all(steps > 0) or np.all(steps < 0))
-        or not np.isfinite(wanted).all()
-    ):
+    if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
         raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
     follower = Follower(one, period, accuracy)
     if isinstance(scene, Cycle):

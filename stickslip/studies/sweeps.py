@@ -5,6 +5,7 @@ Nothing here knows friction: the function takes the parameters by name and retur
 
 from __future__ import annotations
 
+import inspect
 import math
 import multiprocessing
 import os
@@ -92,6 +93,7 @@ def sweep(
         raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
 
     log = None if save is None else SweepLog(Path(save), parameters)
+    _check_takes(function, parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()
     total = math.prod(len(axis) for axis in parameters.values())
     todo = (task for task in tasks(parameters) if task[0] not in done)
@@ -118,6 +120,20 @@ def sweep(
     except KeyboardInterrupt:
         raise SweepInterrupted(collect(parameters, done)) from None
     return collect(parameters, done)
+
+
+def _check_takes(function: Callable[..., Any], parameters: Mapping[str, Any]) -> None:
+    """Refuse a function that does not take the parameters by name; one that does not tell is taken as it is."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return
+    try:
+        signature.bind(**dict.fromkeys(parameters))
+    except TypeError:
+        raise TypeError(
+            f"sweep: function must take {', '.join(parameters)} by name, but it is declared as {signature}"
+        ) from None
 
 
 def _parameters(grid: Mapping[str, Sequence[Any] | np.ndarray]) -> dict[str, np.ndarray]:

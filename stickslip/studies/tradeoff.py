@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from stickslip.model.scene import Scene
+from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
+from stickslip.simulation.arguments import span as checked_span
 from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
@@ -144,9 +146,9 @@ class Tradeoff:
 
     def plot(self, ax: Any = None) -> Any:
         """Draw error against time, with the limit of the reference, and return the axes."""
-        from stickslip.plots import studies
+        from stickslip.plots.work_precision import tradeoff as draw
 
-        return studies.tradeoff(self, ax=ax)
+        return draw(self, ax=ax)
 
     def _repr_html_(self) -> str:
         """Return figure and table, as notebooks show them."""
@@ -214,8 +216,7 @@ def tradeoff(
         )
     if not (isinstance(budget, int | float) and 0 < budget < math.inf):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
-    start, stop = (float(t) for t in t_span)
-    span = (start, stop)
+    span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
@@ -237,7 +238,7 @@ def tradeoff(
         repeats=min(max(int(left / once), 1), _REPEATS),
         warmup=0,
         progress=progress,
-        error_label="velocity error / (m/s or rad/s)" if error == "velocity" else "error",
+        error_label=f"largest velocity error [{units(scene).velocity}]" if error == "velocity" else "error",
     )
     return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped), creeping)
 

@@ -287,3 +287,34 @@ def test_a_one_way_clutch_locks_where_a_strong_damper_lets_it_turn_hardly(option
     assert [(e.contact, e.before, e.after) for e in result.events] == [("clutch", -1, 0)]
     assert result.events[0].t == pytest.approx(math.log1p(2e6) / 1e6, rel=1e-4)
     assert result.force("clutch")[-1] == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_what_is_beyond_0_has_not_died_away_whatever_pushes(options: dict[str, Any]) -> None:
+    """A hundredth of the 100 N on 1 kg is left: 0.5 m/s turn round at 0.5 s. An open contact tells, and tells once."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=0.5),
+        Body("other", inertia=1.0, velocity=1.0),
+        Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=piecewise_linear([2.0, 3.0], [0.0, 1.0])),
+        Contact("held", "other", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+        Force("b", 100.0),
+        Force("b", -101.0),
+    )
+    result = simulate(scene, (0.0, 1.5), rtol=1e-3, atol=1e-5, **options)
+    assert [(e.contact, int(e.after)) for e in result.events] == [("open", -1), ("held", 0)]
+    assert [e.t for e in result.events] == pytest.approx([0.5, 0.5], abs=1e-3)
+    assert result.velocity("b")[-1] == pytest.approx(-1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_an_open_contact_that_closes_does_not_stop_what_moves(options: dict[str, Any]) -> None:
+    """Of 31 N 1.5 N are left from 1 s on, little beside all forces. At 3 s the contact closes, with 0.2 (t - 3) N."""
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("brake", "b", GROUND, DryFriction(0.3, 0.295), normal=100.0),
+        Contact("open", "b", GROUND, DryFriction(0.3, 0.2), normal=piecewise_linear([3.0, 4.0], [0.0, 1.0])),
+        Force("b", piecewise_linear([0.5, 1.0, 1.0], [0.0, 0.0, 31.0])),
+    )
+    result = simulate(scene, (0.0, 4.0), rtol=1e-3, atol=1e-5, **options)
+    assert result.mode("open")[-1] == 1
+    assert result.velocity("b")[-1] == pytest.approx(1.5 * 3 - 0.1, abs=5e-3)

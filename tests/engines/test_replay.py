@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from math import exp
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
 from stickslip.engines.replay import Replay, first_step
 from stickslip.engines.sundials import CVODE
 
@@ -66,3 +69,22 @@ def test_the_polynomials_are_those_of_the_steps(method: str, watched: bool) -> N
 def test_the_first_step_bends_by_less_than_the_tolerance() -> None:
     assert first_step(np.array([8.0]), np.array([1.0]), (1e-6, np.array([1e-6])), 1e9) == pytest.approx(5e-5)
     assert first_step(np.array([0.0]), np.array([1.0]), (1e-6, np.array([1e-6])), 2.0) == pytest.approx(2e-3)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+@pytest.mark.parametrize(
+    ("velocity", "stribeck", "normal", "stop"),
+    [(0.67, 0.0742, 23.3, 0.5), (0.22, 0.0053, 6.1, 0.233), (1.15, 0.0469, 48.6, 0.627)],
+)
+def test_a_step_that_was_tried_as_far_as_the_end_is_tried_once_more(
+    velocity: float, stribeck: float, normal: float, stop: float, method: str
+) -> None:
+    """1 kg comes to rest after the integral of dv / (0.2 + 0.2 exp(-(v/v_s)^2)) / N."""
+    law = DryFriction(0.4, 0.2, stribeck_velocity=stribeck)
+    scene = Scene(Body("b", inertia=1.0, velocity=velocity), Contact("c", "b", GROUND, law, normal=normal))
+    result = simulate(scene, (0.0, stop), method=method, rtol=1e-7, atol=1e-9)
+    exact = scipy.integrate.quad(
+        lambda v: 1 / (0.2 + 0.2 * exp(-((v / stribeck) ** 2))) / normal, 0.0, velocity
+    )[0]
+    assert [(e.contact, int(e.after)) for e in result.events] == [("c", 0)]
+    assert result.events[0].t == pytest.approx(exact, rel=1e-5)

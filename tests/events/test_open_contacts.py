@@ -16,8 +16,10 @@ from stickslip import (
     DryFriction,
     Force,
     Result,
+    Sampled,
     Scene,
     Spring,
+    output,
     piecewise_linear,
     simulate,
     sine,
@@ -335,3 +337,50 @@ def test_a_normal_force_that_dies_away_just_before_its_load_ends(options: dict[s
     slips, turns = (e.t for e in result.events)
     assert slips == pytest.approx(3.66 - 44.5 * stretched / (0.294 * 16355.0), abs=1e-14)
     assert turns == pytest.approx(3.66 + math.pi / math.sqrt(89.0 - 0.04), abs=1e-7)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_what_relaxes_takes_the_open_contact_with_it_that_joins_it_to_a_body_at_rest(
+    options: dict[str, Any],
+) -> None:
+    """v = exp(-20 t) until that is the margin of 1e-5: then both bodies are held, and the open contact rests."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Damper("a", GROUND, damping=20.0),
+        Contact("smooth", "a", GROUND, DryFriction(0.3, 0.0), normal=10.0),
+        Body("held", inertia=1.0),
+        Contact("floor", "held", GROUND, DRY, normal=10.0),
+        Contact("open", "a", "held", DRY, normal=0.0),
+        Body("fast", inertia=1.0, velocity=5.0),
+        Contact("slides", "fast", GROUND, DRY, normal=1.0),
+    )
+    result = simulate(scene, (0.0, 1.0), velocity_margin=1e-5, **options)
+    assert told(result) == [("open", 1, 0), ("smooth", 1, 0)]
+    assert [e.t for e in result.events] == pytest.approx([math.log(1e5) / 20] * 2, abs=1e-4)
+    assert result.mode("open")[-1] == 0
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "merged"}])
+def test_a_sample_opens_a_contact_in_the_instant_in_which_its_body_comes_to_rest(
+    options: dict[str, Any],
+) -> None:
+    """N is 10 N and 0 in turn: the body gains 0.1 m/s under 1 N, and loses it under 1 - 0.2 10 N, to roundoff."""
+    valve = Sampled(
+        "valve",
+        period=0.1,
+        inputs=(),
+        states=(10.0,),
+        update=lambda t, x, u: [10.0 - x[0]],
+        output=lambda t, x, u: x[0],
+        outputs=1,
+    )
+    scene = Scene(
+        valve,
+        Body("b", inertia=1.0),
+        Force("b", 1.0),
+        Contact("c", "b", GROUND, DryFriction(0.2, 0.2), normal=output("valve")),
+    )
+    result = simulate(scene, (0.0, 1.0), **options)
+    assert told(result) == [("c", 0, 1)]
+    # nine of the ten times it goes 0.005 m
+    assert result.position("b")[-1] == pytest.approx(9 * 0.005, abs=1e-9)

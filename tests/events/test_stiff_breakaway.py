@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pytest
 
-from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Scene, Spring, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Damper,
+    Drive,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    piecewise_linear,
+    simulate,
+)
 
 LAW = DryFriction(0.35, 0.2)
 
@@ -38,3 +53,23 @@ def test_a_stiff_damper_is_nearly_a_rigid_joint(rate: float) -> None:
     found = simulate(scene(rate), (0.0, 10.0)).events
     assert [(e.before, e.after, e.cause) for e in found] == [(e.before, e.after, e.cause) for e in exact]
     assert [e.t for e in found] == pytest.approx([e.t for e in exact], abs=5 / rate)
+
+
+@pytest.mark.parametrize(
+    "options", [{"method": "series"}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}]
+)
+def test_the_level_has_hardly_risen_beside_large_forces_that_cancel(options: dict[str, Any]) -> None:
+    """At 10 m a spring of 1000 N/m is not stretched. The load is t, the level 0.2 - 0.1 exp(-t / 100).
+
+    They meet at 0.1001 s. The block goes with 1e-4 m/s² from there, which its damper takes away at once: v'' < 0.
+    """
+    far = Scene(
+        Body("b", inertia=1.0, position=10.0),
+        Spring("b", GROUND, stiffness=1e3, damping=3e4, rest=10.0),
+        Contact("c", "b", GROUND, DryFriction(0.2, 0.1, dwell=100.0), normal=1.0),
+        Force("b", piecewise_linear([0.0, 1.0], [0.0, 1.0])),
+    )
+    result = simulate(far, (0.0, 0.101), **options)
+    (event,) = result.events
+    assert (event.before, event.after, event.cause) == (0, 1, "breakaway")
+    assert event.t == pytest.approx(0.2 - 0.1 * math.exp(-event.t / 100), abs=1e-11)  # roundoff of 1e4 N

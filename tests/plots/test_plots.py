@@ -391,13 +391,6 @@ def test_axes_given_are_the_axes_returned(wheels):
         assert draw(wheels, "brake", ax=ax) is ax
 
 
-def test_study_drawings_are_here_too():
-    from stickslip.plots import studies
-
-    assert plots.work_precision is studies.work_precision
-    assert plots.sweep_map is studies.sweep_map
-
-
 def test_every_label_is_text_that_the_font_has(chain, blocks):
     for figure in (plots.overview(chain), plots.overview(blocks)):
         figure.draw_without_rendering()  # a missing glyph would warn, and warnings are errors here

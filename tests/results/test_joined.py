@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Joined, Result, Scene, join, simulate
+from stickslip import GROUND, Block, Body, Contact, DryFriction, Joined, Result, Scene, join, simulate
 
 SCENE = Scene(
     Body("block", inertia=2.0, velocity=3.0),
@@ -134,3 +135,15 @@ def test_it_draws_and_tells_all_runs(changed: Joined, tmp_path: Path) -> None:
     ):
         assert words in page
     assert "<td>second</td>" in changed._repr_html_()
+
+
+def test_a_block_may_have_other_states_in_another_run() -> None:
+    def counting(count: int) -> Block:
+        given: dict[str, Any] = {"derivative": lambda t, x, u: [1.0] * count, "output": lambda t, x, u: x}
+        return Block("clock", states=[0.0] * count, **given)
+
+    body = Body("wheel", inertia=1.0)
+    both = join([simulate(Scene(body, counting(k)), (k - 1.0, float(k)), t_eval=[float(k)]) for k in (1, 2)])
+    found = both.state("clock")
+    assert found.shape == (2, 2) and np.isnan(found[1, 0]) and found[0] == pytest.approx([1.0, 1.0])
+    assert [ax.get_ylabel() for ax in both.plot().axes] == ["velocity [m/s | rad/s]", "clock"]

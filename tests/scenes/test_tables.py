@@ -245,3 +245,28 @@ def test_leading_shoe_of_a_drum_brake() -> None:
         DryFriction(1.5, 1.5).self_energised(0.1 / 0.15)
     with pytest.raises(ValueError, match="coefficients must be constant"):
         DryFriction(0.5, 0.4, dwell=0.1).self_energised(0.1)
+
+
+@pytest.mark.parametrize("options", [*WAYS, {"method": "Adams"}])
+def test_a_contact_that_a_table_closes_at_its_corner(options: dict[str, Any]) -> None:
+    """N = 2 (x - 1) from x = 1 on; a body under 1 N goes x = t² / 2, then u = x - 1 follows u'' = 1 - 0.6 u.
+
+    With w² = 0.6, u = (1 - cos(w s)) / 0.6 + sqrt(2) / w sin(w s), which turns where tan(w s) = -0.6 sqrt(2) / w.
+    """
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Force("b", 1.0),
+        Contact(
+            "c",
+            "b",
+            GROUND,
+            DryFriction(0.3, 0.3),
+            normal=table(position("b"), [-5.0, 1.0, 20.0], [0.0, 0.0, 38.0]),
+        ),
+    )
+    result = simulate(scene, (0.0, 8.0), **options)
+    w = math.sqrt(0.6)
+    (event,) = result.events
+    assert (event.before, event.after) == (1, 0)
+    turns = math.sqrt(2) + (math.pi - math.atan(0.6 * math.sqrt(2) / w)) / w
+    assert abs(event.t - turns) < exact(result)

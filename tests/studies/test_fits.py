@@ -154,7 +154,7 @@ def test_the_residual_plot() -> None:
     figure = found.plot()
     top, below = figure.axes
     assert np.allclose(below.lines[0].get_ydata(), found.residuals()["m.velocity"])
-    assert top.get_ylabel() == "m.velocity" and below.get_xlabel() == "time [s]"
+    assert top.get_ylabel() == "m.velocity [m/s | rad/s]" and below.get_xlabel() == "time [s]"
     plt.close("all")
 
 

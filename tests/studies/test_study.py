@@ -272,7 +272,7 @@ def test_studies_know_no_friction_and_draw_nothing_on_import(module):
 
 
 def test_plot_has_a_marker_and_a_line_per_family_and_marks_the_front(axes):
-    from stickslip.plots.studies import work_precision as draw
+    from stickslip.plots import work_precision as draw
 
     table = WorkPrecision(
         (
@@ -306,7 +306,7 @@ def test_plot_has_a_marker_and_a_line_per_family_and_marks_the_front(axes):
 
 
 def test_plot_of_nothing_but_failures_is_an_empty_frame_with_a_note(axes):
-    from stickslip.plots.studies import work_precision as draw
+    from stickslip.plots import work_precision as draw
 
     draw(WorkPrecision((row("a", math.nan, math.nan, "ValueError: no"),)), ax=axes)
     assert not axes.get_lines()

@@ -589,7 +589,7 @@ def axes():
 
 @pytest.mark.slow
 def test_map_shows_the_values_with_x_across_and_marks_missing_points(axes):
-    from stickslip.plots.studies import sweep_map
+    from stickslip.plots import sweep_map
 
     result = serial(moody, {"a": [1.0, 2.0, 3.0], "b": [0.1, 1.0, 10.0, 100.0]})
     assert sweep_map(result, "a", "b", ax=axes, labels={"a": "a / m", "value": "force / N"}) is axes
@@ -605,7 +605,7 @@ def test_map_shows_the_values_with_x_across_and_marks_missing_points(axes):
 
 
 def test_map_sets_texts_side_by_side_and_drops_single_values(axes):
-    from stickslip.plots.studies import sweep_map
+    from stickslip.plots import sweep_map
 
     grid = {"kind": ["x", "y"], "fixed": [7], "n": [1, 2, 3]}
     result = serial(lambda kind, fixed, n: n + fixed * (kind == "y"), grid)
@@ -616,7 +616,7 @@ def test_map_sets_texts_side_by_side_and_drops_single_values(axes):
 
 
 def test_map_refuses_what_it_cannot_draw():
-    from stickslip.plots.studies import sweep_map
+    from stickslip.plots import sweep_map
 
     result = serial(several)
     with pytest.raises(ValueError, match="no parameter 'c'; choose from a, b"):

@@ -11,7 +11,7 @@ from stickslip.model.checks import NamedArguments, check_name, finite
 from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
-from stickslip.model.signals import Load, as_signal
+from stickslip.model.signals import Load
 
 __all__ = [
     "GROUND",
@@ -68,10 +68,7 @@ class Element(metaclass=NamedArguments):
     def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
         """Refuse names of bodies that the scene does not know, and what nothing can move.
 
-        Parameters
-        ----------
-        free, known : frozenset of str
-            Names of the free bodies, and those of drives and the ground, too.
+        `free` are the names of the free bodies, `known` those of drives and the ground, too.
         """
 
     def _number(self, name: str) -> float:
@@ -87,9 +84,6 @@ class Element(metaclass=NamedArguments):
         if (number := self._number(name)) == 0:
             raise ValueError(f"{self.label}: {name} must not be 0; {remedy}")
         return number
-
-    def _signal(self, name: str) -> None:
-        object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
 
     def _load(self, name: str) -> None:
         object.__setattr__(self, name, as_load(getattr(self, name), f"{self.label}: {name}"))

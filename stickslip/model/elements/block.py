@@ -5,14 +5,14 @@ from __future__ import annotations
 import dis
 import inspect
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite, sequence
+from stickslip.model.checks import limit, sequence
 from stickslip.model.elements.base import Book, Named
 from stickslip.model.quantities import Expression, Quantity, as_expression
 from stickslip.model.signals import Load
@@ -69,20 +69,24 @@ class AnyBlock(Named):
         object.__setattr__(self, name, numbers)
         return numbers
 
-    def _code(self, name: str, needed: bool) -> None:
-        given = getattr(self, name)
-        if given is None and not needed:
-            return
-        if not callable(given):
-            raise TypeError(f"{self.label}: {name} must be a function of t, x and u, got {given!r}")
+    def _check_code(self, advance: str, outputs_are_states: bool) -> None:
+        """Check states, the function that advances them, the one of the outputs, and how many of these there are.
 
-    def _count(self) -> None:
-        given: Any = self.outputs  # type: ignore[attr-defined]
-        if given is None:
+        Without a function of the outputs the states may be these.
+        """
+        states, outputs = self._numbers("states"), getattr(self, "outputs", None)
+        needs_output = not (states and outputs_are_states)
+        for name, needed in ((advance, bool(states)), ("output", needs_output)):
+            given = getattr(self, name)
+            if not callable(given) and (given is not None or needed):
+                raise TypeError(f"{self.label}: {name} must be a function of t, x and u, got {given!r}")
+        if getattr(self, advance) is not None and not states:
+            raise ValueError(f"{self.label}: {advance} is given without states; give states at the start")
+        if outputs is None:
             return
-        if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or given < 1:
-            raise ValueError(f"{self.label}: outputs must be how many there are, at least 1, got {given!r}")
-        object.__setattr__(self, "outputs", int(given))
+        if isinstance(outputs, bool) or not isinstance(outputs, (int, np.integer)) or outputs < 1:
+            raise ValueError(f"{self.label}: outputs must be how many there are, at least 1, got {outputs!r}")
+        object.__setattr__(self, "outputs", int(outputs))
 
     def call(self, name: str, t: float, x: Array, u: Array, count: int, exactly: bool) -> Array:
         """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
@@ -137,12 +141,7 @@ class Block(AnyBlock):
     def __post_init__(self) -> None:
         self._identifier("name")
         self._check_inputs()
-        states = self._numbers("states")
-        self._code("derivative", bool(states))
-        self._code("output", not states)
-        if self.derivative is not None and not states:
-            raise ValueError(f"{self.label}: derivative is given without states; give states at the start")
-        self._count()
+        self._check_code("derivative", outputs_are_states=True)
 
     @property
     def output_count(self) -> int | None:
@@ -199,8 +198,8 @@ class StateSpace(AnyBlock):
         self._check_inputs()
         if hasattr(self.A, "A") and self.B is None and self.C is None:
             self._take(self.A)
-        n = self._matrix("A", None, None).shape[0]
-        if self._matrix("A", None, None).shape[1] != n:
+        n, columns = self._matrix("A", None, None).shape
+        if columns != n:
             raise ValueError(f"{self.label}: A must be square, got {np.shape(self.A)}")
         m = len(self.inputs)
         self._matrix("B", n, m)
@@ -233,14 +232,13 @@ class StateSpace(AnyBlock):
             found = np.array(getattr(self, name), dtype=float)
         except (TypeError, ValueError, OverflowError):
             raise TypeError(f"{self.label}: {name} must be a matrix, got {getattr(self, name)!r}") from None
-        if found.ndim == 0 or (found.ndim == 1 and found.size and name == "B" and rows == found.size):
-            found = found.reshape(-1, 1)
-        if found.ndim == 1:
-            found = found.reshape(1, -1) if found.size else np.zeros((rows or 0, columns or 0))
         if found.size == 0:
-            found = np.zeros(
-                (found.shape[0] if rows is None else rows, found.shape[-1] if columns is None else columns)
-            )
+            empty = found.shape[0] if rows is None else rows, found.shape[-1] if columns is None else columns
+            found = np.zeros(empty)
+        elif found.ndim == 0 or (found.ndim == 1 and name == "B" and rows == found.size):
+            found = found.reshape(-1, 1)
+        elif found.ndim == 1:
+            found = found.reshape(1, -1)
         expected = (found.shape[0] if rows is None else rows, found.shape[1] if columns is None else columns)
         if found.ndim != 2 or found.shape != expected:
             raise ValueError(
@@ -254,16 +252,12 @@ class StateSpace(AnyBlock):
 
     def _check_limits(self, count: int) -> None:
         pairs: list[tuple[float, float]] = []
-        for pair in self.limits or ():
-            low, high = pair
-            pairs.append(
-                (
-                    -math.inf if low == -math.inf else finite(low, f"{self.label}: low limit"),
-                    math.inf if high == math.inf else finite(high, f"{self.label}: high limit"),
-                )
-            )
-            if not pairs[-1][0] < pairs[-1][1]:
+        for given in self.limits or ():
+            low = limit(given[0], -math.inf, f"{self.label}: low limit")
+            high = limit(given[1], math.inf, f"{self.label}: high limit")
+            if not low < high:
                 raise ValueError(f"{self.label}: the low limit {low:g} must be below the high one {high:g}")
+            pairs.append((low, high))
         if len(pairs) != count:
             raise ValueError(f"{self.label}: {len(pairs)} pairs of limits for {count} outputs")
         object.__setattr__(self, "limits", tuple(pairs))
@@ -281,7 +275,7 @@ class StateSpace(AnyBlock):
         if any(self.states or ()):
             data["states"] = list(self.states or ())
         if self.limits is not None:
-            data["limits"] = [[_plain(x) for x in pair] for pair in self.limits]
+            data["limits"] = [[x if math.isfinite(x) else str(x) for x in pair] for pair in self.limits]
         return data
 
 
@@ -337,15 +331,10 @@ class Sampled(AnyBlock):
         if self._number("period") <= 0:
             raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")
         self._check_inputs()
-        states = self._numbers("states")
-        self._code("update", bool(states))
-        self._code("output", True)
-        if self.update is not None and not states:
-            raise ValueError(f"{self.label}: update is given without states; give states at the start")
+        self._check_code("update", outputs_are_states=False)
         if self.first is not None:
             self._number("first")
         self._numbers("held")
-        self._count()
         if self.outputs is None and self.held:
             object.__setattr__(self, "outputs", len(self.held))
         if self.held and len(self.held) != self.outputs:
@@ -396,18 +385,5 @@ def _reads_inputs(function: Any) -> bool:
     if code is None or code.co_argcount < 3 + bound or code.co_flags & (_VARARGS | _KEYWORDS):
         return True
     name = code.co_varnames[2 + bound]
-    for instruction in dis.get_instructions(code):
-        if instruction.opname.startswith(("LOAD", "STORE_FAST_LOAD", "DELETE")):
-            read = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
-            if name in read:
-                return True
-    return name in code.co_cellvars
-
-
-def _plain(limit: float) -> float | str:
-    return limit if math.isfinite(limit) else str(limit)
-
-
-def as_limits(given: Iterable[Sequence[Any]]) -> tuple[tuple[float, float], ...]:
-    """Return the limits that `StateSpace.to_dict` wrote."""
-    return tuple((float(low), float(high)) for low, high in given)
+    named = [instruction.argval for instruction in dis.get_instructions(code)]
+    return any(name in one if isinstance(one, tuple) else name == one for one in named)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.piecewise import Linear, Region
-from stickslip.model.signals import Constant, Load, Signal
+from stickslip.model.piecewise import Region
+from stickslip.model.quantities import Quantity
+from stickslip.model.signals import ZERO, Constant, Load
 
-__all__ = ["GROUND", "Book", "Coupling", "Piecewise", "RowEntry"]
+__all__ = ["GROUND", "Book", "Coupling", "RowEntry"]
 
 GROUND = "ground"
 """Name of the ground: a body that never moves."""
@@ -22,7 +23,6 @@ class RowEntry:
 
     Attributes
     ----------
-    name : str
     coefficients : dict of int to float
         By index of the body or drive.
     law : Law or None
@@ -40,17 +40,22 @@ class RowEntry:
         Whether it starts as one that has slipped.
     restitution : float
         Of impacts.
+    regions : sequence of Region
+        Of a gap and a stop: a continuous piecewise-linear function of its stretch and of the rate of that. In each set
+        of modes it is in one of its regions, which the row shows; their borders are guards like all others, and name
+        each other by their place in this sequence. The value is the force of a gap; that of a stop has none.
     """
 
     name: str
     coefficients: Mapping[int, float]
-    law: Law | None
-    kind: str
-    normal: Load
-    rested: float
-    deflection: float
-    slipping: bool
-    restitution: float
+    law: Law | None = None
+    kind: str = "friction"
+    normal: Load = ZERO
+    rested: float = 0.0
+    deflection: float = 0.0
+    slipping: bool = False
+    restitution: float = 0.0
+    regions: Sequence[Region] = ()
 
 
 @dataclass(frozen=True)
@@ -64,26 +69,6 @@ class Coupling:
     rest: float
 
 
-@dataclass(frozen=True)
-class Piecewise:
-    """A piecewise-linear function of the state.
-
-    Attributes
-    ----------
-    label : str
-    regions : tuple of Region
-    acts : dict of int to float
-        Its force on a body, as a multiple of its value, by index.
-    row : int
-        The row whose force it is, -1 for none.
-    """
-
-    label: str
-    regions: tuple[Region, ...]
-    acts: Mapping[int, float]
-    row: int
-
-
 class Book:
     """What elements enter, in the order of the elements, and loads that are watched without acting on anything.
 
@@ -93,8 +78,6 @@ class Book:
         The number of each body and drive: first the bodies, then the drives, last the ground.
     row_index : dict of str to int
         The number of each row.
-    read : set of int
-        Bodies and drives whose positions piecewise-linear functions read.
     """
 
     def __init__(self, elements: Iterable[Any], watched: Sequence[Load] = ()) -> None:
@@ -106,9 +89,6 @@ class Book:
         self.rows: list[RowEntry] = []
         self.couplings: list[Coupling] = []
         self.forces: list[tuple[int, Load, str]] = []
-        self.piecewises: list[Piecewise] = []
-        self.signals: list[Signal] = []
-        self.read: set[int] = set()
         self.index: dict[str, int] = {}
         self.row_index: dict[str, int] = {}
         for element in elements:
@@ -125,24 +105,10 @@ class Book:
         self.index[drive.name] = len(self.index)
         self.drives.append(drive)
 
-    def row(
-        self,
-        name: str,
-        coefficients: Mapping[str, float],
-        *,
-        law: Law | None = None,
-        kind: str = "friction",
-        normal: Load | float = 0.0,
-        rested: float = 0.0,
-        deflection: float = 0.0,
-        slipping: bool = False,
-        restitution: float = 0.0,
-    ) -> None:
-        """Enter a row: ``w = sum c_i v_i``, whose force r acts with ``-c_i r`` on body i."""
+    def row(self, name: str, coefficients: Mapping[str, float], **facts: Any) -> None:
+        """Enter a row; `facts` are the other fields of its `RowEntry`."""
         self.row_index[name] = len(self.rows)
-        own = self._by_index(coefficients)
-        entry = RowEntry(name, own, law, kind, _load(normal), rested, deflection, slipping, restitution)
-        self.rows.append(entry)
+        self.rows.append(RowEntry(name, self._by_index(coefficients), **facts))
 
     def couple(
         self, label: str, coefficients: Mapping[str, float], stiffness: float, damping: float, rest: float
@@ -156,63 +122,17 @@ class Book:
 
     def push(self, body: str, force: Load | float) -> None:
         """Enter a force on a body."""
-        self.forces.append((self.index[body], _load(force), f"force on {body!r}"))
+        load = force if isinstance(force, Load) else Constant(force)
+        self.forces.append((self.index[body], load, f"force on {body!r}"))
 
-    def read_position(self, name: str) -> None:
-        """Make the position of a body or drive a state, as springs do: something else reads it."""
-        if name != GROUND:
-            self.read.add(self.index[name])
-
-    def piecewise(
-        self, label: str, regions: Sequence[Region], *, acts: Mapping[str, float], row: str | None = None
-    ) -> int:
-        """Enter a continuous piecewise-linear function of the state, and return its number.
-
-        In each set of modes the function is in one of its regions: there it is linear, and the borders of the region
-        are guards like all others. Settling picks the region after each event. A push limited to -1 and 1::
-
-            q = Linear(positions={"cart": -k})
-            regions = [Region(q, ((q + 1, 1), (1 - q, 2)))]
-            regions += [Region(Linear(constant=-1), ((-1 - q, 0),)), Region(Linear(constant=1), ((q - 1, 0),))]
-            book.piecewise("push on 'cart'", regions, acts={"cart": 1})
-
-        Where something other than a force on a body reads the value, leave `acts` empty; in one set of modes the value
-        is ``functions.value_y[at] @ y + functions.value_q[at] @ q`` with ``functions = system.piecewise`` and ``at =
-        functions.places(equations.regions)``.
-
-        Parameters
-        ----------
-        label : str
-            How messages name it.
-        regions : sequence of Region
-            Their borders name each other by their place in this sequence.
-        acts : dict of str to float
-            By name of the body: its force on body i is ``acts[i]`` times the value. It may be empty.
-        row : str, optional
-            The row that shows the modes of the regions. Where it is of kind "gap" the value is its force r.
-        """
-        for region in regions:
-            for expression in (region.value, *(border for border, _ in region.borders)):
-                self._note(expression)
-        j = -1 if row is None else self.row_index[row]
-        self.piecewises.append(Piecewise(label, tuple(regions), self._by_index(acts), j))
-        return len(self.piecewises) - 1
-
-    def loads(self) -> list[Load]:
-        """Return all loads that may depend on the state."""
+    def quantities(self) -> Iterator[Quantity]:
+        """Yield all quantities of the motion that are read, and those that they are made of."""
         forces = [load for _, load, _ in self.forces]
         normals = [row.normal for row in self.rows]
-        return [*forces, *normals, *(load for block in self.blocks for load in block.inputs), *self.watched]
-
-    def _note(self, expression: Linear) -> None:
-        """Enter the positions and signals that an expression reads."""
-        for name in expression.positions:
-            self.read_position(name)
-        self.signals += [s for _, s in expression.signals if not any(s is known for known in self.signals)]
+        inputs = [load for block in self.blocks for load in block.inputs]
+        for load in (*forces, *normals, *inputs, *self.watched):
+            if isinstance(load, Quantity):
+                yield from load.walk()
 
     def _by_index(self, coefficients: Mapping[str, float]) -> dict[int, float]:
         return {self.index[name]: c for name, c in coefficients.items() if name != GROUND}
-
-
-def _load(value: Load | float) -> Load:
-    return value if isinstance(value, Load) else Constant(float(value))

@@ -71,17 +71,11 @@ class Gap(Row, Radii):
 
     def place(self, book: Book) -> None:
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
-        book.row(self.name, self.coefficients, kind="gap")
-        book.piecewise(
-            self.label,
-            self._regions(),
-            acts={name: -c for name, c in self.coefficients.items()},
-            row=self.name,
-        )
+        book.row(self.name, self.coefficients, kind="gap", regions=self._regions())
 
     def _regions(self) -> list[Region]:
         """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""
-        stretch, rate = Linear(positions=self.coefficients), Linear(velocities=self.coefficients)
+        stretch, rate = Linear(stretch=1.0), Linear(rate=1.0)
         regions: list[Region] = []
         ways_out: list[tuple[Linear, int]] = []
         for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):

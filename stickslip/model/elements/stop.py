@@ -70,10 +70,9 @@ class Stop(Row, Radii):
 
     def place(self, book: Book) -> None:
         """Enter a row, and regions that show on which side of its limits it is."""
-        book.row(self.name, self.coefficients, kind="stop", restitution=self.restitution)
-        stretch, none = Linear(positions=self.coefficients), Linear()
+        stretch, none = Linear(stretch=1.0), Linear()
         borders = [(self.upper - stretch, 1)] if isfinite(self.upper) else []
         borders += [(stretch - self.lower, 2)] if isfinite(self.lower) else []
         regions = [Region(none, tuple(borders), Mode.OPEN)]
         regions += [Region(none, (), Mode.FORWARD), Region(none, (), Mode.BACKWARD)]
-        book.piecewise(self.label, regions, acts={}, row=self.name)
+        book.row(self.name, self.coefficients, kind="stop", restitution=self.restitution, regions=regions)

@@ -52,23 +52,12 @@ class Character:
 
 @dataclass(frozen=True)
 class Use:
-    """A contact in which a law is used, from `start` to `stop` in s.
-
-    Attributes
-    ----------
-    label : str
-        How messages name the contact.
-    ends : (str, str)
-        What it joins.
-    both_move : bool
-        Whether both ends are bodies, not the ground or a drive.
-    normal : Signal
-        Normal force.
-    """
+    """A contact in which a law is used, from `start` to `stop` in s."""
 
     label: str
     ends: tuple[str, str]
     both_move: bool
+    """Whether both ends are bodies, not the ground or a drive."""
     normal: Signal
     start: float
     stop: float
@@ -79,16 +68,12 @@ class Kernel:
 
     The methods take relative velocities `w`, normal forces, the part ``exp(-(t - t_start)/tau)`` of ``mu_s - mu_c``
     that the dwell still withholds, and the contacts' own states `z`: arrays (k,), and but for slopes (k, times), too.
-
-    Parameters
-    ----------
-    laws : sequence of Law
-        One per contact.
     """
 
     has_state: ClassVar[bool] = False
 
     def __init__(self, laws: Sequence[Any]) -> None:
+        """Take the numbers of the laws, one per contact."""
         raise NotImplementedError
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:

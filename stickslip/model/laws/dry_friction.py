@@ -26,11 +26,12 @@ class Law(metaclass=NamedArguments):
     an attribute `law` with these coefficients.
     """
 
+    law: DryFriction
+
     @property
     def core(self) -> DryFriction:
         """The dry friction from which the law takes its coefficients."""
-        core: DryFriction = getattr(self, "law")  # noqa: B009
-        return core
+        return self.law
 
     @property
     def character(self) -> Character:
@@ -63,12 +64,16 @@ class Law(metaclass=NamedArguments):
         if not isinstance(self.core, DryFriction):
             raise TypeError(f"{type(self).__name__}: law must be DryFriction, got {self.core!r}")
 
-    def _check_number(self, name: str, positive: bool) -> None:
+    def _number(self, name: str) -> float:
         number = finite(getattr(self, name), f"{type(self).__name__}: {name}")
+        object.__setattr__(self, name, number)
+        return number
+
+    def _check_number(self, name: str, positive: bool) -> None:
+        number = self._number(name)
         if number < 0 or (positive and number == 0):
             wanted = "positive" if positive else "at least 0"
             raise ValueError(f"{type(self).__name__}: {name} must be {wanted}, got {number:g}")
-        object.__setattr__(self, name, number)
 
 
 def register(law: type[Law]) -> type[Law]:
@@ -146,11 +151,6 @@ class DryFriction(Law):
         if self.kinetic is not None:
             self._check_kinetic()
 
-    def _number(self, name: str) -> float:
-        number = finite(getattr(self, name), f"DryFriction: {name}")
-        object.__setattr__(self, name, number)
-        return number
-
     def _check_kinetic(self) -> None:
         if not callable(self.kinetic):
             raise TypeError(
@@ -218,13 +218,7 @@ class DryFriction(Law):
         return max(self.mu_c(direction), self.mu_k(0.0, direction))
 
     def kinetic_at(self, speed: float) -> float:
-        """Return the value of `kinetic`.
-
-        Raises
-        ------
-        ValueError
-            If it is no coefficient.
-        """
+        """Return the value of `kinetic`; a ValueError says where it is no coefficient."""
         assert self.kinetic is not None
         try:
             mu = float(self.kinetic(speed))
@@ -273,13 +267,7 @@ class DryFriction(Law):
 
 
 def law_from_dict(data: Any, what: str) -> Law:
-    """Return the law that `Law.to_dict` wrote.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the data do not describe a law; `what` begins the message.
-    """
+    """Return the law that `Law.to_dict` wrote; refuse what is none, as `what`."""
     if not isinstance(data, Mapping):
         raise TypeError(f"{what}: a law is a table with its type and coefficients, got {data!r}")
     values = dict(data)

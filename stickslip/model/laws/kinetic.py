@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.laws.base import Kernel
 
-__all__ = ["Curve", "Kinetic", "Slipping"]
+__all__ = ["Kinetic", "Slipping"]
 
 Array = NDArray[np.float64]
 
@@ -20,49 +20,13 @@ _STEEPEST = 1e-3
 """Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper."""
 
 
-class Curve(Protocol):
-    """What describes a kinetic coefficient."""
-
-    @property
-    def stribeck_velocity(self) -> float | None:
-        """In m/s or rad/s."""
-        ...
-
-    @property
-    def stribeck_exponent(self) -> float:
-        """Exponent of the Stribeck curve."""
-        ...
-
-    @property
-    def is_function(self) -> bool:
-        """Whether the coefficient is a function of speed that the user gave."""
-        ...
-
-    def mu_s(self, direction: int) -> float:
-        """Return the static coefficient."""
-        ...
-
-    def mu_c(self, direction: int) -> float:
-        """Return the Coulomb coefficient."""
-        ...
-
-    def kinetic_at(self, speed: float) -> float:
-        """Return the value of the user's function."""
-        ...
-
-
 class Kinetic:
     """Kinetic coefficients of some contacts, ``mu_c + (mu_s - mu_c) exp(-(|w|/v_s)^delta)`` or a function.
 
-    Parameters
-    ----------
-    curves : sequence of Curve
-        One per contact.
-    backward : array (k,) of bool, optional
-        Which of them slip backward; by default `w` tells.
+    `curves` are laws of dry friction, one per contact. `backward` says which slip backward; without it `w` tells.
     """
 
-    def __init__(self, curves: Sequence[Curve], backward: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, curves: Sequence[Any], backward: NDArray[np.bool_] | None = None) -> None:
         static = np.array([[c.mu_s(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
         level = np.array([[c.mu_c(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
         velocity = [c.stribeck_velocity for c in curves]
@@ -77,8 +41,10 @@ class Kinetic:
             self._gone = self._velocity * _UNDERFLOW ** (1.0 / self.exponent)
         self._steepest = np.where(self.exponent < 1, _STEEPEST * self._velocity, 0.0)
         self._isotropic = all(np.array_equal(x[0], x[1]) for x in (level, fall))
-        self._bent = bool(fall.any())
-        self._functions = [(row, c) for row, c in enumerate(curves) if c.is_function]
+        self._bent, self._is_square = bool(fall.any()), bool((self.exponent == 2).all())
+        self._functions: dict[int, Callable[[float], float]] = {
+            row: c.kinetic_at for row, c in enumerate(curves) if c.is_function
+        }
 
     def __call__(self, w: Array) -> Array:
         """Return the coefficients at `w` (k,) or (k, times)."""
@@ -87,26 +53,22 @@ class Kinetic:
             columns = self._gone, self._velocity, self.exponent
             gone, velocity, exponent = columns if w.ndim == 1 else (x[:, None] for x in columns)
             ratio = np.minimum(np.abs(w), gone) / velocity
-            mu = mu + self._of_side(self._fall, w) * np.exp(-(ratio**exponent))
+            power = ratio * ratio if self._is_square else ratio**exponent
+            mu = mu + self._of_side(self._fall, w) * np.exp(-power)
         if self._functions:
             mu = mu + np.zeros(w.shape)
             speeds = np.abs(w)
-            for row, curve in self._functions:
+            for row, kinetic in self._functions.items():
                 found = speeds[row]
-                mu[row] = (
-                    [curve.kinetic_at(v) for v in found.tolist()]
-                    if w.ndim == 2
-                    else curve.kinetic_at(float(found))
-                )
+                mu[row] = [kinetic(v) for v in found.tolist()] if w.ndim == 2 else kinetic(float(found))
         return mu
 
     def of_one(self, row: int, direction: int) -> Callable[[float], float]:
         """Return the coefficient of one contact in one direction as a function of its speed, in plain floats."""
         side = 1 if direction < 0 else 0
         level, fall = float(self._level[side, row]), float(self._fall[side, row])
-        for place, curve in self._functions:
-            if place == row:
-                return curve.kinetic_at
+        if row in self._functions:
+            return self._functions[row]
         if fall == 0:
             return lambda speed: level
         gone, velocity, exponent = (float(x[row]) for x in (self._gone, self._velocity, self.exponent))
@@ -126,8 +88,8 @@ class Kinetic:
             power = ratio**self.exponent
             slope = -self._of_side(self._fall, w) * np.exp(-power) * self.exponent * power / ratio
             slope *= moving / self._velocity
-        for row, curve in self._functions:
-            slope[row] = _difference(curve, float(abs(w[row])))
+        for row, kinetic in self._functions.items():
+            slope[row] = _difference(kinetic, float(abs(w[row])))
         return slope
 
     def _of_side(self, values: Array, w: Array) -> Array:
@@ -137,28 +99,21 @@ class Kinetic:
         return np.where(w < 0, values[1] if w.ndim == 1 else values[1, :, None], forward)
 
 
-def _difference(curve: Curve, speed: float) -> float:
+def _difference(kinetic: Callable[[float], float], speed: float) -> float:
     """Return the slope of a function by a difference that stays on the side of positive speeds."""
     h = 1e-6 * max(speed, 1e-3)
     left, right = max(speed - h, 0.0), speed + h
-    return (curve.kinetic_at(right) - curve.kinetic_at(left)) / (right - left)
+    return (kinetic(right) - kinetic(left)) / (right - left)
 
 
 class Slipping(Kernel):
     """Slip in a known direction, with a kinetic coefficient that depends on speed.
 
     The step in which a contact comes to rest ends beyond it. There the curve is turned round its value at rest, so that
-    it has no kink within the step; a curve that is vertical at rest stays level.
-
-    Parameters
-    ----------
-    curves : sequence of Curve
-        One per contact.
-    sign : array (k,)
-        Their directions, -1 or +1.
+    it has no kink within the step; a curve that is vertical at rest stays level. `sign` (k,) are the directions.
     """
 
-    def __init__(self, curves: Sequence[Curve], sign: Array) -> None:
+    def __init__(self, curves: Sequence[Any], sign: Array) -> None:
         self._sign, self._mu = sign, Kinetic(curves, sign < 0)
         self._turned = self._mu.exponent >= 1
 

@@ -20,11 +20,6 @@ Indices = NDArray[np.intp]
 class LawTable:
     """What the laws of all rows say, as arrays; lines 0 and 1 are for forward and backward slip.
 
-    Parameters
-    ----------
-    laws : sequence of Law
-        One per row.
-
     Attributes
     ----------
     mu_s, mu_c, least : array (2, m)
@@ -69,7 +64,6 @@ class ActingForces:
     """
 
     def __init__(self, laws: Sequence[Law], sign: NDArray[np.int8]) -> None:
-        """Sort the contacts by how they act."""
         self._count = sign.size
         slips = sign.nonzero()[0]
         kinds: dict[type[Kernel], list[int]] = {}
@@ -84,25 +78,13 @@ class ActingForces:
         stateful = [places for places, kernel in sorted_out if kernel.has_state]
         self.bristles: Indices = np.sort(np.concatenate([np.empty(0, dtype=np.intp), *stateful]))
         self._parts = [
-            (_all(places, sign.size), _all(self.bristles.searchsorted(places), self.bristles.size), kernel)
-            if kernel.has_state
-            else (_all(places, sign.size), slice(0, 0), kernel)
+            (places, self.bristles.searchsorted(places) if kernel.has_state else places[:0], kernel)
             for places, kernel in sorted_out
         ]
         self._stateful = [part for part in self._parts if part[2].has_state]
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
-        """Return the forces (k,) or (k, times).
-
-        Parameters
-        ----------
-        w, normal : array like the result
-            Relative velocities and normal forces.
-        lag : array like the result
-            Part of ``mu_s - mu_c`` that the dwell still withholds, ``exp(-(t - t_start)/tau)``.
-        z : array (bristles,) or (bristles, times)
-            States of the contacts' own.
-        """
+        """Return the forces (k,) or (k, times); the arguments are those of `Kernel`, `z` the states of the bristles."""
         r = np.empty_like(w)
         for rows, own, kernel in self._parts:
             r[rows] = kernel.forces(w[rows], normal[rows], lag[rows], z[own])
@@ -159,8 +141,3 @@ def steady_forces(law: Law, w: Array, normal: float) -> Array:
     slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
     sign = np.where(slips, np.sign(w), 0).astype(np.int8)
     return ActingForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
-
-
-def _all(places: Indices, size: int) -> Indices | slice:
-    """Return places as a slice where they are all there are: numpy then copies nothing."""
-    return slice(None) if places.size == size else places

@@ -1,0 +1,330 @@
+"""Quantities of the motion resolved to linear forms of states and inputs, and to functions among the inputs.
+
+``q = loads(t) + S y + P q + f``: `S` and `P` are constant, and `f` are the values of functions (`feedback`, tables,
+blocks), each an entry of `q` of its own. Linear forces need no entry: they are part of the matrices of the system.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.model import quantities as of
+from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
+from stickslip.model.elements.book import Book
+from stickslip.model.quantities import Expression, Quantity
+from stickslip.model.signals import Constant, Load, Signal
+
+__all__ = ["BlockPlace", "Form", "Key", "Node", "Reader", "differences"]
+
+_Found = TypeVar("_Found")
+Array = NDArray[np.float64]
+Key = tuple[str, int, int]
+"""Kind of an input, its number, and for functions which of their values."""
+
+_STEP, _SMALL = 1e-7, 1e-3
+"""Differences are this part of an argument, or of a small number."""
+
+_KEPT = 16
+"""Values of a function that are remembered: the solver and its guards ask for the same ones."""
+
+
+@dataclass
+class Form:
+    """A linear form of states and inputs."""
+
+    states: dict[int, float] = field(default_factory=dict)
+    inputs: dict[Key, float] = field(default_factory=dict)
+
+    def add(self, other: Form, factor: float = 1.0) -> None:
+        """Add a multiple of another form."""
+        for i, c in other.states.items():
+            self.states[i] = self.states.get(i, 0.0) + factor * c
+        for key, c in other.inputs.items():
+            self.inputs[key] = self.inputs.get(key, 0.0) + factor * c
+
+
+@dataclass(frozen=True)
+class BlockPlace:
+    """Where a block stands in the state: `states` of them from `first` on, `outputs` held ones from `first_held` on."""
+
+    block: AnyBlock
+    first: int
+    states: int
+    first_held: int
+    outputs: int
+
+    @property
+    def end(self) -> int:
+        """The place after the last one."""
+        return self.first_held + (self.outputs if isinstance(self.block, Sampled) else 0)
+
+
+@dataclass
+class Node:
+    """A function among the inputs, that returns `width` values; `label` is how messages name it.
+
+    Attributes
+    ----------
+    values : callable or None
+        ``values(t, arguments)`` returns `width` numbers; None for heat and tables.
+    given : callable or None
+        ``given(t, arguments)`` returns their derivatives, a line each; None where differences are taken.
+    row : int
+        The row whose heat it is, -1 for a function.
+    timed : bool
+        Whether it depends on time beside its arguments.
+    table : Table or None
+        Straight lines, each of which holds in a region of the one argument.
+    """
+
+    label: str
+    arguments: list[Form]
+    values: Callable[[float, Array], Array] | None = None
+    given: Callable[[float, Array], Array] | None = None
+    row: int = -1
+    width: int = 1
+    timed: bool = False
+    table: of.Table | None = None
+    calls: int = 0
+    known: dict[tuple[float, ...], Array] = field(default_factory=dict)
+
+    def at(self, t: float, arguments: Array) -> Array:
+        """Return the values; a ValueError names element, time and arguments where they are no finite numbers."""
+        key = (t if self.timed else 0.0, *arguments.tolist())
+        found = self.known.get(key)
+        if found is not None:
+            return found
+        self.calls += 1
+        assert self.values is not None
+        try:
+            found = self.values(t, arguments)
+        except ValueError as error:
+            given = ", ".join(f"{x:.9g}" for x in arguments.tolist())
+            raise ValueError(f"{self.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
+        if len(self.known) >= _KEPT:
+            self.known.pop(next(iter(self.known)), None)
+        self.known[key] = found
+        return found
+
+    def slopes(self, t: float, arguments: Array) -> Array:
+        """Return the derivatives of the values, a line each."""
+        if self.given is not None:
+            return self.given(t, arguments)
+        return differences(lambda x: self.at(t, x), arguments, self.at(t, arguments))
+
+
+def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
+    """Return the derivatives of a function by forward differences, a line per value."""
+    found = np.empty((value.size, arguments.size))
+    for k, x in enumerate(arguments.tolist()):
+        moved = arguments.copy()
+        moved[k] += _STEP * max(abs(x), _SMALL)
+        found[:, k] = (function(moved) - value) / (moved[k] - x)
+    return found
+
+
+class Reader:
+    """Resolves quantities to linear forms.
+
+    `position_state` tells where the positions of bodies and drives stand in the state, `places` where blocks do.
+
+    Attributes
+    ----------
+    signals : list of Signal
+        Loads that are inputs of their own.
+    nodes : list of Node
+        Functions, each after those that it depends on.
+    """
+
+    def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:
+        self._book, self._position_state, self._places = book, position_state, places
+        self._functions: dict[str, int] = {}
+        self._row_of = book.row_index
+        self._resolving: list[tuple[Quantity, str]] = []
+        self._known: dict[Quantity, Form] = {}
+        self.signals: list[Signal] = []
+        self.nodes: list[Node] = []
+
+    def form(self, load: Load, label: str) -> Form:
+        """Return a quantity or a signal as a linear form; `label` is the element that reads it."""
+        if isinstance(load, Signal):
+            return self._of_signal(load)
+        if isinstance(load, Expression):
+            found = self._of_signal(load.signal)
+            for atom, factor in load.terms:
+                found.add(self.form(atom, label), factor)
+            return found
+        assert isinstance(load, Quantity)
+        known = self._known.get(load)
+        if known is None:
+            known = self._known[load] = self._resolved(load, label)
+        return known
+
+    def _resolved(self, atom: Quantity, label: str) -> Form:
+        book = self._book
+        match atom:
+            case of.Velocity(body=body):
+                return self._velocity(book.index[body])
+            case of.Position(body=body):
+                return self._position(book.index[body])
+            case of.RelativeVelocity(row=row):
+                return self._along(row, self._velocity)
+            case of.Stretch(row=row):
+                return self._along(row, self._position)
+            case of.Normal(row=row):
+                return self._normal(atom, row)
+            case of.Power(row=row):
+                return self._power(atom, row)
+            case of.Output(block=block, index=index):
+                return self._output(atom, block, index)
+            case of.Feedback():
+                arguments = [self.form(argument, label) for argument in atom.arguments]
+                return self._node(
+                    Node(
+                        f"{label}: {atom.label}",
+                        arguments,
+                        lambda t, x: np.array([atom.value(x.tolist())]),
+                        None if atom.derivatives is None else lambda t, x: atom.slopes(x.tolist())[None, :],
+                    )
+                )
+            case of.Table():
+                return self._lookup(self.form(atom.quantity, label), atom, label)
+        raise TypeError(f"{label}: unknown quantity {atom!r}")
+
+    def _lookup(self, form: Form, atom: of.Table, label: str) -> Form:
+        return self._node(Node(label, [form], table=atom))
+
+    def _output(self, atom: Quantity, name: str, index: int) -> Form:
+        place = self._places[name]
+        block = place.block
+        match block:
+            case Sampled():
+                return Form({place.first_held + index: 1.0})
+            case StateSpace():
+                label = f"output {index} of {block.label}"
+                found = self._inside(atom, label, lambda: self.linear_output(block, index, label))
+                return self._limited(found, block, index, label)
+            case Block(output=None):
+                return Form({place.first + index: 1.0})
+        assert isinstance(block, Block)
+        if name not in self._functions:
+            label = f"the output of {block.label}"
+            reads = block.feeds_through
+            arguments = self._inside(atom, label, lambda: self.of_block(block, label, reads))
+            states, width = len(block.states), place.outputs
+            unread = np.full(len(block.inputs), np.nan)
+
+            def values(t: float, x: Array) -> Array:
+                u = x[states:] if reads else unread
+                return block.call("output", t, x[:states], u, width, exactly=False)
+
+            node = Node(f"{block.label}:", arguments, values, width=width, timed=True)
+            ((_, self._functions[name], _),) = self._node(node).inputs
+        return Form(inputs={("node", self._functions[name], index): 1.0})
+
+    def of_block(self, block: AnyBlock, label: str, inputs: bool = True) -> list[Form]:
+        """Return the states of a block, and its inputs where these are wanted."""
+        place = self._places[block.name]
+        states = [Form({place.first + k: 1.0}) for k in range(place.states)]
+        return states + [self.form(u, label) for u in block.inputs if inputs]
+
+    def linear_output(self, block: StateSpace, index: int, label: str) -> Form:
+        """Return ``C x + D u`` of one output of a linear block, before it is limited."""
+        first = self._places[block.name].first
+        found = Form({first + k: c for k, c in enumerate(block.C[index]) if c})
+        for u, c in zip(block.inputs, block.D[index], strict=True):
+            if c:
+                found.add(self.form(u, label), c)
+        return found
+
+    def _limited(self, form: Form, block: StateSpace, index: int, label: str) -> Form:
+        low, high = block.limits[index] if block.limits is not None else (-math.inf, math.inf)
+        limits = of.saturate(of.TIME, low, high)
+        return self._lookup(form, limits, label) if isinstance(limits, of.Table) else form
+
+    def rates(self, block: AnyBlock) -> list[Form]:
+        """Return how fast the states of a block change."""
+        place, label = self._places[block.name], f"{block.label}: an input"
+        # all inputs, whether something reads them or not: results do
+        inputs = [self.form(u, label) for u in block.inputs]
+        if isinstance(block, StateSpace):
+            found = [Form({place.first + k: c for k, c in enumerate(row) if c}) for row in block.A]
+            for form, row in zip(found, block.B, strict=True):
+                for u, c in zip(inputs, row, strict=True):
+                    form.add(u, c)
+            return found
+        if isinstance(block, Sampled) or not place.states:
+            return [Form() for _ in range(place.states)]
+        assert isinstance(block, Block)
+        count = place.states
+
+        def values(t: float, x: Array) -> Array:
+            return block.call("derivative", t, x[:count], x[count:], count, exactly=True)
+
+        node = Node(f"{block.label}:", self.of_block(block, label), values, width=count, timed=True)
+        ((_, number, _),) = self._node(node).inputs
+        return [Form(inputs={("node", number, k): 1.0}) for k in range(count)]
+
+    def _velocity(self, i: int) -> Form:
+        book = self._book
+        n, drives = len(book.bodies), len(book.drives)
+        if i < n:
+            return Form({i: 1.0})
+        return Form(inputs={("drive", i - n, 0): 1.0}) if i < n + drives else Form()
+
+    def _position(self, i: int) -> Form:
+        state = self._position_state.get(i)
+        return Form() if state is None else Form({state: 1.0})
+
+    def _along(self, row: str, of_body: Callable[[int], Form]) -> Form:
+        found = Form()
+        for i, c in self._book.rows[self._row_of[row]].coefficients.items():
+            found.add(of_body(i), c)
+        return found
+
+    def _of_signal(self, signal: Signal) -> Form:
+        if isinstance(signal, Constant):
+            return Form(inputs={("one", 0, 0): signal.value}) if signal.value else Form()
+        if signal not in self.signals:
+            self.signals.append(signal)
+        return Form(inputs={("signal", self.signals.index(signal), 0): 1.0})
+
+    def _normal(self, atom: Quantity, row: str) -> Form:
+        j = self._row_of[row]
+        load = self._book.rows[j].normal
+        if isinstance(load, Signal):
+            return Form(inputs={("normal", j, 0): 1.0})
+        label = f"the normal force of contact {row!r}"
+        own = self._inside(atom, label, lambda: self.form(load, label))
+        return self._lookup(own, of.Table(of.TIME, (0.0,), (0.0,), 0.0, 1.0), label)
+
+    def _power(self, atom: Quantity, row: str) -> Form:
+        label = f"the power of contact {row!r}"
+        normal = self._inside(atom, label, lambda: self.form(of.Normal(row), label))
+        w = self._along(row, self._velocity)
+        return self._node(Node(label, [w, normal], row=self._row_of[row]))
+
+    def _inside(self, atom: Quantity, label: str, resolve: Callable[[], _Found]) -> _Found:
+        """Resolve what a quantity depends on; where that is the quantity itself, refuse."""
+        open_ones = [known for known, _ in self._resolving]
+        if atom in open_ones:
+            loop = [text for _, text in self._resolving[open_ones.index(atom) :]]
+            raise ValueError(
+                f"{loop[0]} depends on itself without a state between (an algebraic loop): "
+                f"{' <- '.join([*loop, loop[0]])}; put a block with a state into the loop"
+            )
+        self._resolving.append((atom, label))
+        try:
+            return resolve()
+        finally:
+            self._resolving.pop()
+
+    def _node(self, node: Node) -> Form:
+        self.nodes.append(node)
+        return Form(inputs={("node", len(self.nodes) - 1, 0): 1.0})

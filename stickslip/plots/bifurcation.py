@@ -1,0 +1,102 @@
+"""Drawings of branches of limit cycles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from stickslip.plots.style import COLOURS, STUDY, check_is, own_axes, within_or_beside
+from stickslip.results.units import units
+
+__all__ = ["bifurcation"]
+
+_SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
+"""What marks each kind of point on a branch."""
+
+
+def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
+    """Draw the bifurcation diagram of a branch of cycles, and return the axes.
+
+    Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line. Dark signs with names mark
+    where the kind of the cycles changes. What comes beyond a fold is drawn, too.
+
+    Parameters
+    ----------
+    branch : Branch
+    body : str, optional
+        Whose amplitude is drawn; by default the period is.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there is no such body, or `branch` is something else.
+    """
+    check_is(branch, "Branch", "bifurcation")
+    parts = _parts(branch, body)
+    ax = own_axes(ax, *STUDY)
+    for wanted, line, fill, label in ((True, "-", COLOURS[1], "stable"), (False, "--", "white", "unstable")):
+        chosen = [(x, np.where(stable == wanted, y, np.nan)) for x, y, stable in parts]
+        chosen = [one for one in chosen if np.isfinite(one[1]).any()]
+        for i, (x, shown) in enumerate(chosen):
+            look = {"color": COLOURS[1], "markerfacecolor": fill, "markersize": 4}
+            ax.plot(x, shown, line, marker="o", label=None if i else label, **look)
+    for one, (x, y, _) in zip(_chain(branch), parts, strict=True):
+        order = np.argsort(x)
+        for point in one.points:
+            height = np.interp(point.value, x[order], y[order]) if x.size else np.nan
+            ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
+            ax.annotate(
+                f"{point.kind} at {point.value:.6g}",
+                (point.value, height),
+                xytext=(9, 0),
+                textcoords="offset points",
+                fontsize="small",
+                va="center",
+                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+            )
+    ax.margins(x=0.12)
+    parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
+    ax.set(
+        xlabel=parameter,
+        ylabel="period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]",
+    )
+    within_or_beside(ax)
+    return ax
+
+
+def _unit(branch: Any, body: str) -> str:
+    """Return the unit of a body's position."""
+    scene = next(cycle.scene for one in _chain(branch) for cycle in one.cycles if cycle is not None)
+    return units(scene, next(one for one in (*scene.bodies, *scene.drives) if one.name == body)).position
+
+
+def _chain(branch: Any) -> list[Any]:
+    """Return a branch and what comes beyond its folds."""
+    found, one = [], branch
+    while one is not None:
+        found.append(one)
+        one = one.beyond
+    return found
+
+
+def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return values, heights and whether cycles are stable from fold to fold; two parts meet at each fold."""
+    found, first = [], None
+    for one in _chain(branch):
+        y = one.periods if body is None else one.amplitudes(body)
+        known = np.isfinite(y)
+        x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
+        ends = next((point for point in one.points if point.cycle is not None), None)
+        last = None
+        if ends is not None:
+            last = ends.value, ends.cycle.period if body is None else ends.cycle.amplitude(body)
+        for place, end in ((0, first), (x.size + (first is not None), last)):
+            if end is not None:
+                x, y = np.insert(x, place, end[0]), np.insert(y, place, end[1])
+                stable = np.insert(stable, place, stable[0 if place == 0 else -1] if stable.size else False)
+        found.append((x, y, stable))
+        first = last
+    return found

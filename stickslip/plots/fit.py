@@ -1,0 +1,51 @@
+"""Drawings of fits: what was measured, what the fitted scene does, and what is left."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from stickslip.plots.style import COLOURS, TIME, check_is, many_axes, new_figure, within_or_beside
+from stickslip.results.units import units
+
+__all__ = ["fit"]
+
+
+def fit(found: Any, *, axes: Any = None) -> Any:
+    """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.
+
+    Parameters
+    ----------
+    found : Fit
+    axes : sequence of matplotlib axes, optional
+        Two for each quantity, from top to bottom; by default a new figure.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the number of axes is not that of the panels, or `found` is something else.
+    """
+    check_is(found, "Fit", "fit plot")
+    count = 2 * len(found.measured)
+    if axes is None:
+        heights = [2.4, 1.2] * len(found.measured)
+        figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
+        axes = figure.subplots(count, 1, sharex=True, height_ratios=heights)
+    else:
+        axes = many_axes(axes, count, "fit")
+    smooth, left, scene = found.result.fit_for_plot(1000), found.residuals(), found.result.scene
+    elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
+    dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4, "color": COLOURS[1]}
+    for k, one in enumerate(found.measured):
+        top, below = axes[2 * k], axes[2 * k + 1]
+        unit = getattr(units(scene, elements[one.of]), one.quantity)
+        top.plot(one.t, one.values, label="measured", **dots)
+        top.plot(
+            smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted"
+        )
+        top.set_ylabel(f"{one.name} [{unit}]")
+        below.plot(one.t, left[one.name], **dots)
+        below.axhline(0.0, color="0.35", linewidth=0.8)
+        below.set_ylabel(f"residual [{unit}]")
+        within_or_beside(top)
+    axes[-1].set_xlabel(TIME)
+    return axes[0].get_figure()

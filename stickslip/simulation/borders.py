@@ -1,0 +1,137 @@
+"""The regions of tables along a run: each motion follows one line of each table, up to the first border.
+
+The borders of gaps and stops are guards of the engines (`equations/piecewise.py`). Those of tables are not: a table may
+be looked up at what a function returns, and feeds normal forces, blocks and other tables. So its borders are found on
+the path.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.loads import Loads
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path, chebyshev_nodes
+from stickslip.equations.system import System
+from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
+
+__all__ = ["Borders"]
+
+Array = NDArray[np.float64]
+
+_MORE = 3
+"""By how much more than the state's the order of a quantity is taken that is a function of it."""
+
+_AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
+"""A motion is followed so many times longer than the one before took to a border, and ever further where none comes."""
+
+
+class Borders:
+    """Keeps a run in the regions of its tables; the loads tell motions which these are."""
+
+    def __init__(self, system: System, loads: Loads) -> None:
+        assert system.dependence is not None
+        self._system, self._loads, self._dependence = system, loads, system.dependence
+        # the largest values so far: what comes to a border has their roundoff
+        self._sizes = np.zeros(len(system.dependence.tables))
+        self._reach = math.inf
+
+    def place(self, y: Array, t: float) -> None:
+        """Find the regions in which a state lies; a region at whose border it lies is kept."""
+        q = self._system.filled(self._loads.after(t).at(t), y, t)
+        regions = self._loads.regions
+        found = []
+        for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
+            region = self._dependence.region(k, x) if regions is None else regions[k]
+            low, high = self._dependence.borders(k, region)
+            ends = [abs(value) for value in (x, low, high) if math.isfinite(value)]
+            rough = ROUGH * max(*ends, float(self._sizes[k]))
+            inside = low - rough <= x <= high + rough
+            found.append(region if inside else self._dependence.region(k, x))
+        self._loads.regions = tuple(found)
+
+    def horizon(self, motion: Motion) -> float:
+        """Return up to which local time to follow a motion: not much further than to the border that comes next."""
+        return min(motion.horizon, self._reach)
+
+    def cut(self, motion: Motion, path: Path) -> Path:
+        """Return a path up to the first border; the regions are those beyond it."""
+        found = self._cut(motion, path)
+        length, whole = float(found.taus[-1]), float(path.taus[-1])
+        if length < whole:
+            self._reach = max(_AHEAD * length, _LEAST * motion.horizon)
+        elif length >= self._reach:
+            self._reach = _GROWTH * length
+        return found
+
+    def _cut(self, motion: Motion, path: Path) -> Path:
+        regions = self._loads.regions
+        if path.taus.size < 2 or regions is None:
+            return path
+        if self._stays_within(motion, path, regions):
+            return path
+        curved = not self._dependence.read_for_tables.isdisjoint(motion.stretch.bent.tolist())
+        # where no load bends what is looked up, this is nearly a polynomial as the state is
+        nodes = chebyshev_nodes(DEGREE if curved else min(DEGREE, path.coefficients.shape[1] + _MORE))
+        taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
+        values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
+        self._sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
+        first, left = math.inf, (0, 0)
+        for k, region in enumerate(regions):
+            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
+                if math.isfinite(border):
+                    tau = self._exit(motion, path, k, side, border, side * (border - values[k]))
+                    if tau < first:
+                        first, left = tau, (k, side)
+        if first > path.taus[-1]:
+            return path
+        k, side = left
+        self._loads.regions = (*regions[:k], regions[k] + side, *regions[k + 1 :])
+        if first >= path.taus[-1]:
+            return path
+        return path.cut(first) if first > 0 else path.until(0)
+
+    def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
+        """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""
+        dependence, stretch = self._dependence, motion.stretch
+        if dependence.for_tables or not stretch.is_straight:
+            return False
+        steps = np.diff(path.taus)
+        for k, (number, region) in enumerate(zip(dependence.tables, regions, strict=True)):
+            part = dependence.arguments[number]
+            value = path.coefficients[:, :, part.columns] @ part.S[0]
+            drift = float(part.P[0] @ stretch.slope[part.places])
+            since = motion.t - stretch.start + path.taus[:-1]
+            first = value[:, 0] + part.P[0] @ stretch.value[part.places] + drift * since
+            strays = np.abs(value[:, 1:]).sum(axis=1) + abs(drift) * steps
+            low, high = dependence.borders(k, region)
+            if not (np.all(first - strays > low) and np.all(first + strays < high)):
+                return False
+            self._sizes[k] = max(self._sizes[k], float(np.abs(first).max()))
+        return True
+
+    def _exit(self, motion: Motion, path: Path, k: int, side: int, border: float, depths: Array) -> float:
+        """Return the first local time at which a table is left over one border, inf if it is not."""
+        size = float(np.abs(depths).max()) + abs(border)
+        # what has just come to a border has the roundoff of what it was before
+        rough, noise = max(ROUGH * size, TINY * float(self._sizes[k])), TINY * size
+
+        def depth(tau: float) -> float:
+            return side * (border - float(self._values(motion, path, np.array([tau]))[k, 0]))
+
+        told = False
+        for row, (start, stop) in zip(depths, pairwise(path.taus.tolist()), strict=True):
+            for tau, sign in signs_along(start, stop, row, depth, noise if told else rough, noise):
+                if sign < 0:
+                    return tau
+                told = True
+        return math.inf
+
+    def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
+        y = motion.exact(taus, path.at(taus).T)
+        q = motion.inputs(taus, y, self._dependence.for_tables)
+        return self._dependence.looked_up(q[: self._system.inputs], y)
