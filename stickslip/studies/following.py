@@ -15,9 +15,12 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.arcs import ERRORS, Arc, Place
 from stickslip.studies.branches import Branch, BranchPoint
-from stickslip.studies.cycles import Cycle, CycleError, centred, closed_from, cycle_within, limit_cycle
+from stickslip.studies.closed_cycles import closed_from, cycle_within
+from stickslip.studies.cycles import Cycle, centred
+from stickslip.studies.limit_cycles import limit_cycle
 from stickslip.studies.parameters import Parameter, named_parameters
 from stickslip.studies.phases import cyclic, told, vanishing
+from stickslip.studies.shots import CycleError
 
 __all__ = ["continue_cycle"]
 

@@ -27,8 +27,9 @@ from stickslip import (
     sine,
     velocity,
 )
-from stickslip.studies import cycles
+from stickslip.studies.closed_cycles import closed_from
 from stickslip.studies.parameters import named_parameters
+from stickslip.studies.shots import Shot
 
 STIFFNESS, STATIC, COULOMB = 2.0, 1.5, 1.0
 
@@ -190,18 +191,18 @@ def test_the_next_cycle_is_foretold_to_second_order(is_forced: bool, monkeypatch
     name = "forces[0].signal.frequency" if is_forced else "belt.velocity"
     (one,) = named_parameters(begun, [name], "test")
     cycle = limit_cycle(one.set(begun, value), period=1 / value if is_forced else None)
-    missed, moved = [], cycles.Shot.moved
+    missed, moved = [], Shot.moved
 
-    def noted(self: cycles.Shot, *change: Any) -> cycles.Shot:
+    def noted(self: Shot, *change: Any) -> Shot:
         missed.append(moved(self, *change))
         return missed[-1]
 
-    monkeypatch.setattr(cycles.Shot, "moved", noted)
+    monkeypatch.setattr(Shot, "moved", noted)
     first = []
     for change in (2e-3, 1e-3):
         longer = 1 / (value + change) - 1 / value if is_forced else None
         missed.clear()
-        cycles.closed_from(cycle, one, change, value + change, longer)
+        closed_from(cycle, one, change, value + change, longer)
         first.append(missed[0].error)
     assert 0 < first[1] < 0.3 * first[0]
 
