@@ -44,6 +44,9 @@ _CLOSED = 1e-10
 """A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
 much."""
 
+_SURE = 1e-4
+"""Part of what is enough at which no further step is taken."""
+
 _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
@@ -51,8 +54,8 @@ _NEAR_BY, _FAR = 0.05, 0.5
 """A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
 change, is another one."""
 
-_INWARDS, _BISECTIONS = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.6), 8
-"""Parts by which a cycle is made smaller to find one inside it."""
+_INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+"""Parts by which a cycle is made smaller to find one just within it."""
 
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _ZERO = 1e-9
@@ -531,10 +534,13 @@ class Shot:
             self._by_parameter[parameter.name] = found
         return self._by_parameter[parameter.name]
 
-    def along(self, parameter: Parameter) -> tuple[Array, float, Array]:
-        """Return how start, period and starting state change with a parameter along the cycles."""
+    def along(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
+        """Return how start, period and starting state change with a parameter along the cycles.
+
+        A period of the loads that is given changes with it, too, by `given`.
+        """
         by_parameter, begin = self.by_parameter(parameter)
-        change, longer = self.solve(-by_parameter)
+        change, longer = self.solve(-by_parameter - self.rate_after * given)
         return change, longer, begin
 
     def multipliers(self) -> Complex:
@@ -628,7 +634,7 @@ def _closed(shot: Shot) -> Cycle:
         best = shot if best is None or shot.error < best.error else best
         errors.append(best.error)
         stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
-        if shot.error <= 1e-15 or stalls:
+        if shot.error <= _SURE * shot.enough or stalls:
             break
         change, longer = shot.solve(-shot.missed)
         following = _nearer(shot, change, longer)
@@ -695,40 +701,26 @@ def centred(cycle: Cycle) -> Cycle:
     return cycle_of(Shot(_middle(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
 
 
-def smaller_cycle(cycle: Cycle) -> Cycle | None:
-    """Return the cycle of the same scene that lies inside a cycle of free period, None where none is found.
+def cycle_within(cycle: Cycle) -> Cycle | None:
+    """Return the cycle of the same scene just within one of free period that has lost a phase, None for none.
 
-    Motions outside it grow towards the cycle in a period, those inside fall; between them Newton's method begins.
+    Newton's method begins with motions that are a little smaller, and so small that they have lost a phase.
     """
-    shot = cycle.shot
-    coordinates = shot.coordinates
+    shot, coordinates = cycle.shot, cycle.shot.coordinates
     states = coordinates.of(cycle.result(np.linspace(0.0, cycle.period, 500)))
-    count, sizes = states.shape[0], shot.sizes
-    inwards = states.mean(axis=1) - coordinates.of(shot.start)
-
-    def moved(part: float) -> Shot:
-        change = np.zeros(coordinates.size)
-        change[:count] = part * inwards
-        return shot.moved(change, 0.0)
-
-    def growth(part: float) -> float:
-        one = moved(part)
-        off = (coordinates.of(one.stop) - coordinates.of(shot.start) - inwards) / sizes[:count]
-        return float(np.linalg.norm(off) / np.linalg.norm(inwards / sizes[:count])) - (1.0 - part)
-
-    outside, inside = 0.0, 0.0
+    inwards = np.zeros(coordinates.size)
+    inwards[: states.shape[0]] = states.mean(axis=1) - coordinates.of(shot.start)
     for part in _INWARDS:
-        grows = growth(part)
-        if grows < 0:
-            inside = part
-            break
-        outside = part
-    if not outside or not inside:
-        return None
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (outside + inside)
-        outside, inside = (middle, inside) if growth(middle) > 0 else (outside, middle)
-    return centred(_closed(moved(0.5 * (outside + inside))))
+        smaller = shot.moved(part * inwards, 0.0)
+        if len(smaller.result.events) >= len(cycle.sequence):
+            continue
+        try:
+            found = centred(_closed(smaller))
+        except (CycleError, SimulationError):
+            continue
+        if len(found.sequence) < len(cycle.sequence):
+            return found
+    return None
 
 
 def closed_from(
@@ -749,7 +741,9 @@ def closed_from(
     CycleError
     """
     shot = cycle.shot
-    along, slower, begin = shot.along(parameter)
+    # the derivative at this cycle, not at the first one of a branch
+    given = 0.0 if longer is None else longer / change
+    along, slower, begin = shot.along(parameter.at(shot.scene), given)
     scene = parameter.set(shot.scene, value)
     period = slower * change if longer is None else longer
     if shot.forced:
