@@ -72,7 +72,6 @@ class Dependence:
 
     Parameters
     ----------
-    nodes : sequence of Node
     first : int
         Place of the first node's first value among the inputs.
     normals : dict of int to Form
@@ -208,8 +207,6 @@ class Dependence:
 
         Parameters
         ----------
-        q : array (inputs,) or (inputs, k)
-        y : array (size,) or (size, k)
         t, tau : float or array (k,)
             Time, and local time of the motion, in s.
         friction : Friction or None

@@ -64,7 +64,6 @@ class ModeEquations:
 
     Parameters
     ----------
-    system : System
     modes : array (m,)
         For each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART.
     regions : array (p,)

@@ -45,11 +45,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    Parameters
-    ----------
-    scene : Scene
-    watched : sequence of Quantity
-        Quantities that are to be known, too: nothing depends on them.
+    `watched` are quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
