@@ -154,10 +154,7 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
 def numbers(values: Any, what: str) -> NDArray[np.float64]:
     """Return numbers in one line as an array; which of them make sense is not looked at.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If they are no sequence of numbers, or have rows; `what` begins the message.
+    `what` begins the message of what is refused.
     """
     try:
         found = np.asarray(values)
@@ -173,10 +170,7 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
 def names(values: Any, what: str) -> list[str]:
     """Return a sequence of names as a list; which of them exist is not looked at.
 
-    Raises
-    ------
-    TypeError
-        If it is a single name, or no sequence; `what` begins the message.
+    `what` begins the message of what is refused.
     """
     if isinstance(values, str) or not isinstance(values, Iterable):
         remedy = f"; write [{values!r}]" if isinstance(values, str) else ""
@@ -187,10 +181,7 @@ def names(values: Any, what: str) -> list[str]:
 def file_path(path: Any, what: str) -> Path:
     """Return the path of a file.
 
-    Raises
-    ------
-    TypeError
-        If it is no path; `what` begins the message.
+    `what` begins the message of what is refused.
     """
     if not isinstance(path, (str, PathLike)):
         raise TypeError(f"{what}: path must be a text or a pathlib.Path, got {reprlib.repr(path)}")

@@ -130,6 +130,14 @@ class Scene:
         return (*self.blocks, *self.state_spaces, *self.sampled)
 
     @cached_property
+    def derived(self) -> dict[str, Any]:
+        """What others have made of the scene, such as its matrices: kept as long as the scene is, never written."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "derived"}
+
+    @cached_property
     def _moving(self) -> frozenset[str]:
         """The names of bodies, drives and the ground."""
         return frozenset({GROUND, *(one.name for one in (*self.bodies, *self.drives))})

@@ -307,11 +307,6 @@ class Sine(Signal):
         """Return the value at `t`."""
         return self.offset + self.amplitude * math.sin(self._angle(t))
 
-    def sampled(self, times: Array) -> Array:
-        """Return the values at many times."""
-        angles = 2 * math.pi * np.fmod(self.frequency * times, 1.0) + self.phase
-        return self.offset + self.amplitude * np.sin(angles)
-
     def slope(self, t: float) -> float:
         """Return the derivative at `t`."""
         return self.amplitude * 2 * math.pi * self.frequency * math.cos(self._angle(t))
@@ -421,10 +416,6 @@ class Sum(Signal):
         """Return the sum of the values."""
         return sum(term(t) for term in self.terms)
 
-    def sampled(self, times: Array) -> Array:
-        """Return the sums of the values at many times."""
-        return np.asarray(np.sum([term.sampled(times) for term in self.terms], axis=0))
-
     def slope(self, t: float) -> float:
         """Return the sum of the slopes."""
         return sum(term.slope(t) for term in self.terms)
@@ -481,11 +472,6 @@ class Clipped(Signal):
     def __call__(self, t: float) -> float:
         """Return the value at `t`, never negative."""
         return max(0.0, self.base(t)) if self._is_positive(t) else 0.0
-
-    def sampled(self, times: Array) -> Array:
-        """Return the values at many times, none negative."""
-        positive = np.array(self.positive)[np.searchsorted(self.kinks, times, side="right")]
-        return np.where(positive, np.maximum(self.base.sampled(times), 0.0), 0.0)
 
     def slope(self, t: float) -> float:
         """Return the slope of the base, 0 where that is cut off."""

@@ -66,7 +66,7 @@ def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> An
     ax.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.xaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2, 0.5)))
     ax.grid(True, which="major", linewidth=0.4, alpha=0.6)
-    notes = [f"{row.name}: {_reason(row)}" for row in table.rows if not _drawable(row)]
+    notes = _notes([row for row in table.rows if not _drawable(row)])
     if notes:
         more = [f"and {len(notes) - _NOTES} more"] if len(notes) > _NOTES else []
         note = "not drawn:\n" + "\n".join([*notes[:_NOTES], *more])
@@ -120,3 +120,15 @@ def _drawable(row: Any) -> bool:
 def _reason(row: Any) -> str:
     text = f"error 0 in {row.median:.3g} s" if row.failure is None else row.failure.split("\n")[0]
     return text if len(text) <= 70 else text[:69] + "…"
+
+
+def _notes(rows: list[Any]) -> list[str]:
+    """Return a line for each family of which rows cannot be drawn, and why the first of them cannot."""
+    families: dict[str, list[Any]] = {}
+    for row in rows:
+        families.setdefault(row.family or row.name, []).append(row)
+    lines = []
+    for name, some in families.items():
+        counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else some[0].name
+        lines.append(f"{counted}: {_reason(some[0])}")
+    return lines

@@ -24,7 +24,7 @@ from stickslip.events.endings import (
 )
 from stickslip.events.impact import struck
 from stickslip.events.search import Situation
-from stickslip.events.settle import Settled, carried_on, settle
+from stickslip.events.settle import Settled, carried_on, only_bends, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
@@ -53,8 +53,8 @@ class Run:
 
     Attributes
     ----------
-    t : float
-        How far it is, in s.
+    start, stop, t : float
+        The time span, and how far it is, in s.
     now : Settled or None
         The motion from there on.
     stopped : str or None
@@ -71,8 +71,8 @@ class Run:
         wanted: Tolerances,
     ) -> None:
         self.system, self.loads, self.engine, self.recorder = system, loads, engine, recorder
-        self.t, self._stop = span
-        self._start, self._wanted, self._fastest = self.t, wanted, 0.0
+        self.start, self.stop = span
+        self.t, self._wanted, self._fastest = self.start, wanted, 0.0
         self._idle = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
@@ -91,39 +91,33 @@ class Run:
         y = system.at_start()
         if system.sampled:
             q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
-            y = system.sample(self.t, self._start, q, y)
+            y = system.sample(self.t, self.start, q, y)
         if self._borders is not None:
             self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        hit = self._strike_at_start(y) if system.has_stops else nothing
-        situation = Situation(self.t, y, None, since, nothing, nothing, sides=self._sides(y))
+        hit, sides = self._stops_at_start(y)
+        situation = Situation(self.t, y, None, since, nothing, nothing, sides=sides)
         uncertain = self._wanted.uncertain(self._fastest)
         self.now = settle(system, self.loads, situation, self._wanted.quiet, self._wanted.blur, uncertain)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
-    def _strike_at_start(self, y: Array) -> Mask:
-        """Let stops rebound, in place, that start at a limit and go on into it; return which."""
-        system = self.system
-        q = self.loads.after(self.t).at(self.t)
+    def _stops_at_start(self, y: Array) -> tuple[Mask, Modes]:
+        """Let stops rebound, in place, that start at a limit and go on into it.
+
+        Returns which do, and at which limits stops rest then.
+        """
+        system, q = self.system, self.loads.after(self.t).at(self.t)
         sides, _ = at_stops(system, y, q)
         u = system.drive_velocities(q)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
-        rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
-        if system.drives:
-            rough += _ROUNDOFF * (system.abs_D @ np.abs(u))
+        rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
         if hit.any():
             y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
-        return hit
-
-    def _sides(self, y: Array) -> Modes:
-        """Return at which limits stops rest at the start."""
-        system, q = self.system, self.loads.after(self.t).at(self.t)
-        sides, _ = at_stops(system, y, q)
         sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0
-        return sides
+        return hit, sides
 
     def advance(self) -> None:
         """Follow the motion to its end, keep it, and settle the next one."""
@@ -185,7 +179,7 @@ class Run:
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
         self._watch_progress(t, hit)
-        if t >= self._stop or local.is_interrupted:
+        if t >= self.stop or local.is_interrupted:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
@@ -203,13 +197,18 @@ class Run:
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
         motion = now.motion
         self._watch_progress(t, path.has_event and not now.guards.is_border.any())
-        if t >= self._stop:
+        if t >= self.stop:
             return
         self.restarts += 1
         system, held = self.system, self._sampled(motion, path, t)
         # where tables are, a motion may have been followed only so far
         paused = t < motion.stretch.stop and self.loads.regions == motion.regions
-        if not (path.has_event or ones) and (paused or self.loads.goes_on(t)):
+        goes_on = not (path.has_event or ones) and (
+            paused
+            or self.loads.goes_on(t)
+            or only_bends(now, self.loads.after(t), t, path.last, path.largest)
+        )
+        if goes_on:
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)
@@ -266,7 +265,7 @@ class Run:
         if not system.sampled or t != motion.stretch.stop:
             return path.last[system.first_block :]
         q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
-        return system.sample(t, self._start, q, path.last)[system.first_block :]
+        return system.sample(t, self.start, q, path.last)[system.first_block :]
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None
@@ -292,7 +291,7 @@ class Run:
 
     def _watch_progress(self, t: float, hit: bool) -> None:
         """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
-        whole = self._stop - self._start
+        whole = self.stop - self.start
         stands = t - self.t <= 1e-14 * whole
         self.t = t
         self._idle = self._idle + 1 if stands else 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import weakref
 from collections.abc import Iterable
 from typing import Any, get_args
 
@@ -133,63 +132,52 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         run.watch = Watch(system, watched, loads.period)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
-    return _Simulation(run, recorder, task, (start, stop), chosen.title).to_end(progress)
+    return _Simulation(run, task, chosen.title).to_end(progress)
 
 
 _MANY = 16
 """Bodies from which events are followed one by one where they are."""
 
-_FORESTS: weakref.WeakKeyDictionary[System, Forest] = weakref.WeakKeyDictionary()
-_COMPILED: dict[int, System] = {}
-
 
 def compiled(scene: Scene) -> System:
     """Return the scene as constant matrices, built once for each scene object."""
-    known = _COMPILED.get(id(scene))
-    if known is None:
-        known = _COMPILED[id(scene)] = System(scene)
-        # the entry of a scene that nobody holds would keep it alive
-        weakref.finalize(scene, _COMPILED.pop, id(scene), None)
-    return known
+    if "system" not in scene.derived:
+        scene.derived["system"] = System(scene)
+    system: System = scene.derived["system"]
+    return system
 
 
 def _forest(system: System, loads: Loads) -> Forest | None:
-    """Return which bodies reach which where events can be followed one by one, built once for each system."""
+    """Return which bodies reach which where events can be followed one by one, built once for each scene."""
     if system.n < _MANY or Forest.why_not(system, loads) is not None:
         return None
-    if system not in _FORESTS:
-        _FORESTS[system] = Forest(system)
-    return _FORESTS[system]
+    known = system.scene.derived
+    if "forest" not in known:
+        known["forest"] = Forest(system)
+    forest: Forest = known["forest"]
+    return forest
 
 
 class _Simulation:
     """A run with its progress bar, its way out when something fails, and its counts."""
 
-    def __init__(
-        self,
-        run: Run,
-        recorder: Recorder,
-        task: Task,
-        span: tuple[float, float],
-        title: str,
-    ) -> None:
-        self._run, self._recorder, self._task, self._title = run, recorder, task, title
-        self._start, self._stop = span
+    def __init__(self, run: Run, task: Task, title: str) -> None:
+        self._run, self._recorder, self._task, self._title = run, run.recorder, task, title
         self._calls, self._samples = self._function_calls, run.system.samples
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
         run, interruption = self._run, self._task.interruption
-        bar = _bar(self._stop - self._start) if progress else None
+        bar = _bar(run.stop - run.start) if progress else None
         if bar is not None:
-            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - self._start)
+            interruption.show = lambda tau: _advance_bar(bar, run.t + tau - run.start)
         try:
             with interruption:
                 run.begin()
-                while run.t < self._stop and run.stopped is None:
+                while run.t < run.stop and run.stopped is None:
                     run.advance()
                     if bar is not None:
-                        _advance_bar(bar, run.t - self._start)
+                        _advance_bar(bar, run.t - run.start)
                     if interruption.pressed:
                         raise KeyboardInterrupt
         except SolverFailure as failure:

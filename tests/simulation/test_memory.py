@@ -1,8 +1,10 @@
-"""Memory grows with the number of bodies, not with its square."""
+"""Memory grows with the number of bodies, not with its square, and is given back."""
 
+import gc
 import tracemalloc
+import weakref
 
-from stickslip import simulate
+from stickslip import Scene, simulate
 from stickslip.benchmark import flywheel_chain
 
 
@@ -17,3 +19,14 @@ def test_a_long_chain_builds_no_square_array() -> None:
         tracemalloc.stop()
     assert result.success
     assert peak < 64e6, f"{peak / 1e6:.0f} MB"
+
+
+def test_a_scene_is_freed_with_all_that_was_made_of_it() -> None:
+    def simulated() -> weakref.ref[Scene]:
+        scene = flywheel_chain(20)
+        assert simulate(scene, (0.0, 0.01)).success
+        return weakref.ref(scene)
+
+    known = simulated()
+    gc.collect()
+    assert known() is None

@@ -11,7 +11,7 @@ from stickslip.model.checks import NamedArguments, check_name, finite
 from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
-from stickslip.model.signals import Load, as_signal
+from stickslip.model.signals import Load
 
 __all__ = [
     "GROUND",
@@ -84,9 +84,6 @@ class Element(metaclass=NamedArguments):
         if (number := self._number(name)) == 0:
             raise ValueError(f"{self.label}: {name} must not be 0; {remedy}")
         return number
-
-    def _signal(self, name: str) -> None:
-        object.__setattr__(self, name, as_signal(getattr(self, name), f"{self.label}: {name}"))
 
     def _load(self, name: str) -> None:
         object.__setattr__(self, name, as_load(getattr(self, name), f"{self.label}: {name}"))

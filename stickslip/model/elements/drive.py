@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 
 from stickslip.model.elements.base import Book, Motion, Moving
-from stickslip.model.signals import Signal
+from stickslip.model.signals import Signal, as_signal
 
 __all__ = ["Drive"]
 
@@ -39,7 +39,7 @@ class Drive(Moving):
 
     def __post_init__(self) -> None:
         self._check_name_and_motion()
-        self._signal("velocity")
+        object.__setattr__(self, "velocity", as_signal(self.velocity, f"{self.label}: velocity"))
         self._number("position")
 
     def place(self, book: Book) -> None:

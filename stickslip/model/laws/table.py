@@ -78,9 +78,7 @@ class ActingForces:
         stateful = [places for places, kernel in sorted_out if kernel.has_state]
         self.bristles: Indices = np.sort(np.concatenate([np.empty(0, dtype=np.intp), *stateful]))
         self._parts = [
-            (_all(places, sign.size), _all(self.bristles.searchsorted(places), self.bristles.size), kernel)
-            if kernel.has_state
-            else (_all(places, sign.size), slice(0, 0), kernel)
+            (places, self.bristles.searchsorted(places) if kernel.has_state else places[:0], kernel)
             for places, kernel in sorted_out
         ]
         self._stateful = [part for part in self._parts if part[2].has_state]
@@ -143,8 +141,3 @@ def steady_forces(law: Law, w: Array, normal: float) -> Array:
     slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
     sign = np.where(slips, np.sign(w), 0).astype(np.int8)
     return ActingForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
-
-
-def _all(places: Indices, size: int) -> Indices | slice:
-    """Return places as a slice where they are all there are: numpy then copies nothing."""
-    return slice(None) if places.size == size else places
