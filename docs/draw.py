@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent
-PAGES = ("how_do_i.md", "paper.md")
+PAGES = ("branches.md", "how_do_i.md", "paper.md")
 
 
 def draw(page: Path) -> None:

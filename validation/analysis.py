@@ -341,11 +341,28 @@ def _leine_end() -> tuple[float, str]:
         )
 
     exact = float(brentq(short, 0.6, 0.8, xtol=1e-12))
-    branch = continue_cycle(leine(0.6, damping), "belt.velocity", [0.6, 0.7], accuracy=1e-5)
-    (end,) = branch.points
-    if end.kind != "fold" or branch.beyond is None or branch.beyond.cycles[0] is None:
-        raise Wrong(f"no end of stick-slip with unstable cycles beyond: {branch}")
-    return abs(end.value - exact) / exact, f"at {end.value:.8g}, beyond it unstable slipping"
+    error = 0.0
+    for speeds, accuracy in (([0.6, 0.7], 1e-5), ([0.66, 0.67, 0.68], 1e-5), ([0.45, 0.9], 1e-6)):
+        branch = continue_cycle(leine(speeds[0], damping), "belt.velocity", speeds, accuracy=accuracy)
+        (end,) = branch.points
+        if end.kind != "fold" or branch.beyond is None:
+            raise Wrong(f"no end of stick-slip with unstable cycles beyond: {branch}")
+        error = max(error, abs(end.value - exact) / exact)
+        (back, *_) = branch.beyond.cycles
+        rest = (math.sqrt(3 / damping) - 1) / 3
+        if speeds[0] > rest:
+            if back is None or back.sequence:
+                raise Wrong(f"no unstable slipping beyond the end of stick-slip: {branch}")
+            continue
+        # slipping shrinks to rest where rest on the running belt becomes stable
+        (hopf,) = branch.beyond.points
+        if back is not None or "Hopf" not in hopf.message:
+            raise Wrong(f"no end at the state of rest: {branch}")
+        error = max(error, abs(hopf.value - rest) / rest)
+    return (
+        error,
+        f"at {exact:.8g}, whatever the speeds are; beyond it unstable slipping, down to rest at {rest:.8g}",
+    )
 
 
 QUICK_SCENES, SCENES = 3, 300
@@ -382,7 +399,7 @@ def rows(count: int) -> list[Row]:
         ),
         analysis_row(
             "analysis-leine-end",
-            "belt speed at which its stick-slip ends with damping 0.5",
+            "belt speed at which its stick-slip ends with damping 0.5, from speeds near by and far off",
             "DOP853 from breaking away to the next maximum of the velocity",
             _leine_end,
             1e-6,

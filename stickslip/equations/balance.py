@@ -11,6 +11,7 @@ Rows that lock the same motion leave lambda undetermined; the forces of least no
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -315,15 +316,16 @@ def _difference(a: Array, b: Array, size: Array | None = None) -> Array:
     return found
 
 
+@dataclass(frozen=True)
 class _Tree:
     """A large component without loops: triangular once its bodies are in order from the root out."""
 
-    def __init__(
-        self, T: tuple[Any, ...], U: tuple[Any, ...], dependent: Indices, solver: Any, order: Indices
-    ) -> None:
-        self.T, self.U, self.dependent = T, U, dependent
-        self._solver, self._order = solver, order
-        self._size, self._gain = dependent.size, 1.0
+    T: tuple[Any, ...]
+    U: tuple[Any, ...]
+    dependent: Indices
+    solver: Any
+    order: Indices
+    gain: float
 
     @classmethod
     def of(cls, inertia: Array, G: Any, D: Any, bodies: Indices) -> _Tree | None:
@@ -372,23 +374,21 @@ class _Tree:
             T = (np.append(dependent, top), np.full(size, top), np.append(along, 1.0))
         back = np.empty(h, dtype=np.intp)
         back[rows] = np.arange(rows.size)
-        tree = cls(T, U, dependent, solver, back)
-        sizes = np.abs(G.data)
+        gain, sizes = 1.0, np.abs(G.data)
         if sizes.min() != 1.0 or sizes.max() != 1.0:
             # along a way through the tree, ratios of coefficients multiply: the forces of units at the leaves tell
-            tree._gain = (
-                float(np.abs(solver.solve(np.ones(dependent.size))).max()) / sizes.min() * sizes.max()
-            )
-        return tree
+            farthest = float(np.abs(solver.solve(np.ones(dependent.size))).max())
+            gain = farthest / sizes.min() * sizes.max()
+        return cls(T, U, dependent, solver, back, gain)
 
     def forces(self, rest: Array) -> Array:
         """Return the forces of the rows from what is left of the forces on the bodies."""
-        return np.asarray(self._solver.solve(rest[self.dependent])[self._order])
+        return np.asarray(self.solver.solve(rest[self.dependent])[self.order])
 
     def magnitude(self, rest: Array) -> Array:
         """Return a bound of what adds up in them."""
-        total = self._gain * rest[self.dependent].sum(axis=0)
-        return np.broadcast_to(total, (self._size, *rest.shape[1:]))
+        total = self.gain * rest[self.dependent].sum(axis=0)
+        return np.broadcast_to(total, (self.dependent.size, *rest.shape[1:]))
 
 
 class _Entries:

@@ -72,7 +72,6 @@ class Dependence:
 
     Parameters
     ----------
-    nodes : sequence of Node
     first : int
         Place of the first node's first value among the inputs.
     normals : dict of int to Form
@@ -107,9 +106,10 @@ class Dependence:
         self._normals = Part.of([normals[j] for j in sorted(normals)], place)
         parts = [*self.arguments, self._normals]
         self.columns = np.unique(np.concatenate([part.columns for part in parts]))
-        self.tables = [k for k, node in enumerate(nodes) if node.table is not None]
-        self._lines = {k: np.array(self.nodes[k].table.lines) for k in self.tables}  # type: ignore[union-attr]
-        self._corners = {k: np.array(self.nodes[k].table.xs) for k in self.tables}  # type: ignore[union-attr]
+        tables = {k: node.table for k, node in enumerate(nodes) if node.table is not None}
+        self.tables = list(tables)
+        self._lines = {k: np.array(table.lines) for k, table in tables.items()}
+        self._corners = {k: np.array(table.xs) for k, table in tables.items()}
         self.is_linear = len(self.tables) == len(self.nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
         self.for_tables = self.before(
@@ -207,8 +207,6 @@ class Dependence:
 
         Parameters
         ----------
-        q : array (inputs,) or (inputs, k)
-        y : array (size,) or (size, k)
         t, tau : float or array (k,)
             Time, and local time of the motion, in s.
         friction : Friction or None

@@ -72,11 +72,8 @@ class Loads:
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
         parts = (part for s in self._signals for part in s.parts())
         self.has_functions = stepped or any(not isinstance(part, straight_or_sine) for part in parts)
-        self._constant = np.zeros(self.size)
-        self._constant[-1] = 1.0
-        for i, s in enumerate(self._signals):
-            if isinstance(s, Constant):
-                self._constant[i] = s.value
+        levels = [s.value if isinstance(s, Constant) else 0.0 for s in self._signals]
+        self._constant = np.array([*levels, *[0.0] * len(rates), 1.0])
         self._known: dict[int, Stretch] = {}
         self.regions: tuple[int, ...] | None = None
 

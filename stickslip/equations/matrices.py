@@ -7,9 +7,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["dense", "row_maxima"]
+__all__ = ["Triplets", "dense", "row_maxima"]
 
 Array = NDArray[np.float64]
+
+
+class Triplets:
+    """Entries of a matrix under construction."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+        self.columns: list[int] = []
+        self.values: list[float] = []
+
+    def add(self, row: int, column: int, value: float) -> None:
+        """Enter a value; values at the same place add up."""
+        if value:
+            self.rows.append(row)
+            self.columns.append(column)
+            self.values.append(value)
 
 
 def dense(matrix: Any) -> Array:

@@ -11,8 +11,8 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.matrices import dense, row_maxima
-from stickslip.equations.piecewise import Regions, Triplets
+from stickslip.equations.matrices import Triplets, dense, row_maxima
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
 from stickslip.model.laws.table import ActingForces
@@ -64,7 +64,6 @@ class ModeEquations:
 
     Parameters
     ----------
-    system : System
     modes : array (m,)
         For each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART.
     regions : array (p,)

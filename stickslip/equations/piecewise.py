@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.elements.book import Book
-from stickslip.model.piecewise import Linear
+from stickslip.model.elements.book import RowEntry
 
-__all__ = ["PiecewiseMatrices", "Regions", "Triplets"]
+__all__ = ["PiecewiseMatrices", "Regions"]
 
 Array = NDArray[np.float64]
 
@@ -23,40 +22,8 @@ _WITHIN = 1e-9
 """Part of what adds up in a border by which a state may lie beyond it and still count as at it."""
 
 
-class Triplets:
-    """Entries of a matrix under construction."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-        self.columns: list[int] = []
-        self.values: list[float] = []
-
-    def add(self, row: int, column: int, value: float) -> None:
-        """Enter a value; values at the same place add up."""
-        if value:
-            self.rows.append(row)
-            self.columns.append(column)
-            self.values.append(value)
-
-
-class Layout(Protocol):
-    """What a system says of its states and inputs."""
-
-    n: int
-    size: int
-    inputs: int
-    first_drive: int
-
-    @property
-    def position_state(self) -> Mapping[int, int]:
-        """Place of each position among the states, by index of the body."""
-
-    def matrix(self, triplets: Triplets, shape: tuple[int, int]) -> Any:
-        """Return entries as a matrix."""
-
-
 class PiecewiseMatrices:
-    """All piecewise-linear functions of a layout.
+    """The piecewise-linear functions of all gaps and stops, by the number of their row.
 
     Attributes
     ----------
@@ -82,35 +49,27 @@ class PiecewiseMatrices:
         What the row shows.
     """
 
-    def __init__(self, book: Book, layout: Layout) -> None:
-        rows = [j for j, row in enumerate(book.rows) if row.regions]
-        functions = [book.rows[j] for j in rows]
+    def __init__(
+        self, rows: Mapping[int, RowEntry], acts: Any, values: tuple[Any, Any], borders: tuple[Any, Any]
+    ) -> None:
+        self.acts = acts
+        self.value_y, self.value_q = values
+        self.border_y, self.border_q = borders
+        functions = list(rows.values())
         self.count = len(functions)
         self.labels = [f"{function.kind} {function.name!r}" for function in functions]
         regions = [region for function in functions for region in function.regions]
         sizes = [len(function.regions) for function in functions]
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
         self.mode = np.array([region.mode for region in regions], dtype=np.int8)
-        self.row = np.array(rows, dtype=np.intp)
+        self.row = np.array(list(rows), dtype=np.intp)
         self.is_stop = np.array([function.kind == "stop" for function in functions], dtype=bool)
         self.is_force = ~self.is_stop
-        values, borders = _Expressions(layout), _Expressions(layout)
-        owner, within, beyond, acts = [], [], [], Triplets()
-        for k, function in enumerate(functions):
-            for i, c in function.coefficients.items():
-                if i < layout.n and function.kind == "gap":
-                    acts.add(i, k, -c)
-            for region in function.regions:
-                for border, other in region.borders:
-                    borders.add(border, function.coefficients)
-                    owner.append(k)
-                    within.append(values.count)
-                    beyond.append(other)
-                values.add(region.value, function.coefficients)
-        self.acts = layout.matrix(acts, (layout.n, self.count))
-        self.value_y, self.value_q = values.matrices()
-        self.border_y, self.border_q = borders.matrices()
-        self.owner, self.within, self.beyond = (np.array(x, dtype=np.intp) for x in (owner, within, beyond))
+        owners = np.repeat(np.arange(self.count), sizes)
+        self.within = np.repeat(np.arange(len(regions)), [len(region.borders) for region in regions])
+        self.owner = owners[self.within]
+        beyond = [other for region in regions for _, other in region.borders]
+        self.beyond = np.array(beyond, dtype=np.intp)
         self.abs_border_y, self.abs_border_q = abs(self.border_y), abs(self.border_q)
 
     def places(self, regions: Regions) -> Indices:
@@ -181,31 +140,3 @@ class PiecewiseMatrices:
             most = most.toarray() if hasattr(most, "toarray") else most
             found = found + abs(self.acts[:, [k]]) @ np.atleast_2d(most)
         return found
-
-
-class _Expressions:
-    """Linear expressions as rows over states and inputs."""
-
-    def __init__(self, layout: Layout) -> None:
-        self._layout, self._y, self._q = layout, Triplets(), Triplets()
-        self.count = 0
-
-    def add(self, expression: Linear, coefficients: Mapping[int, float]) -> None:
-        """Enter an expression of the stretch with these coefficients as the next row."""
-        layout, row = self._layout, self.count
-        for i, c in coefficients.items():
-            self._y.add(row, layout.position_state[i], c * expression.stretch)
-            if i < layout.n:
-                self._y.add(row, i, c * expression.rate)
-            else:
-                self._q.add(row, layout.first_drive + i - layout.n, c * expression.rate)
-        self._q.add(row, layout.inputs - 1, expression.constant)
-        self.count += 1
-
-    def matrices(self) -> tuple[Any, Any]:
-        """Return the matrices on states and on inputs."""
-        layout = self._layout
-        return (
-            layout.matrix(self._y, (self.count, layout.size)),
-            layout.matrix(self._q, (self.count, layout.inputs)),
-        )

@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 from stickslip.equations.balance import Balance
 from stickslip.equations.dependence import Dependence, Friction, Part
 from stickslip.equations.loads import Loads
-from stickslip.equations.piecewise import PiecewiseMatrices, Triplets
+from stickslip.equations.matrices import Triplets
+from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.laws.table import LawTable
-from stickslip.model.quantities import Expression, Output, Position, Stretch, as_expression
+from stickslip.model.piecewise import Linear
+from stickslip.model.quantities import Expression, Output, Position, RelativeVelocity, Stretch, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
@@ -43,11 +45,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    Parameters
-    ----------
-    scene : Scene
-    watched : sequence of Quantity
-        Quantities that are to be known, too: nothing depends on them.
+    `watched` are quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
@@ -81,7 +79,7 @@ class System:
         self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
-        self.piecewise = PiecewiseMatrices(book, self)
+        self.piecewise = self._piecewise(book)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         self.balance = lru_cache(maxsize=remembered)(self._balance)
@@ -264,6 +262,31 @@ class System:
         self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
         self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
         self.carried_state = np.array([self.position_state[int(i) + n] for i in self.carried], dtype=np.intp)
+
+    def _piecewise(self, book: Book) -> PiecewiseMatrices:
+        rows = {j: row for j, row in enumerate(book.rows) if row.regions}
+        acts = Triplets()
+        for k, row in enumerate(rows.values()):
+            for i, c in row.coefficients.items():
+                if i < self.n and row.kind == "gap":
+                    acts.add(i, k, -c)
+        regions = [(region, row.name) for row in rows.values() for region in row.regions]
+        values = self._expressions([(region.value, name) for region, name in regions])
+        borders = self._expressions(
+            [(border, name) for region, name in regions for border, _ in region.borders]
+        )
+        return PiecewiseMatrices(rows, self.matrix(acts, (self.n, len(rows))), values, borders)
+
+    def _expressions(self, found: Sequence[tuple[Linear, str]]) -> tuple[Any, Any]:
+        """Return expressions of the stretches of rows as rows of matrices, from states and from inputs."""
+        states, inputs = Triplets(), Triplets()
+        for k, (expression, row) in enumerate(found):
+            form = Form(inputs={("one", 0, 0): expression.constant})
+            form.add(self.reader.form(Stretch(row), row), expression.stretch)
+            form.add(self.reader.form(RelativeVelocity(row), row), expression.rate)
+            self._enter(form, k, states, inputs)
+        count = len(found)
+        return self.matrix(states, (count, self.size)), self.matrix(inputs, (count, self.inputs))
 
     def _enter(self, form: Form, row: int, states: Triplets, inputs: Triplets) -> None:
         """Enter a form as a row of two matrices."""

@@ -18,7 +18,7 @@ from stickslip.events.impact import Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation
 
-__all__ = ["Settled", "carried_on", "settle"]
+__all__ = ["Settled", "carried_on", "only_bends", "settle"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,15 +45,40 @@ class Settled:
     impact: Struck | None = None
 
 
-def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
-    """Return what goes on in the same modes after a sample, None where these may not hold.
+def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
+    """Tell whether modes may go on at a break of loads: all rows are pressed, no velocity jumps, and none is 0 by now.
 
     Parameters
     ----------
     now : Settled
         Up to `t`.
     stretch : Stretch
-        The loads from there on, which have not jumped.
+        The loads from there on.
+    t : float
+        Time in s.
+    y, largest : array (size,)
+        State there, and bounds of the sizes of the states on the way.
+    """
+    motion, system = now.motion, now.motion.system
+    if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
+        return False
+    q = stretch.at(t)
+    if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
+        return False
+    slip = motion.equations.slip
+    w, rough = _relative(system, y, largest, t, q)
+    return bool(_closed(system, stretch, t, q).all() and (np.abs(w) > rough)[slip].all())
+
+
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
+    """Return what goes on in the same modes after a sample or a break, None where these may not hold.
+
+    Parameters
+    ----------
+    now : Settled
+        Up to `t`.
+    stretch : Stretch
+        The loads from there on.
     t : float
         Time in s.
     y : array (size,)
@@ -127,7 +152,7 @@ def _settled(
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
     all_closed = np.count_nonzero(closed) == closed.size
-    w, rough = _relative(system, now, q)
+    w, rough = _relative(system, now.y, now.was, now.t, q)
     # within Karnopp's dead band a contact counts as at rest
     limit = np.maximum(rough, system.laws.rests_below)
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
@@ -239,23 +264,23 @@ def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     return np.asarray(presses & system.alive)
 
 
-def _relative(system: System, now: Situation, q: Array) -> tuple[Array, Array]:
+def _relative(system: System, y: Array, was: Array | None, t: float, q: Array) -> tuple[Array, Array]:
     """Return each row's relative velocity and the roundoff of the largest speed that adds up in it.
 
     What comes to rest has the roundoff of the speed that it had. Roundoff of the time is one of the velocity where a
     drive accelerates, whatever its speed is at the moment.
     """
     n = system.n
-    speed = np.abs(now.y[:n])
-    if now.was is not None:
-        speed = np.maximum(speed, now.was[:n])
+    speed = np.abs(y[:n])
+    if was is not None:
+        speed = np.maximum(speed, was[:n])
     largest = float(speed.max(initial=0.0))
     found = _largest(system.abs_G, speed)
     if system.drives:
-        u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * now.t)
+        u = np.abs(system.drive_velocities(q)) + np.abs(system.drive_accelerations(q) * t)
         largest = max(largest, float(u.max()))
         found = np.maximum(found, _largest(system.abs_D, u))
-    return system.relative_velocity(now.y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
+    return system.relative_velocity(y, q), ROUNDOFF * np.maximum(found, ROUNDOFF * largest)
 
 
 def _largest(coefficients: Any, values: Array) -> Array:

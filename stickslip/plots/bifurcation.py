@@ -6,17 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.style import COLOURS, LINES, STUDY, check_is, own_axes, within_or_beside
+from stickslip.plots.style import COLOURS, STUDY, check_is, own_axes, within_or_beside
 from stickslip.results.units import units
 
 __all__ = ["bifurcation"]
+
+_SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
+"""What marks each kind of point on a branch."""
 
 
 def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     """Draw the bifurcation diagram of a branch of cycles, and return the axes.
 
-    Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line; vertical lines mark where
-    the kind of the cycles changes. What comes beyond a fold is drawn, too.
+    Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line. Dark signs with names mark
+    where the kind of the cycles changes. What comes beyond a fold is drawn, too.
 
     Parameters
     ----------
@@ -40,12 +43,21 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
         for i, (x, shown) in enumerate(chosen):
             look = {"color": COLOURS[1], "markerfacecolor": fill, "markersize": 4}
             ax.plot(x, shown, line, marker="o", label=None if i else label, **look)
-    points = [point for one in _chain(branch) for point in one.points]
-    for k, kind in enumerate(dict.fromkeys(point.kind for point in points)):
-        values = dict.fromkeys(point.value for point in points if point.kind == kind)
-        for i, value in enumerate(values):
-            look = {"color": "0.35", "linestyle": LINES[1 + k % 3], "linewidth": 1.0}
-            ax.axvline(value, label=None if i else kind, **look)
+    for one, (x, y, _) in zip(_chain(branch), parts, strict=True):
+        order = np.argsort(x)
+        for point in one.points:
+            height = np.interp(point.value, x[order], y[order]) if x.size else np.nan
+            ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
+            ax.annotate(
+                f"{point.kind} at {point.value:.6g}",
+                (point.value, height),
+                xytext=(9, 0),
+                textcoords="offset points",
+                fontsize="small",
+                va="center",
+                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
+            )
+    ax.margins(x=0.12)
     parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
     ax.set(
         xlabel=parameter,
@@ -77,14 +89,14 @@ def _parts(branch: Any, body: str | None) -> list[tuple[np.ndarray, np.ndarray, 
         y = one.periods if body is None else one.amplitudes(body)
         known = np.isfinite(y)
         x, y, stable = np.asarray(one.values)[known], y[known], np.asarray(one.stable)[known]
-        fold = next((point for point in one.points if point.cycle is not None), None)
+        ends = next((point for point in one.points if point.cycle is not None), None)
         last = None
-        if fold is not None:
-            last = fold.value, fold.cycle.period if body is None else fold.cycle.amplitude(body)
+        if ends is not None:
+            last = ends.value, ends.cycle.period if body is None else ends.cycle.amplitude(body)
         for place, end in ((0, first), (x.size + (first is not None), last)):
-            if end is not None and stable.size:
+            if end is not None:
                 x, y = np.insert(x, place, end[0]), np.insert(y, place, end[1])
-                stable = np.insert(stable, place, stable[0 if place == 0 else -1])
+                stable = np.insert(stable, place, stable[0 if place == 0 else -1] if stable.size else False)
         found.append((x, y, stable))
         first = last
     return found

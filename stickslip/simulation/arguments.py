@@ -114,19 +114,19 @@ def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     scene = system.scene
     v = np.array([body.velocity for body in scene.bodies])
     w = system.relative_velocity(v, q)
+    # of bodies, drives and the ground
+    velocities = [*v.tolist(), *system.drive_velocities(q).tolist(), 0.0]
     # what a drive that starts from 0 has there may be roundoff of its later speeds
     led = (largest_value(drive.velocity, start, stop) for drive in scene.drives)
     largest = max([*np.abs(v).tolist(), *led])
     for j, element in enumerate(scene.rows):
         if not rigid[j]:
             continue
-        allowed = _BROKEN * largest * max(map(abs, element.coefficients.values()))
+        ends = element.coefficients
+        allowed = _BROKEN * largest * max(map(abs, ends.values()))
         if (abs(w[j]) if system.is_tie[j] else w[j]) <= allowed:
             continue
-        moving = {body.name: body.velocity for body in scene.bodies} | dict(
-            zip([drive.name for drive in scene.drives], system.drive_velocities(q).tolist(), strict=True)
-        )
-        given = ", ".join(f"{name!r} {moving.get(name, 0.0):.12g}" for name in element.coefficients)
+        given = ", ".join(f"{name!r} {velocities[system.index[name]]:.12g}" for name in ends)
         if system.is_tie[j]:
             raise ValueError(
                 f"{element.label}: the velocities at the start break it by {w[j]:.12g} ({given}); "

@@ -24,7 +24,7 @@ from stickslip.events.endings import (
 )
 from stickslip.events.impact import struck
 from stickslip.events.search import Situation
-from stickslip.events.settle import Settled, carried_on, settle
+from stickslip.events.settle import Settled, carried_on, only_bends, settle
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
@@ -166,7 +166,7 @@ class Run:
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
-                    path = path.cut(one.tau) if one.tau > 0 else path.until(0)
+                    path = motion.until(path, one.tau)
                 return path, at
         return path, t
 
@@ -203,7 +203,12 @@ class Run:
         system, held = self.system, self._sampled(motion, path, t)
         # where tables are, a motion may have been followed only so far
         paused = t < motion.stretch.stop and self.loads.regions == motion.regions
-        if not (path.has_event or ones) and (paused or self.loads.goes_on(t)):
+        goes_on = not (path.has_event or ones) and (
+            paused
+            or self.loads.goes_on(t)
+            or only_bends(now, self.loads.after(t), t, path.last, path.largest)
+        )
+        if goes_on:
             y = np.concatenate([path.last[: system.first_block], held])
             if self._borders is not None:
                 self._borders.place(y, t)

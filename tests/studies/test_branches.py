@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -26,6 +27,9 @@ from stickslip import (
     sine,
     velocity,
 )
+from stickslip.studies.closed_cycles import closed_from
+from stickslip.studies.parameters import named_parameters
+from stickslip.studies.shots import Shot
 
 STIFFNESS, STATIC, COULOMB = 2.0, 1.5, 1.0
 
@@ -178,6 +182,29 @@ def test_a_period_doubles_at_a_flip() -> None:
     assert branch.stable.tolist() == [True, False] and branch.cycles[1] is not None
     doubled = limit_cycle(branch.cycles[1].scene.replace("m", position=-0.1), period=2 / at[1])
     assert doubled.stable and len(doubled.sequence) == 2
+
+
+@pytest.mark.parametrize("is_forced", [False, True])
+def test_the_next_cycle_is_foretold_to_second_order(is_forced: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With derivatives at the cycle itself, whatever value the parameter had where its branch began."""
+    begun, value = (forced(0.5, 0.2), 0.12) if is_forced else (belt(0.1), 0.4)
+    name = "forces[0].signal.frequency" if is_forced else "belt.velocity"
+    (one,) = named_parameters(begun, [name], "test")
+    cycle = limit_cycle(one.set(begun, value), period=1 / value if is_forced else None)
+    missed, moved = [], Shot.moved
+
+    def noted(self: Shot, *change: Any) -> Shot:
+        missed.append(moved(self, *change))
+        return missed[-1]
+
+    monkeypatch.setattr(Shot, "moved", noted)
+    first = []
+    for change in (2e-3, 1e-3):
+        longer = 1 / (value + change) - 1 / value if is_forced else None
+        missed.clear()
+        closed_from(cycle, one, change, value + change, longer)
+        first.append(missed[0].error)
+    assert 0 < first[1] < 0.3 * first[0]
 
 
 def test_a_cycle_is_a_start_too() -> None:

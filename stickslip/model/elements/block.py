@@ -385,9 +385,5 @@ def _reads_inputs(function: Any) -> bool:
     if code is None or code.co_argcount < 3 + bound or code.co_flags & (_VARARGS | _KEYWORDS):
         return True
     name = code.co_varnames[2 + bound]
-    for instruction in dis.get_instructions(code):
-        if instruction.opname.startswith(("LOAD", "STORE_FAST_LOAD", "DELETE")):
-            read = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
-            if name in read:
-                return True
-    return name in code.co_cellvars
+    named = [instruction.argval for instruction in dis.get_instructions(code)]
+    return any(name in one if isinstance(one, tuple) else name == one for one in named)

@@ -1,0 +1,153 @@
+"""Newton's method for limit cycles: from a motion that nearly closes, and from a cycle to those next to it.
+
+With the monodromy matrix ``M = dz(T)/dz(0)`` of the state z that closes after one period it solves
+
+    z(T) = z(0)                              with a period given, and otherwise also   f . (z(0) - z_guess) = 0
+
+where ``f = z'`` and T is unknown, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.simulation.result import SimulationError
+from stickslip.simulation.simulate import compiled
+from stickslip.studies.closing import check_loads
+from stickslip.studies.cycles import Cycle, centred, cycle_of
+from stickslip.studies.parameters import Parameter
+from stickslip.studies.shots import CycleError, Shot
+
+__all__ = ["closed", "closed_from", "cycle_within"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS, _MOST_HALVINGS, _PATIENCE = 25, 6, 4
+_SURE = 1e-4
+"""Part of what is enough at which no further step is taken."""
+
+_NEAR_BY, _FAR = 0.05, 0.5
+"""A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
+change, is another one."""
+
+_INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+"""Parts by which a cycle is made smaller to find one just within it."""
+
+
+def closed(shot: Shot) -> Cycle:
+    """Return the cycle to which Newton's method leads from a shot.
+
+    Raises
+    ------
+    CycleError
+    """
+    enough = shot.enough
+    best: Shot | None = None
+    errors: list[float] = []
+    for _ in range(_MOST_STEPS):
+        if best is not None and not shot.error < best.error and best.error <= enough:
+            break
+        best = shot if best is None or shot.error < best.error else best
+        errors.append(best.error)
+        stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
+        if shot.error <= _SURE * shot.enough or stalls:
+            break
+        change, longer = shot.solve(-shot.missed)
+        following = _nearer(shot, change, longer)
+        if following is None:
+            break
+        shot = following
+    assert best is not None
+    if best.error > enough:
+        raise CycleError(
+            f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "
+            f"misses its start by {best.error:.2g} of its size; begin nearer to the cycle (transient=..., guess=...)"
+        )
+    return cycle_of(best)
+
+
+def _nearer(shot: Shot, change: Array, longer: float) -> Shot | None:
+    """Return the shot after a step of Newton's method, shortened until it misses less; None where that fails."""
+    part = 1.0
+    if not shot.forced and abs(longer) > 0.5 * shot.period:
+        part = 0.5 * shot.period / abs(longer)
+    found: Shot | None = None
+    for _ in range(_MOST_HALVINGS):
+        try:
+            one = shot.moved(part * change, part * longer)
+        except (SimulationError, CycleError):
+            part *= 0.5
+            continue
+        if found is None or one.error < found.error:
+            found = one
+        if one.error < shot.error:
+            return one
+        if shot.error <= 1e-9:
+            return None
+        part *= 0.5
+    return found
+
+
+def cycle_within(cycle: Cycle) -> Cycle | None:
+    """Return the cycle of the same scene just within one of free period that has lost a phase, None for none.
+
+    Newton's method begins with motions that are a little smaller, and so small that they have lost a phase.
+    """
+    shot, coordinates = cycle.shot, cycle.shot.coordinates
+    states = coordinates.of(cycle.result(np.linspace(0.0, cycle.period, 500)))
+    inwards = np.zeros(coordinates.size)
+    inwards[: states.shape[0]] = states.mean(axis=1) - coordinates.of(shot.start)
+    for part in _INWARDS:
+        smaller = shot.moved(part * inwards, 0.0)
+        if len(smaller.result.events) >= len(cycle.sequence):
+            continue
+        try:
+            found = centred(closed(smaller))
+        except (CycleError, SimulationError):
+            continue
+        if len(found.sequence) < len(cycle.sequence):
+            return found
+    return None
+
+
+def closed_from(
+    cycle: Cycle, parameter: Parameter, change: float, value: float, longer: float | None
+) -> Cycle:
+    """Return the cycle near another one whose parameter has changed.
+
+    Parameters
+    ----------
+    cycle : Cycle
+    parameter : Parameter
+        Has changed by `change` to `value`.
+    longer : float or None
+        By how much in s the given period of the loads has changed; None if it has not.
+
+    Raises
+    ------
+    CycleError
+    """
+    shot = cycle.shot
+    # the derivative at this cycle, not at the first one of a branch
+    given = 0.0 if longer is None else longer / change
+    along, slower, begin = shot.along(parameter.at(shot.scene), given)
+    scene = parameter.set(shot.scene, value)
+    period = slower * change if longer is None else longer
+    if shot.forced:
+        check_loads(compiled(scene), shot.period + period)
+    foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
+    found = closed(foretold)
+    off = _apart(found.shot, foretold)
+    if off > max(_NEAR_BY, _FAR * _apart(foretold, shot)):
+        raise CycleError("the search leads to a cycle far from the one before")
+    return found
+
+
+def _apart(one: Shot, other: Shot) -> float:
+    """Return by what part of their size two shots differ in start and period."""
+    off = abs(one.period - other.period) / other.period
+    if one.coordinates.free.size == other.coordinates.free.size:
+        start = other.coordinates.of(one.start) - other.coordinates.of(other.start)
+        off = max(off, float(np.abs(start / other.sizes[: start.size]).max(initial=0.0)))
+    return off

@@ -1,0 +1,212 @@
+"""What has to close after a period of a limit cycle, its coordinates, and scenes that start anywhere on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.equations.matrices import dense
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
+from stickslip.model.scene import Scene
+from stickslip.simulation.result import Result
+from stickslip.studies.directions import Direction, along_start
+
+__all__ = ["Coordinates", "check_constant", "check_loads", "middle_of", "read_positions", "seen", "started"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def check_loads(system: System, period: float) -> None:
+    """Refuse loads that do not repeat with the period."""
+    loads = system.loads(0.0, 2 * period)
+    places = (np.arange(97) + 0.37) / 97 * period
+    for t in places.tolist():
+        now, later = loads.after(t).at(t), loads.after(t + period).at(t + period)
+        off = np.abs(now - later) > 1e-9 * (np.abs(now) + np.abs(later)) + 1e-12
+        if off.any():
+            raise ValueError(
+                f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[off][0]:.9g} at "
+                f"t = {t:.6g} s and {later[off][0]:.9g} at t = {t + period:.6g} s; give a period of all loads"
+            )
+
+
+def check_constant(system: System) -> None:
+    """Refuse loads that change: then the period is that of the loads."""
+    loads = system.loads(0.0, 1.0)
+    if (
+        loads.breaks
+        or not math.isinf(loads.period)
+        or any(np.any(loads.after(t).at(t) != loads.after(0.0).at(0.0)) for t in (0.0, 0.31, 0.77))
+    ):
+        raise ValueError(
+            "limit_cycle: the loads change with time; give their period, period=... "
+            "(it is found only where loads are constant)"
+        )
+
+
+def read_positions(system: System) -> Array:
+    """Return orthonormal combinations of positions that forces, blocks, stops or gaps read, a line each."""
+    places = slice(system.n, system.first_bristle)
+    lines = [dense(system.C)[:, places], dense(system.block_C)[:, places]]
+    if system.piecewise.count:
+        lines += [dense(one)[:, places] for one in (system.piecewise.value_y, system.piecewise.border_y)]
+    if system.dependence is not None:
+        every = np.eye(system.first_bristle - system.n)
+        read = np.intersect1d(system.dependence.columns, np.arange(system.n, system.first_bristle))
+        lines.append(every[read - system.n])
+    block = np.concatenate(lines)
+    if not block.size:
+        return np.zeros((0, system.first_bristle - system.n))
+    _, sizes, found = np.linalg.svd(block)
+    rank = int(np.count_nonzero(sizes > 1e-12 * sizes.max(initial=0.0)))
+    return np.asarray(found[:rank])
+
+
+def seen(system: System, y: Array, read: Array) -> Array:
+    """Return what has to close of states (or columns of them): velocities, positions that are read, all others."""
+    n, first = system.n, system.first_bristle
+    return np.concatenate([y[:n], read @ y[n:first], y[first:]])
+
+
+def _movable(system: System, held: NDArray[np.bool_], read: Array) -> Array:
+    """Return the combinations of positions that closed stops leave free, of those that are read."""
+    closed = (held & system.is_stop).nonzero()[0]
+    if not closed.size:
+        return read
+    lines = np.hstack([dense(system.G[closed]), dense(system.D[closed])])[:, system.placed]
+    fixed = scipy.linalg.orth(lines.T)
+    _, sizes, found = np.linalg.svd(read - read @ fixed @ fixed.T)
+    return np.asarray(found[: np.count_nonzero(sizes > 1e-9)])
+
+
+class Coordinates:
+    """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
+
+    Parameters
+    ----------
+    system : System
+    motion : Motion
+        The first motion: held velocities follow from others.
+    """
+
+    def __init__(self, system: System, motion: Motion) -> None:
+        self.system, self.motion = system, motion
+        n, size = system.n, system.size
+        free = np.ones(n, dtype=bool)
+        free[motion.equations.dependent] = False
+        self.free = free.nonzero()[0]
+        self._read = read_positions(system)
+        held = motion.equations.is_held
+        self.aged = system.dwelling[held[system.dwelling]]
+        self._read = _movable(system, held, self._read)
+        more = size - system.first_bristle
+        count = self.free.size + self._read.shape[0] + more
+        # from coordinates to states: held velocities follow, what forces do not read stays
+        self.to_states = np.zeros((size, count))
+        self.to_states[self.free, np.arange(self.free.size)] = 1.0
+        none = np.zeros((system.drives, count))
+        self.to_states = motion.equations.consistent(self.to_states, none)
+        self.to_states[n : system.first_bristle, self.free.size : count - more] = self._read.T
+        self.to_states[system.first_bristle :, count - more :] = np.eye(more)
+        self.size = count + self.aged.size
+
+    def of(self, y: Array) -> Array:
+        """Return the coordinates of a state, or of columns of them; ages are not among them."""
+        n = self.system.n
+        first = self.system.first_bristle
+        return np.concatenate([y[self.free], self._read @ y[n:first], y[first:]])
+
+    def directions(self) -> list[Direction]:
+        """Return the directions in which each coordinate grows."""
+        none = np.zeros(self.system.m)
+        found = [along_start(f"state {k}", column, none) for k, column in enumerate(self.to_states.T)]
+        for row in self.aged.tolist():
+            since = none.copy()
+            since[row] = -1.0
+            found.append(along_start(f"age {row}", np.zeros(self.system.size), since))
+        return found
+
+    def sizes(self, result: Result) -> Array:
+        """Return the size of each coordinate over a motion, velocities and positions apart, at least their changes."""
+        states = self.of(result.y)
+        half = self.free.size
+        found = np.ones(self.size)
+        # a motion that hardly changes its velocities is as large as the velocities of its drives
+        speeds = states[:half]
+        found[:half] = max(float(np.ptp(speeds)) if speeds.size else 0.0, 1e-300)
+        # positions are as large as the largest of them, bristles and states of blocks each as itself
+        first = half + self._read.shape[0]
+        last = states.shape[0]
+        found[half:first] = max(float(np.ptp(states[half:first], axis=1).max(initial=0.0)), 1e-300)
+        found[first:last] = np.maximum(np.ptp(states[first:], axis=1), 1e-300)
+        found[last:] = result.t[-1] - result.t[0]
+        return found
+
+
+def started(
+    scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: NDArray[np.int8]
+) -> Scene:
+    """Return a scene that starts at t = 0 from a state, with rows that have rested for some time.
+
+    Parameters
+    ----------
+    scene : Scene
+    system : System
+        Of the scene.
+    y : array (size,)
+    aged : array of int
+        Rows with a dwell time that rest.
+    ages : array
+        For how long in s.
+    modes : array (m,)
+        Modes as the equations know them: contacts with a pre-slip velocity remember that they slip.
+    """
+    rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
+    rows = {row.name: j for j, row in enumerate(system.rows)}
+    ends: dict[str, int] = {body.name: k for k, body in enumerate((*scene.bodies, *scene.drives))}
+    elements: list[Any] = []
+    for element in scene.elements:
+        changes: dict[str, Any] = {}
+        if isinstance(element, (Body, Drive)):
+            k = ends[element.name]
+            if k < system.n:
+                changes["velocity"] = float(y[k])
+            if k in system.position_state:
+                changes["position"] = float(y[system.position_state[k]])
+        elif isinstance(element, Contact):
+            j = rows[element.name]
+            changes["rested"] = rested.get(element.name, 0.0)
+            if j in system.bristle_state:
+                changes["deflection"] = float(y[system.bristle_state[j]])
+            changes["slipping"] = bool(abs(modes[j]) == 1 and not system.hard[j])
+        elif isinstance(element, (Block, StateSpace)):
+            place = system.blocks[element.name]
+            changes["states"] = y[place.first : place.end].tolist()
+        one: Any = element
+        elements.append(replace(one, **changes) if changes else one)
+    return Scene(*elements, motion=scene.motion)
+
+
+def middle_of(result: Result, begin: float, end: float) -> Scene:
+    """Return the scene as it is in the middle of the longest motion between two times."""
+    system: System = result.trajectory.system
+    pieces = result.trajectory.pieces
+
+    def length(number: int) -> float:
+        piece = pieces[number]
+        return min(piece.stop, end) - max(piece.t, begin)
+
+    number = max(range(len(pieces)), key=length)
+    piece = pieces[number]
+    at = 0.5 * (min(piece.stop, end) + max(piece.t, begin))
+    y = result(at)
+    held = system.dwelling[piece.labels[system.dwelling] == 0]
+    return started(result.scene, system, y, held, at - piece.since[held], piece.modes)

@@ -1,0 +1,398 @@
+"""Follow limit cycles over a parameter: from value to value, round folds, and to where a branch ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.model.checks import numbers
+from stickslip.model.scene import Scene
+from stickslip.simulation.result import SimulationError
+from stickslip.studies.arcs import ERRORS, Arc, Place
+from stickslip.studies.branches import Branch, BranchPoint
+from stickslip.studies.closed_cycles import closed_from, cycle_within
+from stickslip.studies.cycles import Cycle, centred
+from stickslip.studies.limit_cycles import limit_cycle
+from stickslip.studies.parameters import Parameter, named_parameters
+from stickslip.studies.phases import cyclic, told, vanishing
+from stickslip.studies.shots import CycleError
+
+__all__ = ["continue_cycle"]
+
+Array = NDArray[np.float64]
+
+_SHORTEST_STEP = 1 / 256
+"""Shortest step from value to value, as a part of their distance."""
+
+_FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
+"""First and shortest step along an arc, in distances of values; how many of them, and how many folds, are followed."""
+
+_MEETS, _LOOKS = 0.02, 3
+"""Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for."""
+
+_SHRUNK = 0.05
+"""Part of its speeds to which a cycle shrinks that is about to become a state of rest."""
+
+_SAME = 1e-6
+"""Part of a period by which it may differ where the way back leads to the same cycle."""
+
+
+def continue_cycle(
+    scene: Scene | Cycle,
+    parameter: str,
+    values: Sequence[float] | Array,
+    *,
+    period: float | Callable[[float], float] | None = None,
+    accuracy: float = 1e-6,
+    **options: Any,
+) -> Branch:
+    """Return the branch of limit cycles over values of a parameter.
+
+    Each cycle begins the search for the next one, along the tangent of the branch; steps are halved where the search
+    fails. Between two values it is found where a multiplier passes the unit circle, where the sequence of changes of
+    modes becomes another one, and where the branch ends. At a fold the branch turns: from there it is followed back
+    over the values, by its arc length, and `Branch.beyond` holds what comes.
+
+    Parameters
+    ----------
+    scene : Scene or Cycle
+        The scene, of which `limit_cycle` finds the cycle at the first value, or a cycle at that value: so unstable
+        branches are followed, too.
+    parameter : str
+        Its name, such as ``"belt.velocity"``.
+    values : sequence of float
+        Rising or falling.
+    period : float or function of the value, optional
+        Period of the loads in s.
+    accuracy : float
+        Part of the distance between two values to which the points between them are found.
+    **options
+        Further arguments of `limit_cycle`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not usable.
+    CycleError
+        If there is no cycle at the first value.
+    """
+    if not isinstance(scene, (Scene, Cycle)):
+        raise TypeError(f"continue_cycle: scene must be a Scene or a Cycle, got {type(scene).__name__}")
+    own = scene.scene if isinstance(scene, Cycle) else scene
+    (one,) = named_parameters(own, [parameter], "continue_cycle")
+    if one.only_at_start:
+        raise ValueError(
+            f"continue_cycle: {parameter!r} says where a motion starts; a cycle does not depend on it: name another one"
+        )
+    wanted = numbers(values, "continue_cycle: values")
+    steps = np.diff(wanted)
+    if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
+        raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
+    follower = Follower(one, period, accuracy)
+    if isinstance(scene, Cycle):
+        first = follower.reach(scene, one.value, float(wanted[0]))
+    else:
+        at = follower.period(float(wanted[0]))
+        first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
+    return follower.along(centred(first), wanted)
+
+
+class _Reached(NamedTuple):
+    """The last cycle on the way to a value, and its own value; why the way ends there, and before which value."""
+
+    cycle: Cycle
+    value: float
+    why: str = ""
+    end: float = np.nan
+
+
+class Follower:
+    """Follows cycles from value to value."""
+
+    def __init__(
+        self,
+        parameter: Parameter,
+        period: float | Callable[[float], float] | None,
+        accuracy: float,
+        folds: int = _MOST_FOLDS,
+    ) -> None:
+        self._parameter, self._period, self._accuracy, self._folds = parameter, period, accuracy, folds
+        self._points: list[BranchPoint] = []
+
+    def period(self, value: float) -> float | None:
+        """Return the period of the loads at a value."""
+        return float(self._period(value)) if callable(self._period) else self._period
+
+    def along(
+        self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0
+    ) -> Branch:
+        """Return the branch that begins with a cycle at the first of some values.
+
+        Beyond a fold it goes back over `every` value, by default the same ones. The first step is a part of the way to
+        the second value.
+        """
+        cycles: list[Cycle | None] = [first]
+        last, beyond = first, None
+        for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
+            near = self._toward(last, before, value, first_step)
+            first_step = 1.0
+            found: Cycle | Branch | None = near.cycle
+            if near.why:
+                found = self._past(near, last, before, value, values if every is None else every)
+            if not isinstance(found, Cycle):
+                beyond = found
+                break
+            self._between(last, before, found, value)
+            last = found
+            cycles.append(last)
+        cycles += [None] * (values.size - len(cycles))
+        return Branch(self._parameter.name, values, tuple(cycles), tuple(self._points), beyond)
+
+    def reach(self, cycle: Cycle, before: float, value: float) -> Cycle:
+        """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
+        found = self._toward(cycle, before, value)
+        if found.why:
+            raise CycleError(found.why)
+        return found.cycle
+
+    def _toward(self, cycle: Cycle, at: float, value: float, first: float = 1.0) -> _Reached:
+        """Return how far the way to a value leads, with a first step that is a part of it."""
+        step, failed = first * (value - at), False
+        shortest = _SHORTEST_STEP * abs(step)
+        while at != value:
+            aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
+            try:
+                following = self._step(cycle, at, aim)
+                if cyclic(following.sequence) != cyclic(cycle.sequence):
+                    self._check_way_back(following, aim, cycle, at)
+            except ERRORS as error:
+                step *= 0.5
+                failed = True
+                if abs(step) < shortest:
+                    return _Reached(cycle, at, str(error), aim)
+                continue
+            cycle, at = following, aim
+            step, failed = step if failed else 2 * step, False
+        return _Reached(cycle, at)
+
+    def _check_way_back(self, following: Cycle, aim: float, cycle: Cycle, at: float) -> None:
+        """Refuse a cycle of another sequence of modes that does not lead back: it belongs to another branch."""
+        back = self._step(following, aim, at)
+        same = abs(back.period - cycle.period) <= _SAME * cycle.period
+        if not same or cyclic(back.sequence) != cyclic(cycle.sequence):
+            raise CycleError("the search leads to another branch of cycles")
+
+    def _step(self, cycle: Cycle, before: float, value: float) -> Cycle:
+        if value == before:
+            return cycle
+        longer = None
+        if (given := self.period(value)) is not None:
+            longer = given - cycle.period
+        return centred(closed_from(cycle, self._parameter, value - before, value, longer))
+
+    # -- where it does not go on -------------------------------------------------------------------------------
+
+    def _past(
+        self, near: _Reached, last: Cycle, before: float, value: float, every: Array
+    ) -> Cycle | Branch | None:
+        """Return the cycle at a value to which no small steps lead, or what comes beyond the end before it.
+
+        That is the branch beyond a fold, or that of cycles without the phase that vanishes at the end; None for none.
+        """
+        rises = value > before
+        if not vanishing(near.cycle):
+            turned = self._round(near, value, value - before)
+            if isinstance(turned, Cycle):
+                return turned
+            if turned is not None:
+                fold, place = turned
+                self._between(last, before, near.cycle, near.value)
+                said = "a multiplier is 1: two cycles meet, and the branch turns back"
+                self._points.append(BranchPoint(fold.value, "fold", said, fold.cycle))
+                return self._beyond(_Reached(place.cycle, place.value), fold.value, rises, before, every)
+        passed, other = self._last(near, self._accuracy * abs(value - before))
+        a, at, why, end = passed[-1]
+        phases, inner = vanishing(a), None
+        if other is None and phases and not a.forced:
+            inner = self._within(passed)
+        if inner is None:
+            further = self._toward(*((other or passed[-1])[:2]), value)
+            if not further.why:
+                return further.cycle
+            if phases and other is not None and _differ(a, other.cycle) < _MEETS:
+                inner = other
+        self._between(last, before, a, at)
+        if inner is None:
+            if phases:
+                why += (
+                    ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
+                    "of a scene that moves a little less"
+                )
+            if _speed(a) < _SHRUNK * _speed(last):
+                why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
+            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why]), a))
+            return None
+        said = "; ".join([*phases, "cycles without it begin there, and the branch turns back"])
+        self._points.append(BranchPoint(0.5 * (at + end), "fold", said, a))
+        return self._beyond(inner, end, rises, before, every)
+
+    def _beyond(self, first: _Reached, fold: float, rose: bool, before: float, every: Array) -> Branch | None:
+        """Return the branch that goes back over the values from a cycle beyond a fold.
+
+        Near the fold both branches are so near to each other that long steps would lead back to the other one.
+        """
+        if self._folds <= 0:
+            return None
+        back = np.sort(every[(every <= before) if rose else (every >= before)])
+        back = back[::-1] if rose else back
+        follower = Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
+        part = min(abs(first.value - fold) / max(abs(before - first.value), np.finfo(float).tiny), 1.0)
+        found = follower.along(centred(first.cycle), np.array([first.value, *back]), every, part)
+        return replace(found, values=found.values[1:], cycles=found.cycles[1:])
+
+    def _last(self, near: _Reached, smallest: float) -> tuple[list[_Reached], _Reached | None]:
+        """Return by bisection the last cycles before the end of a branch, and one of another sequence beyond it."""
+        passed, other = [near], None
+        while abs(near.end - near.value) > smallest:
+            middle = 0.5 * (near.value + near.end)
+            if middle in (near.value, near.end):
+                break
+            try:
+                one = self._step(near.cycle, near.value, middle)
+            except ERRORS as error:
+                near = passed[-1] = near._replace(why=str(error), end=middle)
+                continue
+            if cyclic(one.sequence) == cyclic(near.cycle.sequence):
+                near = near._replace(cycle=one, value=middle)
+                passed.append(near)
+            else:
+                other, near = _Reached(one, middle), near._replace(end=middle)
+                passed[-1] = near
+        return passed, other
+
+    def _within(self, passed: list[_Reached]) -> _Reached | None:
+        """Return a cycle without the phase that vanishes at the end of a branch, and its value; None for none.
+
+        Where a phase vanishes because a relative velocity only just comes to 0, cycles may go on from there that do
+        not come to 0: they move a little less. At the end both are the same: so they are looked for as near to it as
+        they can be told apart, however far apart the values are.
+        """
+        for own, at, *_ in passed[: -1 - _LOOKS : -1]:
+            try:
+                one = cycle_within(own)
+            except ERRORS:
+                continue
+            if one is not None and _differ(own, one) < _MEETS:
+                return _Reached(one, at)
+        return None
+
+    def _round(self, near: _Reached, value: float, spacing: float) -> tuple[Place, Place] | Cycle | None:
+        """Follow the arc from a cycle on: to a fold and just beyond it, or to the value; None where it ends."""
+        arc = Arc(self._parameter, self._period if callable(self._period) else None, spacing)
+        try:
+            place, length = arc.begin(near.cycle, near.value, spacing > 0), _FIRST
+            for _ in range(_MOST_PLACES):
+                try:
+                    following = arc.step(place, length)
+                    if cyclic(following.cycle.sequence) != cyclic(near.cycle.sequence):
+                        raise CycleError("the arc leads to another sequence of modes")
+                except ERRORS:
+                    length *= 0.5
+                    if length < _SHORTEST:
+                        return None
+                    continue
+                if following.pace * place.pace <= 0:
+                    return arc.fold(place, length), following
+                if (following.value - value) * place.pace >= 0:
+                    return self.reach(following.cycle, following.value, value)
+                if vanishing(following.cycle):
+                    return None
+                place, length = following, min(1.5 * length, 1.0)
+        except ERRORS:
+            return None
+        return None
+
+    # -- what changes between two values -----------------------------------------------------------------------
+
+    def _between(self, a: Cycle, before: float, b: Cycle, value: float) -> None:
+        if cyclic(a.sequence) != cyclic(b.sequence):
+            self._other_sequence(a, before, b, value)
+            return
+        for kind, test in (("crossing", _crossing), ("flip", _flip), ("torus", _torus)):
+            left, right = test(a), test(b)
+            if left * right >= 0:
+                continue
+
+            def at(x: float, test: Callable[[Cycle], float] = test) -> float:
+                near, of = (a, before) if abs(x - before) <= abs(x - value) else (b, value)
+                return test(self.reach(near, of, x))
+
+            try:
+                found = float(
+                    scipy.optimize.brentq(at, before, value, xtol=self._accuracy * abs(value - before))
+                )
+            except (CycleError, SimulationError):
+                found = 0.5 * (before + value)
+            said = {
+                "crossing": "a multiplier passes 1: a symmetry breaks, or another branch crosses",
+                "flip": "a multiplier passes -1: the period doubles",
+            }
+            self._points.append(
+                BranchPoint(found, kind, said.get(kind, "a pair of multipliers passes the unit circle"))
+            )
+
+    def _other_sequence(self, a: Cycle, before: float, b: Cycle, value: float) -> None:
+        """Find by bisection where the sequence of modes changes."""
+        first = cyclic(a.sequence)
+        smallest = self._accuracy * abs(value - before)
+        while abs(value - before) > smallest:
+            middle = 0.5 * (before + value)
+            if middle in (before, value):
+                break
+            one: Cycle | None = None
+            for near, of in ((a, before), (b, value)):
+                try:
+                    one = self.reach(near, of, middle)
+                    break
+                except (CycleError, SimulationError):
+                    continue
+            if one is None:
+                break
+            if cyclic(one.sequence) == first:
+                a, before = one, middle
+            else:
+                b, value = one, middle
+        said = told(a, b)
+        if abs(value - before) > smallest:
+            said += f"; somewhere between {before:.9g} and {value:.9g}"
+        self._points.append(BranchPoint(0.5 * (before + value), "sequence", said))
+
+
+def _speed(cycle: Cycle) -> float:
+    """Return the range of the fastest velocity of a cycle."""
+    found = cycle.result.fit_for_plot(2000)
+    return max(float(np.ptp(found.velocity(body.name))) for body in cycle.scene.bodies)
+
+
+def _differ(one: Cycle, other: Cycle) -> float:
+    """Return by what part two cycles differ in their period and in the range of their fastest velocity."""
+    pairs = [(_speed(one), _speed(other)), (one.period, other.period)]
+    return max(abs(a - b) / max(a, b) for a, b in pairs)
+
+
+def _crossing(cycle: Cycle) -> float:
+    return float(np.prod(1.0 - cycle.multipliers).real)
+
+
+def _flip(cycle: Cycle) -> float:
+    return float(np.prod(1.0 + cycle.multipliers).real)
+
+
+def _torus(cycle: Cycle) -> float:
+    pairs = np.abs(cycle.multipliers[np.abs(cycle.multipliers.imag) > 1e-9])
+    return float(np.prod(1.0 - pairs[::2])) if pairs.size else 1.0

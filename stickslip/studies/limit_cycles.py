@@ -1,0 +1,243 @@
+"""Search limit cycles: a transient leads near one, and Newton's method to it.
+
+The state z that closes after one period holds velocities, bristles, and of positions only what forces read: bodies may
+drift as long as nothing feels it. Multipliers are the eigenvalues of ``dz(T)/dz(0)``, without the 1 that belongs to the
+direction of the motion where the period is free.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.matrices import dense
+from stickslip.equations.system import System
+from stickslip.model.scene import Scene
+from stickslip.simulation.result import Result
+from stickslip.simulation.simulate import compiled
+from stickslip.studies.closed_cycles import closed
+from stickslip.studies.closing import check_constant, check_loads, middle_of, read_positions, seen, started
+from stickslip.studies.cycles import Cycle, said
+from stickslip.studies.shots import CycleError, Shot
+from stickslip.studies.variations import simulated
+
+__all__ = ["limit_cycle"]
+
+Array = NDArray[np.float64]
+
+_NEAR = 0.05
+"""Part of its size within which a motion comes back to where a search begins."""
+
+_TURNS, _LONGER, _TRIES = 12, 4.0, 5
+
+
+def limit_cycle(
+    scene: Scene,
+    *,
+    period: float | None = None,
+    guess: float | None = None,
+    transient: float | None = None,
+    method: str = "auto",
+    rtol: float = 1e-11,
+    atol: float = 1e-13,
+) -> Cycle:
+    """Return a periodic motion of a scene, and its multipliers.
+
+    A transient leads near the cycle, where it is stable; Newton's method with exact derivatives through events finds
+    it to roundoff. Unstable cycles are found from a start near them with ``transient=0``.
+
+    Parameters
+    ----------
+    scene : Scene
+    period : float, optional
+        Period in s of the loads, or a multiple of it; without it the loads must be constant, and the period is found.
+    guess : float, optional
+        About the period in s, where it is to be found; by default it is seen in the transient.
+    transient : float, optional
+        How long in s the scene moves before the search. By default as long as it takes to come back to where it was;
+        50 periods where the period is given. With 0 the search begins at the scene's own start.
+    method, rtol, atol
+        As `simulate` takes them.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If an argument is not usable, or loads and period do not go together.
+    CycleError
+        If no cycle was found; the message says why.
+    SimulationError
+        If the simulation cannot go on.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"limit_cycle: scene must be a Scene, got {type(scene).__name__}")
+    for name, value in (("period", period), ("guess", guess)):
+        if value is not None and not (isinstance(value, (int, float)) and 0 < value < math.inf):
+            raise ValueError(f"limit_cycle: {name} must be a positive time in s, got {value!r}")
+    if transient is not None and not (isinstance(transient, (int, float)) and 0 <= transient < math.inf):
+        raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
+    options = {"method": method, "rtol": rtol, "atol": atol}
+    system = compiled(scene)
+    if system.bristle_state:
+        raise ValueError(
+            "limit_cycle: cycles of laws with bristles are not searched for; take the DryFriction at their core"
+        )
+    if system.sampled:
+        raise ValueError(
+            "limit_cycle: sampled blocks have no derivatives here; blocks in continuous time have"
+        )
+    if period is not None:
+        if guess is not None:
+            raise ValueError("limit_cycle: give the period or a guess of it, not both")
+        check_loads(system, period)
+        start = scene
+        if transient != 0:
+            periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
+            start = _settled(scene, period, periods, options)
+        return closed(Shot(start, period, True, options))
+    check_constant(system)
+    if transient == 0:
+        if guess is None:
+            raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
+        return _once(closed(Shot(scene, float(guess), False, options)))
+    start, about = _returning(scene, guess, transient, options)
+    return _once(closed(Shot(start, about, False, options)))
+
+
+def _once(cycle: Cycle) -> Cycle:
+    """Return a cycle of free period as one turn, where it was found as several."""
+    count = len(cycle.sequence)
+    for turns in range(count, 1, -1):
+        if count % turns:
+            continue
+        shot = Shot(cycle.scene, cycle.period / turns, False, cycle.shot.options)
+        if shot.error <= 1e3 * shot.enough:
+            return closed(shot)
+    return cycle
+
+
+def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
+    """Return the scene as it starts after some periods of its loads.
+
+    Raises
+    ------
+    CycleError
+        If the motion only comes back after several periods.
+    """
+    result = simulated(scene, (0.0, periods * period), **options)
+    system: System = result.trajectory.system
+    times = period * np.arange(periods + 1)
+    states = result(np.minimum(times, result.trajectory.pieces[-1].stop))
+    read = read_positions(system)
+    n = system.n
+    z = seen(system, states, read)
+    size = np.ptp(seen(system, result.y, read), axis=1)
+    size[:n] = size[:n].max()
+    last = n + read.shape[0]
+    size[n:last] = size[n:last].max(initial=0.0)
+    size[size == 0] = 1.0
+    apart = [
+        float(np.abs((z[:, -1] - z[:, -1 - k]) / size).max(initial=0.0))
+        for k in range(1, min(9, periods // 2))
+    ]
+    if apart and apart[0] > 1e-3 and min(apart) < 1e-2 * apart[0]:
+        k = 1 + next(i for i, one in enumerate(apart) if one < 1e-2 * apart[0])
+        raise CycleError(
+            f"the motion repeats only after {k} periods of {period:g} s; give period={k * period:.12g} for that cycle, "
+            "or begin near another one with transient=0"
+        )
+    piece = result.trajectory.pieces[-1]
+    held = system.dwelling[(piece.labels[system.dwelling] == 0)]
+    ages = periods * period - piece.since[held]
+    assert piece.path is not None
+    return started(scene, system, piece.path.last, held, ages, piece.modes)
+
+
+def _returning(
+    scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
+) -> tuple[Scene, float]:
+    """Return a start near a cycle, and about its period, from a transient."""
+    system = compiled(scene)
+    span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
+    for trial in range(_TRIES):
+        result = simulated(scene, (0.0, span), **options)
+        found = _return_of(result, guess)
+        if found is not None:
+            return found
+        if guess is not None and trial and (other := _return_of(result, None)) is not None:
+            raise CycleError(
+                f"no cycle was found with a period of about {guess:g} s: the motion comes back after {other[1]:.6g} "
+                f"s; give guess={other[1]:.6g} for that cycle"
+            )
+        if _has_ended(result):
+            raise CycleError("no cycle was found: the motion comes to a state that does not change")
+        span *= _LONGER
+    raise CycleError(
+        f"no cycle was found: within {span / _LONGER:.6g} s the motion does not come back to where it was "
+        "(it may be chaotic or quasi-periodic, or approach its cycle slowly); give transient=... or guess=..."
+    )
+
+
+def _turn(system: System) -> float:
+    """Return about the longest time in s in which a scene swings, from its stiffnesses."""
+    C = dense(system.C)[:, system.n : system.first_bristle]
+    bodies = [i for i in system.moved.tolist() if system.inertia[i] > 0]
+    columns = [system.position_state[i] - system.n for i in bodies]
+    if not bodies:
+        return 1.0
+    values = np.linalg.eigvals(-C[np.ix_(bodies, columns)] / system.inertia[bodies][:, None])
+    frequencies = np.sqrt(np.abs(values[np.abs(values) > 1e-12 * np.abs(values).max(initial=0.0)]))
+    return float(2 * math.pi / frequencies.min()) if frequencies.size else 1.0
+
+
+def _has_ended(result: Result) -> bool:
+    """Tell whether nothing moves any more against anything."""
+    last = result.trajectory.pieces[-1]
+    motion = result.trajectory.motion(len(result.trajectory.pieces) - 1)
+    assert last.path is not None
+    if last.end < 0.5 * (last.stop - result.trajectory.pieces[0].t):
+        return False
+    read = read_positions(result.trajectory.system)
+    rate = motion.rate(last.end, last.path.last)
+    moves = seen(result.trajectory.system, rate, read)
+    size = float(np.abs(result.y).max(initial=0.0)) or 1.0
+    return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
+
+
+def _marks(result: Result) -> tuple[Array, list[str]]:
+    """Return times that come back on a cycle and what happens then: events, or else turns of the fastest body."""
+    if len(result.events) >= 4:
+        return np.array([event.t for event in result.events]), [said(event) for event in result.events]
+    t = np.linspace(result.t[0], result.t[-1], 4000)
+    v = result.sample(t).y[: result.trajectory.system.n]
+    later = t >= 0.5 * (t[0] + t[-1])
+    fastest = int(np.argmax(np.ptp(v[:, later], axis=1)))
+    x = v[fastest] - 0.5 * (v[fastest, later].max() + v[fastest, later].min())
+    up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    times = t[up] - x[up] * (t[up + 1] - t[up]) / (x[up + 1] - x[up])
+    return times, ["up"] * times.size
+
+
+def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | None:
+    """Return a start and about the period where the end of a motion has come back to where it was before, else None."""
+    times, names = _marks(result)
+    count = times.size
+    system: System = result.trajectory.system
+    read = read_positions(system)
+    for back in range(1, count // 2):
+        first, second = count - 1 - back, count - 1 - 2 * back
+        if second < 0 or names[first:] != names[second : first + 1]:
+            continue
+        about, before = times[-1] - times[first], times[first] - times[second]
+        if abs(about - before) > _NEAR * about or (guess is not None and abs(about - guess) > 0.3 * guess):
+            continue
+        states = result(np.array([times[-1], times[first]]))
+        z = seen(system, states, read)
+        whole = result.sample(np.linspace(times[first], times[-1], 200)).y
+        whole = seen(system, whole, read)
+        if np.abs(z[:, 0] - z[:, 1]).max() > _NEAR * max(float(np.ptp(whole, axis=1).max()), 1e-300):
+            continue
+        return middle_of(result, float(times[first]), float(times[-1])), float(about)
+    return None

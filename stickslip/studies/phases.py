@@ -1,0 +1,66 @@
+"""The changes of modes of limit cycles: which phases are the same, which come and go, and which are about to vanish."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from stickslip.studies.cycles import Cycle
+
+__all__ = ["cyclic", "told", "vanishing"]
+
+_SHORT = 0.02
+"""A phase shorter than this part of the period is about to vanish."""
+
+_BEFORE, _GRAZES = 1e-4, 0.3
+"""A relative velocity that changes by less than this part of its range in a period, just before it is 0, grazes."""
+
+
+def cyclic(sequence: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the first of all rotations of a sequence in the order of the alphabet."""
+    return min((sequence[k:] + sequence[:k] for k in range(len(sequence))), default=())
+
+
+def told(a: Cycle, b: Cycle) -> str:
+    """Return in words how the sequence of one cycle becomes that of another."""
+    new, old = Counter(b.sequence) - Counter(a.sequence), Counter(a.sequence) - Counter(b.sequence)
+    parts = []
+    for found, word in ((new, "begins"), (old, "ceases")):
+        names = sorted({one.split(":")[0] for one in found})
+        for name in names:
+            sticks = any(one.startswith(f"{name}:") and "STUCK" in one for one in found)
+            both = any(one.split(":")[0] == name for one in new) and any(
+                one.split(":")[0] == name for one in old
+            )
+            if both and word == "ceases":
+                continue
+            if both:
+                parts.append(f"{name!r} changes its order of sticking, reversing and slipping")
+            elif sticks:
+                parts.append(f"{name!r} {word} to stick (its relative velocity grazes 0)")
+            else:
+                parts.append(f"{name!r} {word} to reverse (its relative velocity grazes 0)")
+    if not parts:
+        parts = ["the same changes of modes come in another order"]
+    return "; ".join(parts)
+
+
+def vanishing(cycle: Cycle) -> list[str]:
+    """Return what phase of a cycle is about to vanish, or which relative velocity only just comes to 0."""
+    found = []
+    events, said = cycle.result.events, cycle.sequence
+    for k, event in enumerate(events):
+        later = (k + 1) % len(events)
+        if len(events) > 1 and (events[later].t - event.t) % cycle.period < _SHORT * cycle.period:
+            found.append(f"the phase between '{said[k]}' and '{said[later]}' vanishes")
+        if event.cause == "impact":
+            speed = np.abs(cycle.result.sample([event.t, cycle.period]).relative_velocity(event.contact)[0])
+            if speed < _SHORT * np.ptp(cycle.result.relative_velocity(event.contact)):
+                found.append(f"the impact at {event.contact!r} comes to graze")
+        elif event.cause == "relative velocity 0" or event.before * event.after < 0:
+            before = cycle.result.sample([max(event.t - _BEFORE * cycle.period, 0.0), cycle.period])
+            pace = abs(before.relative_velocity(event.contact)[0]) / _BEFORE
+            if pace < _GRAZES * np.ptp(cycle.result.relative_velocity(event.contact)):
+                found.append(f"the relative velocity of {event.contact!r} comes to graze 0 at '{said[k]}'")
+    return found

@@ -1,0 +1,210 @@
+"""One period of a motion from a start, by how much it misses this start, and the derivatives of that: shooting."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.matrices import dense
+from stickslip.equations.system import System
+from stickslip.model.scene import Scene
+from stickslip.studies.closing import Coordinates, read_positions, seen, started
+from stickslip.studies.directions import along_parameter
+from stickslip.studies.parameters import Parameter
+from stickslip.studies.variations import Variation, simulated
+
+__all__ = ["CycleError", "Shot"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_CLOSED = 1e-10
+"""A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
+much."""
+
+_ZERO = 1e-9
+
+
+class CycleError(RuntimeError):
+    """No limit cycle was found; the message says why."""
+
+
+class Shot:
+    """One period of a motion from a scene's start, and by how much it misses its start.
+
+    Parameters
+    ----------
+    scene : Scene
+        Starts at t = 0.
+    period : float
+        In s.
+    forced : bool
+        Whether the period is given.
+    options : dict
+        Of `simulate`.
+    """
+
+    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
+        self.scene, self.period, self.forced, self.options = scene, period, forced, options
+        self._by_parameter: dict[str, tuple[Array, Array]] = {}
+        self.result = simulated(scene, (0.0, period), **options)
+        trajectory = self.result.trajectory
+        self.system: System = trajectory.system
+        first = trajectory.pieces[0]
+        self.coordinates = Coordinates(self.system, trajectory.motion(0))
+        last = trajectory.pieces[-1]
+        assert last.path is not None
+        self.start, self.stop = first.y, last.path.last
+        aged = self.coordinates.aged
+        self.ages = -first.since[aged]
+        self.ages_after = period - last.since[aged]
+        before, after = self.coordinates.of(self.start), self.coordinates.of(self.stop)
+        self.missed = np.concatenate([after - before, self.ages_after - self.ages])
+        self.sizes = self.coordinates.sizes(self.result)
+        self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
+
+    @property
+    def enough(self) -> float:
+        """Below which error it counts as closed."""
+        return _CLOSED if self.result.stats["engine"] == "Taylor series" else 1e3 * _CLOSED
+
+    @property
+    def _elsewhere(self) -> float:
+        """By what part of its size the motion misses its start in what is held at the start and may move at the end."""
+        system, read = self.system, read_positions(self.system)
+        n, places = system.n, system.n + read.shape[0]
+        off = np.abs(seen(system, self.stop, read) - seen(system, self.start, read))[:places]
+        size = np.ptp(seen(system, self.result.y, read), axis=1)[:places]
+        parts = [off[:n].max(initial=0.0) / max(size[:n].max(initial=0.0), 1e-300)]
+        parts.append(off[n:].max(initial=0.0) / max(size[n:].max(initial=0.0), 1e-300))
+        return float(max(parts))
+
+    @cached_property
+    def _variation(self) -> Variation:
+        return Variation(self.result, self.coordinates.directions())
+
+    def _after(self, variation: Variation) -> Array:
+        """Return how the coordinates at the end change in each direction."""
+        aged = self.coordinates.aged
+        last = self.result.trajectory.pieces[-1]
+        end = variation.pieces[-1].at(np.array([last.end]))[:, 0]
+        found = np.concatenate([self.coordinates.of(end), -variation.pieces[-1].since[aged]])
+        if np.isnan(found).any():
+            t, _, why = variation.reasons[0] if variation.reasons else (0.0, 0, "unknown")
+            raise CycleError(f"the map over one period has no derivative: at t = {t:.9g} s {why}")
+        return found
+
+    @cached_property
+    def monodromy(self) -> Array:
+        """How coordinates after one period follow those before."""
+        return self._after(self._variation)
+
+    def _rate(self, number: int) -> Array:
+        """Return the rates of the coordinates at the start or at the end."""
+        piece = self.result.trajectory.pieces[number]
+        motion = self.result.trajectory.motion(number)
+        assert piece.path is not None
+        tau = 0.0 if number == 0 else piece.end
+        y = piece.y if number == 0 else piece.path.last
+        return np.concatenate([self.coordinates.of(motion.rate(tau, y)), np.ones(self.coordinates.aged.size)])
+
+    @cached_property
+    def rate_before(self) -> Array:
+        """Rates of the coordinates at the start."""
+        return self._rate(0)
+
+    @cached_property
+    def rate_after(self) -> Array:
+        """Rates of the coordinates at the end."""
+        return self._rate(len(self.result.trajectory.pieces) - 1)
+
+    def solve(self, right: Array) -> tuple[Array, float]:
+        """Return changes of start and period that change by how much the motion misses by `right`.
+
+        Raises
+        ------
+        CycleError
+            If there are none: a cycle next to it is one, too.
+        """
+        sizes, count = self.sizes, self.coordinates.size
+        matrix = (self.monodromy - np.eye(count)) * sizes / sizes[:, None]
+        free = not self.forced
+        if free:
+            matrix = np.block(
+                [
+                    [matrix, (self.rate_after / sizes * self.period)[:, None]],
+                    [(self.rate_before / sizes * self.period)[None, :], np.zeros((1, 1))],
+                ]
+            )
+        sought = np.append(right / sizes, 0.0) if free else right / sizes
+        if not count:
+            return np.zeros(0), 0.0
+        found, *_ = np.linalg.lstsq(matrix, sought, rcond=1e-13)
+        if not np.allclose(
+            matrix @ found, sought, rtol=1e-6, atol=1e-9 * (1 + np.abs(sought).max(initial=0.0))
+        ):
+            raise CycleError(
+                "a multiplier is 1: cycles are no longer single there (a fold, or a family of them)"
+            )
+        return found[:count] * sizes, float(found[count] * self.period) if free else 0.0
+
+    def moved(self, change: Array, longer: float, own: Scene | None = None, y: Array | None = None) -> Shot:
+        """Return the shot from another start, with another period."""
+        if abs(longer) > 0.6 * self.period:
+            raise CycleError("the period changes too much for one step")
+        states = self.coordinates.to_states
+        count = states.shape[1]
+        y = (self.start if y is None else y) + states @ change[:count]
+        ages = np.maximum(self.ages + change[count:], 0.0)
+        modes = self.result.trajectory.pieces[0].modes
+        own = self.scene if own is None else own
+        try:
+            scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
+            return Shot(scene, self.period + longer, self.forced, self.options)
+        except ValueError as error:
+            raise CycleError(f"the search leads to where the scene cannot be: {error}") from None
+
+    def by_parameter(self, parameter: Parameter) -> tuple[Array, Array]:
+        """Return how what is missed, and the starting state, change with a parameter."""
+        if parameter.name not in self._by_parameter:
+            direction = along_parameter(self.scene, parameter, self.result.trajectory, "limit_cycle")
+            variation = Variation(self.result, [direction])
+            begin = variation.pieces[0].at(np.zeros(1))[:, 0]
+            aged = self.coordinates.aged
+            before = np.concatenate([self.coordinates.of(begin), -variation.pieces[0].since[aged]])
+            found = (self._after(variation) - before)[:, 0], begin[:, 0]
+            self._by_parameter[parameter.name] = found
+        return self._by_parameter[parameter.name]
+
+    def along(self, parameter: Parameter, given: float = 0.0) -> tuple[Array, float, Array]:
+        """Return how start, period and starting state change with a parameter along the cycles.
+
+        A period of the loads that is given changes with it, too, by `given`.
+        """
+        by_parameter, begin = self.by_parameter(parameter)
+        change, longer = self.solve(-by_parameter - self.rate_after * given)
+        return change, longer, begin
+
+    def multipliers(self) -> Complex:
+        """Return the eigenvalues of the map over one period, along the motion left out where the period is free."""
+        matrix = self.monodromy * self.sizes / self.sizes[:, None]
+        if not self.forced:
+            f = self.rate_before / self.sizes
+            if np.linalg.norm(f) == 0:
+                raise CycleError("nothing moves at the start of the cycle")
+            whole = np.linalg.qr(np.column_stack([f, np.eye(f.size)]))[0]
+            across = whole[:, 1 : f.size]
+            matrix = across.T @ matrix @ across
+        found = np.linalg.eigvals(matrix).astype(complex) if matrix.size else np.zeros(0, dtype=complex)
+        found[np.abs(found) <= _ZERO] = 0.0
+        found = found[np.argsort(-np.abs(found), kind="stable")]
+        # where held rows leave fewer coordinates, what they forget has the multiplier 0
+        ties = (
+            np.linalg.matrix_rank(dense(self.system.G)[self.system.is_tie]) if self.system.is_tie.any() else 0
+        )
+        read = read_positions(self.system).shape[0] + self.system.size - self.system.first_bristle
+        count = self.system.n - int(ties) + read - (not self.forced)
+        return np.concatenate([found, np.zeros(max(count - found.size, 0), dtype=complex)])[:count]
