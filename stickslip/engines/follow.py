@@ -57,8 +57,7 @@ def follow(
         if missed is None:
             return back_to_zero(motion, guards, path)
         if missed.touched is not None:
-            cut = path.cut(missed.tau)
-            return replace(cut, last=motion.exact(missed.tau, cut.last), touched=missed.touched)
+            return replace(motion.until(path, missed.tau), touched=missed.touched)
         if missed.tau >= path.taus[-1]:
             # a root at the very end is none for the solver, however often it is sent there
             return back_to_zero(motion, guards, replace(path, hit=True))

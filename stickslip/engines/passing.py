@@ -58,8 +58,7 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
             found = min(found, root_between(beyond, left, right))
     if not 0 < found < taus[-1]:
         return path
-    cut = path.cut(found)
-    return replace(cut, last=motion.exact(found, cut.last), hit=True)
+    return replace(motion.until(path, found), hit=True)
 
 
 def _last_before(row: int, taus: Array, values: Callable[[Array], Array]) -> int | None:

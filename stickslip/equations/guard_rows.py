@@ -125,6 +125,8 @@ class GuardRows:
         )
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
+        # a normal force is a force, too
+        self.is_force |= self.is_normal
         self.size, self.slips = self.row.size, slip.size
         dwell_place = np.append(system.dwell_place, -1)
         self.rising = (rise != 0).nonzero()[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
+from stickslip.equations.path import Path
 
 __all__ = ["Expansion", "Motion"]
 
@@ -492,6 +494,11 @@ class Motion:
         if not equations.is_driven:
             return equations.consistent(y, np.empty(0))
         return equations.consistent(y, self.system.drive_velocities(self.loads(tau)))
+
+    def until(self, path: Path, tau: float) -> Path:
+        """Return a path of this motion up to a local time; its last state has the velocities that solvers leave out."""
+        cut = path.cut(tau) if tau > 0 else path.until(0)
+        return replace(cut, last=self.exact(tau, cut.last))
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return ``d y' / d y``, dense or sparse as the scene is."""

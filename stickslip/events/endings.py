@@ -271,8 +271,7 @@ def until_unseen_crossing(motion: Motion, path: Path, uncertain: float) -> Path:
             break
     if not 0 < found < path.taus[-1]:
         return path
-    cut = path.cut(found)
-    return replace(cut, last=motion.exact(found, cut.last), hit=True)
+    return replace(motion.until(path, found), hit=True)
 
 
 def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
@@ -315,7 +314,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     if found is None:
         return path, []
     tau, ones = found
-    end = path.cut(tau) if tau < path.taus[-1] else path
+    end = motion.until(path, tau) if tau < path.taus[-1] else path
     # all that rest by then
     last = _signed(motion, np.array([tau]), end.last[:, None], rows)[:, 0]
     for k in ((last > 0) & (last <= margin)).nonzero()[0].tolist():
@@ -328,7 +327,7 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
 def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
     system = motion.system
     q = motion.loads(taus) if system.drives else np.empty(0)
-    w = system.relative_velocity(states, q)[rows]
+    w = system.relative_velocity(motion.exact(taus, states), q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 
@@ -390,7 +389,7 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
 
 def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
     """Return the state in which a moving row is at rest, too."""
-    system, equal = motion.system, y.copy()
+    system, equal = motion.system, motion.exact(tau, y).copy()
     held = motion.equations.is_held.copy()
     held[row] = True
     u = system.drive_velocities(motion.loads(tau))

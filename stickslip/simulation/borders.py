@@ -93,7 +93,7 @@ class Borders:
         self._loads.regions = (*regions[:k], regions[k] + side, *regions[k + 1 :])
         if first >= path.taus[-1]:
             return path
-        return path.cut(first) if first > 0 else path.until(0)
+        return motion.until(path, first)
 
     def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
         """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""

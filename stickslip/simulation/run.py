@@ -166,7 +166,7 @@ class Run:
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
-                    path = path.cut(one.tau) if one.tau > 0 else path.until(0)
+                    path = motion.until(path, one.tau)
                 return path, at
         return path, t
 

@@ -12,10 +12,8 @@ themselves are never differenced.
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,11 +21,8 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import NEVER, Guards
-from stickslip.equations.loads import Loads, Stretch
-from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, gauss_nodes
-from stickslip.equations.system import System
 from stickslip.events.endings import at_limit, at_stops
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Piece
@@ -35,25 +30,22 @@ from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.directions import CENTRAL, MIRRORED, PART, Direction, start_of
+from stickslip.studies.nearby import Nearby, Quantity
 from stickslip.studies.varied import VariedImpact, VariedPiece
+from stickslip.studies.varied_flow import flow
 
 __all__ = ["Variation", "simulated"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Quantity = Callable[[Motion, Array, Array], Array]
-"""Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
-_FINE = 1e-4
-"""Step of a difference as a part of the size of the motion."""
-
-_ORDER = 20
-_REMAINDER = 1e-16
-_STAGES = 5
 _GRAZING = 1e-7
 """A guard that falls more slowly than this part of what adds up in its slope grazes."""
 
 _TIE = 1e-6
+_TIE_OF_ENGINES = 1e-13
+"""Guards within this part of their scales come to 0 together for the engines."""
+
 _TOGETHER = 1e-10
 """Events nearer in time than this part of the time span, but with different derivatives, count as one."""
 
@@ -83,7 +75,7 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     return simulate(scene, span, max_step=span[1] - span[0], **options)
 
 
-class Variation:
+class Variation(Nearby):
     """First variations of a simulated motion, computed when constructed.
 
     Parameters
@@ -101,81 +93,18 @@ class Variation:
     """
 
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
-        self.result, self.trajectory = result, result.trajectory
-        self.system: System = self.trajectory.system
-        if self.system.sampled:
-            raise ValueError(
-                "sensitivities: sampled blocks have no derivatives here; blocks in continuous time have"
-            )
-        self.directions = list(directions)
-        breaks = len(self.trajectory.loads.breaks)
-        self._near_ones = [
-            () if any(len(loads.breaks) != breaks for _, _, loads in one.near) else one.near
-            for one in directions
-        ]
-        self.count = len(self.directions)
+        super().__init__(result, directions)
         self.reasons: list[tuple[float, int, str]] = []
         self.pieces: list[VariedPiece] = []
-        # along the way: what starts from 0 is not small
-        states = np.array(
-            [
-                np.abs(piece.y) if piece.path is None else piece.path.largest
-                for piece in self.trajectory.pieces
-            ]
-        )
-        n = self.system.n
-        size = np.abs(states).max(axis=0, initial=0.0)
-        self._size = np.empty(self.system.size)
-        for group in (
-            slice(0, n),
-            slice(n, self.system.first_bristle),
-            slice(self.system.first_bristle, None),
-        ):
-            self._size[group] = size[group].max(initial=0.0) or 1.0
-        rising = self.system.dwell[self.system.dwell > 0]
-        self._dwell = float(rising.min(initial=np.inf))
-        laws: list[Any] = [getattr(law, "law", law) for law in self.system.laws.laws]
-        speeds = [law.stribeck_velocity for law in laws]
-        finest = float(self.system.laws.resolution.min(initial=np.inf))
-        # speed within which friction forces bend
-        self._bend = min([*(one for one in speeds if one is not None), finest])
         self._relaxed = {(event.t, event.contact) for event in result.events if event.cause == "relaxation"}
         self._run()
-
-    # -- motions near by -------------------------------------------------------------------------------------
-
-    def _stretch(self, t: float, loads: Loads) -> Stretch:
-        """Return the stretch of loads near by that has the number of the nominal one after `t`."""
-        number = bisect_right(self.trajectory.loads.breaks, t)
-        start, stop, _ = self.trajectory.span
-        ends = [start, *loads.breaks, stop]
-        return loads.after(0.5 * (ends[number] + ends[number + 1]))
-
-    def _motion(self, number: int) -> Motion:
-        """Return the motion of a piece, its tables on the lines on which they were."""
-        loads, dependence = self.trajectory.loads, self.system.dependence
-        if dependence is not None and dependence.tables:
-            x = self._looked_up(number, np.array([0.5]))[:, 0]
-            loads.regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
-        found = self.trajectory.motion(number)
-        loads.regions = None
-        return found
-
-    def _looked_up(self, number: int, parts: Array) -> Array:
-        """Return what tables are looked up at along a piece, a line each, at parts of its length."""
-        piece, dependence = self.trajectory.pieces[number], self.system.dependence
-        assert piece.path is not None and dependence is not None
-        taus = parts * piece.end
-        motion = self.trajectory.motion(number)
-        y = motion.exact(taus, piece.path.at(taus).T)
-        return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
 
     def _check_corners(self, number: int, motion: Motion) -> None:
         """Refuse directions that move tables off a corner at which they stay."""
         piece, dependence = self.trajectory.pieces[number], self.system.dependence
         if dependence is None or not dependence.tables or piece.end <= 0:
             return
-        x = self._looked_up(number, np.linspace(0.1, 0.9, 5))
+        x = self.looked_up(number, np.linspace(0.1, 0.9, 5))
         for i, region in enumerate(motion.regions or ()):
             for corner in dependence.borders(i, region):
                 if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
@@ -192,77 +121,14 @@ class Variation:
                         self._refuse(piece.t, k, f"a table stays at its corner {corner:g}")
                         self.pieces[number].until[k] = 0.0
 
-    def _near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
-        """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
-        found = []
-        for weight, system, loads in self._near_ones[k]:
-            equations = equations_in(piece.modes, system, piece.regions)
-            stretch = self._stretch(piece.t, loads)
-            stretch.regions = motion.regions
-            found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
-        return found
-
-    def _along(
-        self, motion: Motion, since: Array, y: Array, S: Array, is_straight: bool = False
-    ) -> list[tuple[float, Motion, Array]]:
-        """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
-
-        Quantities that are linear in the state have no longest step: the longer it is, the less is roundoff.
-        """
-        part = max(
-            float((np.abs(S) / self._size[:, None]).max(initial=0.0)),
-            float(np.abs(since).max(initial=0.0)) / self._dwell,
-        )
-        if part == 0:
-            return []
-        bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
-        h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
-        shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
-        found = []
-        for offset, weight in CENTRAL:
-            moved = motion
-            if shifts:
-                moved = Motion(
-                    motion.equations, motion.stretch, motion.t, motion.y, motion.since + offset * h * since
-                )
-            found.append((weight / h, moved, y + offset * h * S))
-        return found
-
     def slope_of(self, quantity: Quantity, number: int, taus: Array) -> Array:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         piece = self.trajectory.pieces[number]
         varied = self.pieces[number]
-        motion = self._motion(number)
+        motion = self.motion_of(number)
         assert piece.path is not None
         y = motion.exact(taus, piece.path.at(taus).T)
-        return self._slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
-
-    def _slopes(
-        self,
-        quantity: Quantity,
-        piece: Piece,
-        motion: Motion,
-        since: Array,
-        taus: Array,
-        y: Array,
-        S: Array,
-        is_straight: bool = False,
-    ) -> Array:
-        columns = []
-        for k in range(self.count):
-            parts = [
-                weight * quantity(near, taus, near.exact(taus, y))
-                for weight, near in self._near(piece, motion, k)
-            ]
-            parts += [
-                weight * quantity(moved, taus, moved.exact(taus, at))
-                for weight, moved, at in self._along(motion, since[:, k], y, S[:, :, k], is_straight)
-            ]
-            with np.errstate(invalid="ignore"):
-                columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
-        if not columns:
-            return np.zeros((*quantity(motion, taus, y).shape, 0))
-        return np.stack(columns, axis=-1)
+        return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
 
     # -- the run ---------------------------------------------------------------------------------------------
 
@@ -272,8 +138,8 @@ class Variation:
         begin = np.zeros(self.count)
         last = len(trajectory.pieces) - 1
         for number, piece in enumerate(trajectory.pieces):
-            motion = self._motion(number)
-            taus, coefficients = self._flow(piece, motion, S, since)
+            motion = self.motion_of(number)
+            taus, coefficients = flow(self, piece, motion, S, since)
             self.pieces.append(
                 VariedPiece(
                     taus, coefficients, since, begin, np.zeros(self.count), np.full(self.count, np.inf)
@@ -304,14 +170,14 @@ class Variation:
         held = ((piece.modes == 0) & system.hard).tobytes()
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
-        motion = self._motion(0)
+        motion = self.motion_of(0)
         u = system.drive_velocities(motion.stretch.at(t))
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, motion.stretch.at(t))
         hit = sides * system.relative_velocity(y, motion.stretch.at(t)) > 0
         impact = VariedImpact(system if hit.any() else None, u, u, none, sides, hit)
         for k, direction in enumerate(self.directions):
-            if len(direction.near) != len(self._near_ones[k]):
+            if len(direction.near) != len(self.near_ones[k]):
                 self._refuse(
                     t, k, "the breaks of the loads fall together or a load begins to be cut off at 0"
                 )
@@ -320,7 +186,7 @@ class Variation:
             slope, _ = impact.along(y[:n], S[:n, k], 0.0)
             v = system.balance(held).project(slope, none)
             for weight, near, loads in direction.near:
-                own = near.drive_velocities(self._stretch(t, loads).at(t))
+                own = near.drive_velocities(self.stretch_after(t, loads).at(t))
                 v = v + weight * near.balance(held).project(impact.after(y[:n], near, own, own), own)
             S[:n, k] = v
         self._check_start(piece, motion, S)
@@ -338,7 +204,7 @@ class Variation:
             q, matrices = own.loads(taus), own.system.piecewise
             return np.asarray(matrices.border_y @ states + matrices.border_q @ q[: system.inputs])
 
-        slopes = self._slopes(border, piece, motion, none, np.zeros(1), piece.y[:, None], S[:, None, :])[:, 0]
+        slopes = self.slopes(border, piece, motion, none, np.zeros(1), piece.y[:, None], S[:, None, :])[:, 0]
         on_side = sides[functions.row[functions.owner]]
         at = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
         for k in range(self.count):
@@ -356,7 +222,7 @@ class Variation:
         rows = self._starting(piece, motion)
         if not rows.size:
             return
-        w = self._slopes(
+        w = self.slopes(
             _relative,
             piece,
             motion,
@@ -385,14 +251,14 @@ class Variation:
     def _at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
         system = self.system
         w = system.relative_velocity(piece.y, motion.loads(0.0))
-        return np.asarray(np.abs(w) <= np.maximum(_REST * self._size[0], system.laws.rests_below))
+        return np.asarray(np.abs(w) <= np.maximum(_REST * self.state_sizes[0], system.laws.rests_below))
 
     def _speed_slopes(self, S: Array, rate: Array, times: Array) -> Array:
         """Return for each direction the size of what adds up in derivatives of velocities."""
         n = self.system.n
         sizes = np.array([one.size for one in self.directions])
         found = np.abs(S[:n]).max(axis=0, initial=0.0) + np.abs(rate[:n]).max(initial=0.0) * np.abs(times)
-        return np.asarray(found + 1e-4 * self._size[0] / sizes)
+        return np.asarray(found + 1e-4 * self.state_sizes[0] / sizes)
 
     def _refuse(self, t: float, k: int, why: str) -> None:
         if not any(one == k for _, one, _ in self.reasons):
@@ -412,92 +278,6 @@ class Variation:
     def _border(guards: Guards, i: int) -> int:
         """Return the border that a guard watches, among those of all functions."""
         return int(guards.motion.equations.borders[np.count_nonzero(guards.is_border[:i])])
-
-    # -- while the modes hold --------------------------------------------------------------------------------
-
-    def _flow(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
-        if piece.end <= 0:
-            return np.zeros(1), np.zeros((0, 1, self.system.size, self.count))
-        return (self._series if motion.is_linear else self._collocated)(piece, motion, S, since)
-
-    def _series(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
-        """Follow ``S' = A S + f_p`` by Taylor series."""
-        system, path, end = self.system, piece.path, piece.end
-        assert path is not None
-        near = [self._near(piece, motion, k) for k in range(self.count)]
-        tau, guess = 0.0, end
-        ends, found = [0.0], []
-        while tau < end:
-            h = min(guess, end - tau)
-            y = motion.exact(tau, path.at(np.array([tau]))[0])
-            c = self._homogeneous(motion, tau, y, S, h)
-            for k in range(self.count):
-                for weight, other in near[k]:
-                    c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
-                if motion.rises_push and since[:, k].any():
-                    still = np.zeros((system.size, 1))
-                    for weight, other, _ in self._along(motion, since[:, k], y[:, None], still):
-                        c[:, :, k] += weight * other.expand(tau, y, _ORDER, h).y
-            reach = self._reach(c)
-            c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
-            guess = 1.5 * reach * h
-            tau = end if reach == 1.0 and h >= end - tau else tau + reach * h
-            S = c.sum(axis=0)
-            ends.append(tau)
-            found.append(c)
-        return np.array(ends), np.array(found)
-
-    def _homogeneous(self, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
-        """Return the coefficients of the motions that S alone causes: differences of motions linear in their start."""
-        none = np.zeros((self.system.drives, self.count))
-        S = motion.equations.consistent(S.copy(), none)
-        c = np.zeros((_ORDER + 1, self.system.size, self.count))
-        for k in range(self.count):
-            if not S[:, k].any():
-                continue
-            part = 1.0 / float((np.abs(S[:, k]) / self._size).max())
-            ahead = motion.expand(tau, y + part * S[:, k], _ORDER, h).y
-            c[:, :, k] = (ahead - motion.expand(tau, y - part * S[:, k], _ORDER, h).y) / (2 * part)
-        return c
-
-    @staticmethod
-    def _reach(c: Array) -> float:
-        """Return the part of the step whose remainder is below roundoff."""
-        sizes = np.nan_to_num(np.abs(c)).max(axis=1)
-        powers, reach = np.arange(sizes.shape[0]), 1.0
-        for _ in range(40):
-            terms = sizes * (reach**powers)[:, None]
-            part = float((terms[-2:].max(axis=0) / np.maximum(terms.max(axis=0), _TINY)).max(initial=0.0))
-            if part <= 2 * _REMAINDER:
-                break
-            reach *= 0.99 * (_REMAINDER / part) ** (1.0 / _ORDER)
-        return reach
-
-    def _collocated(self, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
-        """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation on the solver's own steps."""
-        system, path = self.system, piece.path
-        assert path is not None
-        nodes, weights, to_powers = _radau()
-        size, stages, steps = system.size, nodes.size, path.taus.size - 1
-        lengths = np.diff(path.taus)
-        taus = (path.taus[:-1, None] + lengths[:, None] * nodes).ravel()
-        y = motion.exact(taus, path.at(taus).T)
-        still = np.zeros((size, taus.size, self.count))
-        forcing = self._slopes(_rate, piece, motion, since, taus, y, still)
-        forcing = np.moveaxis(forcing.reshape(size, steps, stages, self.count), 0, 2)
-        found = np.empty((steps, stages + 1, size, self.count))
-        for i in range(steps):
-            h, first = lengths[i], i * stages
-            slopes = [_dense(motion.jacobian(float(taus[j]), y[:, j])) for j in range(first, first + stages)]
-            blocks = h * weights[:, None, :, None] * np.array(slopes).transpose(1, 0, 2)[None]
-            whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
-            right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
-            # what is NaN in one direction is so in no other
-            stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
-            stage = stage.reshape(stages, size, self.count) + 0 * right
-            found[i] = np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage]))
-            S = stage[-1]
-        return path.taus.copy(), found
 
     # -- events ----------------------------------------------------------------------------------------------
 
@@ -527,7 +307,7 @@ class Variation:
         return np.zeros(self.count)
 
     def _of_break(self, i: int, k: int) -> float:
-        return float(sum(weight * loads.breaks[i] for weight, _, loads in self._near_ones[k]))
+        return float(sum(weight * loads.breaks[i] for weight, _, loads in self.near_ones[k]))
 
     def _guards(self, piece: Piece, motion: Motion) -> Guards:
         rest = self._at_rest(piece, motion) & ~motion.equations.is_held
@@ -563,7 +343,7 @@ class Variation:
             return np.full(self.count, np.nan)
         raw = self._raw(piece, guards, motion)
         is_straight, at = bool(self._straight(guards)[fired].all()), np.array([tau])
-        moved = self._slopes(raw, piece, motion, since, at, y[:, None], S[:, None, :], is_straight)[fired, 0]
+        moved = self.slopes(raw, piece, motion, since, at, y[:, None], S[:, None, :], is_straight)[fired, 0]
         falls = self._fall(motion, guards, tau, y)[fired]
         steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
         # of guards that fall together, the one that grazes least tells the time
@@ -587,7 +367,7 @@ class Variation:
         if motion.is_linear:
             return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
         rate = motion.rate(tau, y)
-        pace = float((np.abs(rate) / self._size).max(initial=0.0))
+        pace = float((np.abs(rate) / self.state_sizes).max(initial=0.0))
         h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
         stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
         offsets = np.array([offset for offset, _ in stencil]) * h
@@ -628,7 +408,7 @@ class Variation:
         if not at.size:
             return
         raw = self._raw(piece, guards, motion)
-        moved = self._slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
+        moved = self.slopes(raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
         moved = moved + np.outer(self._fall(motion, guards, tau, y), times)
         for i, k in self._moving(guards, at, moved):
             self._refuse(piece.stop, k, f"an event of {self._guarded(guards, i)} falls on a break of a load")
@@ -643,7 +423,7 @@ class Variation:
         if not np.any((following.modes != piece.modes) & (piece.modes == 0) & self.system.is_friction):
             return
         stayed = replace(piece, t=following.t, y=piece.path.last)
-        stretch = self._motion(number + 1).stretch
+        stretch = self.motion_of(number + 1).stretch
         held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
         guards = self._guards(stayed, held)
         at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
@@ -652,7 +432,7 @@ class Variation:
         y = held.exact(0.0, stayed.y)
         rate = motion.rate(float(piece.path.taus[-1]), piece.path.last) - held.rate(0.0, y)
         raw, moved = self._raw(stayed, guards, held), S + np.outer(rate, times)
-        slopes = self._slopes(raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
+        slopes = self.slopes(raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
         slopes = slopes + np.outer(self._fall(held, guards, 0.0, y), times)
         for i, k in self._moving(guards, at, slopes):
             self._refuse(piece.stop, k, f"{self._guarded(guards, i)} comes to its level on a break of a load")
@@ -737,7 +517,7 @@ class Variation:
         path = piece.path
         assert path is not None
         tau = float(path.taus[-1])
-        after = self._motion(number + 1)
+        after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
         held = ((following.modes == 0) & system.hard).tobytes()
         q = after.stretch.at(following.t)
@@ -745,21 +525,21 @@ class Variation:
         balance = system.balance(held)
         impact = self._impact(number, motion)
         equal = balance.project(impact.after(path.last[:n]), u)
-        if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self._size[0]:
+        if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self.state_sizes[0]:
             for k in range(self.count):
                 self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here")
             return np.full_like(S, np.nan), since
         self._check_rest(piece, following, motion, S, moved, times)
         found = moved.copy()
-        for k, near_ones in enumerate(self._near_ones):
+        for k, near_ones in enumerate(self.near_ones):
             slope, differs = impact.along(path.last[:n], moved[:n, k], times[k])
             if differs > _TIE * np.abs(slope).max(initial=0.0):
                 self._refuse(piece.stop, k, "impacts fall together: the derivatives to the two sides differ")
                 times[k], slope = np.nan, np.full(n, np.nan)
             v = balance.project(slope, rates * times[k])
             for weight, near, loads in near_ones:
-                own = near.drive_velocities(self._stretch(following.t, loads).at(following.t))
-                before = near.drive_velocities(self._stretch(piece.t, loads).at(following.t))
+                own = near.drive_velocities(self.stretch_after(following.t, loads).at(following.t))
+                before = near.drive_velocities(self.stretch_after(piece.t, loads).at(following.t))
                 v = v + weight * near.balance(held).project(
                     impact.after(path.last[:n], near, before, own), own
                 )
@@ -774,10 +554,12 @@ class Variation:
         system, piece = self.system, self.trajectory.pieces[number]
         path, t = piece.path, self.trajectory.pieces[number + 1].t
         assert path is not None
-        stretch = self._motion(number + 1).stretch
+        stretch = self.motion_of(number + 1).stretch
         loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
         u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])
-        jumps = np.abs(u[1] - u[0]).max(initial=0.0) > _REST * (np.abs(u[1]).max(initial=0.0) + self._size[0])
+        jumps = np.abs(u[1] - u[0]).max(initial=0.0) > _REST * (
+            np.abs(u[1]).max(initial=0.0) + self.state_sizes[0]
+        )
         crossed: Indices = np.empty(0, dtype=np.intp)
         if system.has_stops and path.hit:
             crossed = at_limit(motion, self._guards(piece, motion), path, []).crossed
@@ -799,12 +581,12 @@ class Variation:
         before = (np.abs(piece.modes) == 1) & system.hard
         w = system.relative_velocity(path.last, motion.loads(tau))
         rests = (following.modes == 0) | (following.modes == -piece.modes)
-        rows = (before & rests & (np.abs(w) <= 1e-9 * self._size[0])).nonzero()[0]
+        rows = (before & rests & (np.abs(w) <= 1e-9 * self.state_sizes[0])).nonzero()[0]
         rows = rows[system.laws.rests_below[rows] == 0]
         if not rows.size:
             return
         still = np.zeros((system.m, self.count))
-        slopes = self._slopes(
+        slopes = self.slopes(
             _relative, piece, motion, still, np.array([tau]), path.last[:, None], S[:, None, :]
         )[:, 0]
         rate = motion.rate(tau, path.last)
@@ -862,7 +644,7 @@ class Variation:
         half = 0.5 * np.diff(edges)
         taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
         if not half.size:
-            motion = self._motion(number)
+            motion = self.motion_of(number)
             lines = quantity(motion, np.zeros(1), piece.y[:, None]).shape[0]
             return np.zeros((lines, edges.size, self.count))
         slopes = self.slope_of(quantity, number, taus).reshape(-1, half.size, nodes.size, self.count)
@@ -882,7 +664,7 @@ class Variation:
         total: Array | float = 0.0
         for number in range(int(place.max(initial=-1)) + 1):
             piece, varied = self.trajectory.pieces[number], self.pieces[number]
-            motion = self._motion(number)
+            motion = self.motion_of(number)
             path = piece.path
             assert path is not None
             wanted = local[place == number]
@@ -908,32 +690,5 @@ class Variation:
         return np.concatenate(parts, axis=1)
 
 
-_TIE_OF_ENGINES = 1e-13
-"""Guards within this part of their scales come to 0 together for the engines."""
-
-
-def _rate(motion: Motion, taus: Array, y: Array) -> Array:
-    return motion.rate(taus, y)
-
-
 def _relative(motion: Motion, taus: Array, y: Array) -> Array:
     return motion.system.relative_velocity(y, motion.loads(taus))
-
-
-def _dense(matrix: Array) -> Array:
-    return matrix.toarray() if hasattr(matrix, "toarray") else matrix
-
-
-@lru_cache(maxsize=1)
-def _radau() -> tuple[Array, Array, Array]:
-    """Return nodes and weights of Radau's collocation (IIA), and the map from values at 0 and the nodes to powers."""
-    legendre = np.polynomial.Legendre
-    shifted = legendre.basis(_STAGES) - legendre.basis(_STAGES - 1)
-    nodes = np.sort(0.5 + 0.5 * np.real(shifted.roots()))
-    nodes[-1] = 1.0
-    powers = np.arange(_STAGES)
-    vandermonde = nodes[:, None] ** powers
-    integrals = nodes[:, None] ** (powers + 1) / (powers + 1)
-    places = np.concatenate([[0.0], nodes])
-    to_powers = np.linalg.inv(places[:, None] ** np.arange(_STAGES + 1))
-    return nodes, integrals @ np.linalg.inv(vandermonde), to_powers

@@ -384,3 +384,18 @@ def test_a_sample_opens_a_contact_in_the_instant_in_which_its_body_comes_to_rest
     assert told(result) == [("c", 0, 1)]
     # nine of the ten times it goes 0.005 m
     assert result.position("b")[-1] == pytest.approx(9 * 0.005, abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+def test_a_contact_that_holds_nothing_opens_at_rest(options: dict[str, Any]) -> None:
+    """N = 1.5 - 1.7 v falls to 0 with v = t at 15/17 s, to roundoff. Nothing ever moves the block."""
+    scene = Scene(
+        Body("block", inertia=1.0),
+        Body("other", inertia=1.0),
+        Force("other", 1.0),
+        Contact("c", "block", GROUND, DRY, normal=1.5 - 1.7 * velocity("other")),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    assert told(result) == []
+    assert result.mode("c")[-1] == 0
+    assert result.force("c")[-1] == 0.0

@@ -15,11 +15,13 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     Sampled,
     Scene,
     SimulationError,
     Spring,
     StateSpace,
+    When,
     explain,
     feedback,
     normal,
@@ -270,3 +272,27 @@ def test_a_contact_that_a_table_closes_at_its_corner(options: dict[str, Any]) ->
     assert (event.before, event.after) == (1, 0)
     turns = math.sqrt(2) + (math.pi - math.atan(0.6 * math.sqrt(2) / w)) / w
     assert abs(event.t - turns) < exact(result)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"formulation": "merged", "method": "BDF"}, {"formulation": "merged", "method": "Adams"}]
+)
+def test_a_corner_and_a_stop_of_the_user_where_a_gear_leads_a_body(options: dict[str, Any]) -> None:
+    """x'' = 0.4 F with F = 1 up to x = 1, then u = x - 1 follows u'' = 0.4 (1 + u); the other goes twice as fast."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.0),
+        Gear("gear", "a", "b", ratio=2.0),
+        Force("a", table(position("b"), [-9.0, 1.0, 99.0], [1.0, 1.0, 99.0])),
+    )
+    w, after = math.sqrt(0.4), 1.5
+    speed = math.sqrt(0.8)
+    v = w * math.sinh(w * after) + speed * math.cosh(w * after)
+    result = simulate(scene, (0.0, math.sqrt(5.0) + after), **options)
+    assert abs(result.velocity("b")[-1] - v) < exact(result)
+    assert abs(result.velocity("a")[-1] - 2 * v) < exact(result)
+    half = When("half way", position("b") - 0.5, stop=True)
+    stopped = simulate(scene, (0.0, 5.0), events=[half], **options)
+    assert abs(stopped.t[-1] - math.sqrt(2.5)) < exact(stopped)
+    assert abs(stopped.velocity("a")[-1] - 2 * 0.4 * math.sqrt(2.5)) < exact(stopped)
+    assert abs(stopped.final_scene().bodies[0].velocity - 2 * 0.4 * math.sqrt(2.5)) < exact(stopped)

@@ -1,0 +1,166 @@
+"""Motions near by: in scenes a little off and from starts a little off; what differs between them is a derivative."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.mode_equations import equations_in
+from stickslip.equations.motion import Motion
+from stickslip.equations.system import System
+from stickslip.results.trajectory import Piece
+from stickslip.simulation.result import Result
+from stickslip.studies.directions import CENTRAL, PART, Direction
+
+__all__ = ["Nearby", "Quantity"]
+
+Array = NDArray[np.float64]
+Quantity = Callable[[Motion, Array, Array], Array]
+"""Of a motion, local times (k,) and states (size, k); its last axis is time."""
+
+_FINE = 1e-4
+"""Step of a difference as a part of the size of the motion."""
+
+
+class Nearby:
+    """The motions near a simulated one, in some directions.
+
+    Parameters
+    ----------
+    result : Result
+        With its motion kept.
+    directions : sequence of Direction
+    """
+
+    def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
+        self.result, self.trajectory = result, result.trajectory
+        self.system: System = self.trajectory.system
+        if self.system.sampled:
+            raise ValueError(
+                "sensitivities: sampled blocks have no derivatives here; blocks in continuous time have"
+            )
+        self.directions = list(directions)
+        breaks = len(self.trajectory.loads.breaks)
+        self.near_ones = [
+            () if any(len(loads.breaks) != breaks for _, _, loads in one.near) else one.near
+            for one in directions
+        ]
+        self.count = len(self.directions)
+        # along the way: what starts from 0 is not small
+        states = np.array(
+            [
+                np.abs(piece.y) if piece.path is None else piece.path.largest
+                for piece in self.trajectory.pieces
+            ]
+        )
+        n = self.system.n
+        size = np.abs(states).max(axis=0, initial=0.0)
+        self.state_sizes = np.empty(self.system.size)
+        for group in (
+            slice(0, n),
+            slice(n, self.system.first_bristle),
+            slice(self.system.first_bristle, None),
+        ):
+            self.state_sizes[group] = size[group].max(initial=0.0) or 1.0
+        rising = self.system.dwell[self.system.dwell > 0]
+        self._dwell = float(rising.min(initial=np.inf))
+        laws: list[Any] = [getattr(law, "law", law) for law in self.system.laws.laws]
+        speeds = [law.stribeck_velocity for law in laws]
+        finest = float(self.system.laws.resolution.min(initial=np.inf))
+        # speed within which friction forces bend
+        self._bend = min([*(one for one in speeds if one is not None), finest])
+
+    def stretch_after(self, t: float, loads: Loads) -> Stretch:
+        """Return the stretch of loads near by that has the number of the nominal one after `t`."""
+        number = bisect_right(self.trajectory.loads.breaks, t)
+        start, stop, _ = self.trajectory.span
+        ends = [start, *loads.breaks, stop]
+        return loads.after(0.5 * (ends[number] + ends[number + 1]))
+
+    def motion_of(self, number: int) -> Motion:
+        """Return the motion of a piece, its tables on the lines on which they were."""
+        loads, dependence = self.trajectory.loads, self.system.dependence
+        if dependence is not None and dependence.tables:
+            x = self.looked_up(number, np.array([0.5]))[:, 0]
+            loads.regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
+        found = self.trajectory.motion(number)
+        loads.regions = None
+        return found
+
+    def looked_up(self, number: int, parts: Array) -> Array:
+        """Return what tables are looked up at along a piece, a line each, at parts of its length."""
+        piece, dependence = self.trajectory.pieces[number], self.system.dependence
+        assert piece.path is not None and dependence is not None
+        taus = parts * piece.end
+        motion = self.trajectory.motion(number)
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
+
+    def near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
+        """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
+        found = []
+        for weight, system, loads in self.near_ones[k]:
+            equations = equations_in(piece.modes, system, piece.regions)
+            stretch = self.stretch_after(piece.t, loads)
+            stretch.regions = motion.regions
+            found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
+        return found
+
+    def along(
+        self, motion: Motion, since: Array, y: Array, S: Array, is_straight: bool = False
+    ) -> list[tuple[float, Motion, Array]]:
+        """Return weights, motions and states whose quantities add up to the derivative along S and `since`.
+
+        Quantities that are linear in the state have no longest step: the longer it is, the less is roundoff.
+        """
+        part = max(
+            float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0)),
+            float(np.abs(since).max(initial=0.0)) / self._dwell,
+        )
+        if part == 0:
+            return []
+        bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
+        h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
+        shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
+        found = []
+        for offset, weight in CENTRAL:
+            moved = motion
+            if shifts:
+                moved = Motion(
+                    motion.equations, motion.stretch, motion.t, motion.y, motion.since + offset * h * since
+                )
+            found.append((weight / h, moved, y + offset * h * S))
+        return found
+
+    def slopes(
+        self,
+        quantity: Quantity,
+        piece: Piece,
+        motion: Motion,
+        since: Array,
+        taus: Array,
+        y: Array,
+        S: Array,
+        is_straight: bool = False,
+    ) -> Array:
+        """Return the derivatives of a quantity at fixed local times, from the variations S there; directions last."""
+        columns = []
+        for k in range(self.count):
+            parts = [
+                weight * quantity(near, taus, near.exact(taus, y))
+                for weight, near in self.near(piece, motion, k)
+            ]
+            parts += [
+                weight * quantity(moved, taus, moved.exact(taus, at))
+                for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_straight)
+            ]
+            with np.errstate(invalid="ignore"):
+                columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
+        if not columns:
+            return np.zeros((*quantity(motion, taus, y).shape, 0))
+        return np.stack(columns, axis=-1)

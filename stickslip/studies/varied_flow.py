@@ -1,0 +1,130 @@
+"""First variations while the modes hold: ``S' = f_y S + f_p`` by Taylor series, or along the path of a solver."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.matrices import dense
+from stickslip.equations.motion import Motion
+from stickslip.results.trajectory import Piece
+from stickslip.studies.nearby import Nearby
+
+__all__ = ["flow"]
+
+Array = NDArray[np.float64]
+
+_ORDER = 20
+_REMAINDER = 1e-16
+_STAGES = 5
+_TINY = np.finfo(float).tiny
+
+
+def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+    """Return the ends of steps and the coefficients of S along a motion from its variations at the start."""
+    if piece.end <= 0:
+        return np.zeros(1), np.zeros((0, 1, nearby.system.size, nearby.count))
+    return (_series if motion.is_linear else _collocated)(nearby, piece, motion, S, since)
+
+
+def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+    """Follow ``S' = A S + f_p`` by Taylor series."""
+    system, path, end = nearby.system, piece.path, piece.end
+    assert path is not None
+    near = [nearby.near(piece, motion, k) for k in range(nearby.count)]
+    tau, guess = 0.0, end
+    ends, found = [0.0], []
+    while tau < end:
+        h = min(guess, end - tau)
+        y = motion.exact(tau, path.at(np.array([tau]))[0])
+        c = _homogeneous(nearby, motion, tau, y, S, h)
+        for k in range(nearby.count):
+            for weight, other in near[k]:
+                c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
+            if motion.rises_push and since[:, k].any():
+                still = np.zeros((system.size, 1))
+                for weight, other, _ in nearby.along(motion, since[:, k], y[:, None], still):
+                    c[:, :, k] += weight * other.expand(tau, y, _ORDER, h).y
+        reach = _reach(c)
+        c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
+        guess = 1.5 * reach * h
+        tau = end if reach == 1.0 and h >= end - tau else tau + reach * h
+        S = c.sum(axis=0)
+        ends.append(tau)
+        found.append(c)
+    return np.array(ends), np.array(found)
+
+
+def _homogeneous(nearby: Nearby, motion: Motion, tau: float, y: Array, S: Array, h: float) -> Array:
+    """Return the coefficients of the motions that S alone causes: differences of motions linear in their start."""
+    none = np.zeros((nearby.system.drives, nearby.count))
+    S = motion.equations.consistent(S.copy(), none)
+    c = np.zeros((_ORDER + 1, nearby.system.size, nearby.count))
+    for k in range(nearby.count):
+        if not S[:, k].any():
+            continue
+        part = 1.0 / float((np.abs(S[:, k]) / nearby.state_sizes).max())
+        ahead = motion.expand(tau, y + part * S[:, k], _ORDER, h).y
+        c[:, :, k] = (ahead - motion.expand(tau, y - part * S[:, k], _ORDER, h).y) / (2 * part)
+    return c
+
+
+def _reach(c: Array) -> float:
+    """Return the part of the step whose remainder is below roundoff."""
+    sizes = np.nan_to_num(np.abs(c)).max(axis=1)
+    powers, reach = np.arange(sizes.shape[0]), 1.0
+    for _ in range(40):
+        terms = sizes * (reach**powers)[:, None]
+        part = float((terms[-2:].max(axis=0) / np.maximum(terms.max(axis=0), _TINY)).max(initial=0.0))
+        if part <= 2 * _REMAINDER:
+            break
+        reach *= 0.99 * (_REMAINDER / part) ** (1.0 / _ORDER)
+    return reach
+
+
+def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
+    """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation on the solver's own steps."""
+    system, path = nearby.system, piece.path
+    assert path is not None
+    nodes, weights, to_powers = _radau()
+    size, stages, steps = system.size, nodes.size, path.taus.size - 1
+    lengths = np.diff(path.taus)
+    taus = (path.taus[:-1, None] + lengths[:, None] * nodes).ravel()
+    y = motion.exact(taus, path.at(taus).T)
+    still = np.zeros((size, taus.size, nearby.count))
+    forcing = nearby.slopes(_rate, piece, motion, since, taus, y, still)
+    forcing = np.moveaxis(forcing.reshape(size, steps, stages, nearby.count), 0, 2)
+    found = np.empty((steps, stages + 1, size, nearby.count))
+    for i in range(steps):
+        h, first = lengths[i], i * stages
+        slopes = [dense(motion.jacobian(float(taus[j]), y[:, j])) for j in range(first, first + stages)]
+        blocks = h * weights[:, None, :, None] * np.array(slopes).transpose(1, 0, 2)[None]
+        whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
+        right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
+        # what is NaN in one direction is so in no other
+        stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
+        stage = stage.reshape(stages, size, nearby.count) + 0 * right
+        found[i] = np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage]))
+        S = stage[-1]
+    return path.taus.copy(), found
+
+
+def _rate(motion: Motion, taus: Array, y: Array) -> Array:
+    return motion.rate(taus, y)
+
+
+@lru_cache(maxsize=1)
+def _radau() -> tuple[Array, Array, Array]:
+    """Return nodes and weights of Radau's collocation (IIA), and the map from values at 0 and the nodes to powers."""
+    legendre = np.polynomial.Legendre
+    shifted = legendre.basis(_STAGES) - legendre.basis(_STAGES - 1)
+    nodes = np.sort(0.5 + 0.5 * np.real(shifted.roots()))
+    nodes[-1] = 1.0
+    powers = np.arange(_STAGES)
+    vandermonde = nodes[:, None] ** powers
+    integrals = nodes[:, None] ** (powers + 1) / (powers + 1)
+    places = np.concatenate([[0.0], nodes])
+    to_powers = np.linalg.inv(places[:, None] ** np.arange(_STAGES + 1))
+    return nodes, integrals @ np.linalg.inv(vandermonde), to_powers
