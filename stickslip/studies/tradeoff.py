@@ -190,7 +190,8 @@ def tradeoff(
         Start and end in s.
     error : "velocity" or callable
         "velocity": the largest deviation of any body's velocity from the reference, over 1001 times spread
-        evenly and, without stops, beside all events. A callable takes a result and the reference result and returns a number >= 0.
+        evenly and, without stops, beside all events. A callable takes a result and the reference result and
+        returns a number >= 0.
     budget : float
         Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
         more than what is left to their family are left out, and so are costlier ones of the same family.
