@@ -34,7 +34,7 @@ def main(figure: Path, budget: float) -> None:
     ax = study.plot(drawing.subplots())
     ax.set(title="four flywheels with viscous friction", ylabel="largest velocity error [rad/s]")
     ax.set_xlabel("median wall time [s]")
-    drawing.savefig(figure, dpi=300)
+    drawing.savefig(figure, dpi=150)
 
 
 if __name__ == "__main__":

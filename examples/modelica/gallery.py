@@ -239,7 +239,7 @@ def main(figure: Path) -> None:
     """Run all cases, print how far they are from what is known, and draw a page."""
     from stickslip.plots import Figure
 
-    page = Figure(figsize=(8.0, 11.0), layout="constrained")
+    page = Figure(figsize=(8.0, 10.0), layout="constrained")
     for ax, (name, case) in zip(page.subplots(5, 2).flat, CASES.items(), strict=True):
         result = simulate(case.scene(), (0.0, case.stop))
         off = errors(case, result)
@@ -259,7 +259,7 @@ def main(figure: Path) -> None:
         ax.tick_params(labelsize="small")
         if len(bodies) > 1:
             ax.legend(fontsize="x-small")
-    page.savefig(figure, dpi=110)
+    page.savefig(figure, dpi=85)
 
 
 if __name__ == "__main__":
