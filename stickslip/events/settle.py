@@ -184,7 +184,8 @@ def _settled(
     search = Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
     # at a break the loads go on otherwise than they came
     motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
-    crossed = now.fired if uncertain else np.zeros(system.m, dtype=bool)
+    moved = uncertain > 0 and now.labels is not None
+    crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, quiet, blur)
     is_open = motion.equations.open
     if is_open.size:

@@ -225,7 +225,8 @@ class Run:
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
-            at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= self._wanted.quiet)
+            rest = max(now.guards.uncertain, self._wanted.quiet)
+            at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
         touching = at.touching | at_rest
         y = jump.y
         if system.sampled:
