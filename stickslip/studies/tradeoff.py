@@ -190,7 +190,8 @@ def tradeoff(
         Start and end in s.
     error : "velocity" or callable
         "velocity": the largest deviation of any body's velocity from the reference, over 1001 times spread
-        evenly. A callable takes a result and the reference result and returns a number >= 0.
+        evenly and, without stops, beside all events. A callable takes a result and the reference result and
+        returns a number >= 0.
     budget : float
         Wall time in s for the whole study, shared equally by the families of calls. Calls that alone take
         more than what is left to their family are left out, and so are costlier ones of the same family.
@@ -244,19 +245,28 @@ def tradeoff(
 
 
 class _VelocityError:
-    """The largest deviation of any body's velocity, over times spread evenly."""
+    """The largest deviation of any body's velocity, over times spread evenly, and just before and after events."""
 
     def __init__(self, scene: Scene, span: tuple[float, float]) -> None:
         self._bodies, self._times = len(scene.bodies), np.linspace(*span, _TIMES)
+        # an impact that is early by roundoff is no error of a velocity
+        self._is_smooth = not scene.stops
         self._known: tuple[Result, NDArray[np.float64]] | None = None
 
     def __call__(self, result: Result, reference: Result) -> float:
         if self._known is None or self._known[0] is not reference:
-            self._known = reference, self._velocities(reference)
-        return float(np.abs(self._velocities(result) - self._known[1]).max())
+            self._known = reference, self._velocities(reference, self._times)
+        evenly = float(np.abs(self._velocities(result, self._times) - self._known[1]).max())
+        if not self._is_smooth:
+            return evenly
+        # a step that ends in an event ends in the largest error, too
+        events = np.array([event.t for event in (*result.events, *reference.events)])
+        near = np.concatenate([np.nextafter(events, -np.inf), events]).clip(self._times[0], self._times[-1])
+        beside = np.abs(self._velocities(result, near) - self._velocities(reference, near))
+        return max(evenly, float(beside.max(initial=0.0)))
 
-    def _velocities(self, result: Result) -> NDArray[np.float64]:
-        return result(self._times)[: self._bodies]
+    def _velocities(self, result: Result, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        return result(times)[: self._bodies]
 
 
 @dataclass(frozen=True)

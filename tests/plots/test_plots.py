@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from matplotlib import pyplot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -52,12 +51,6 @@ def blocks():
 @pytest.fixture(scope="module")
 def chain():
     return simulate(flywheel_chain(30), (0.0, 1.0))
-
-
-@pytest.fixture(autouse=True)
-def closes_its_figures():
-    yield
-    pyplot.close("all")
 
 
 def labels(ax):
