@@ -10,6 +10,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Result, Scene, Spring, plots, simulate
@@ -92,6 +93,7 @@ def row(name: str, count: int) -> tuple[int, int, float, float, float]:
         simulated.append(seconds)
         read.append(cpu(lambda result=result: read_everything(result))[1])
         drawn.append(cpu(lambda result=result: plots.overview(result))[1])
+        plt.close("all")
     return len(result.events), result.t.size, min(simulated), min(read), min(drawn)
 
 
