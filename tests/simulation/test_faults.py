@@ -143,6 +143,8 @@ import math, os, signal, sys
 import stickslip
 from stickslip import Body, Contact, DryFriction, Force, GROUND, SimulationInterrupted, Spring, Scene, simulate
 
+# where tests run in the background of a shell, the signal is ignored
+signal.signal(signal.SIGINT, signal.default_int_handler)
 calls = 0
 
 def load(t):
@@ -176,7 +178,7 @@ except SimulationInterrupted as interrupted:
 def test_interruption_keeps_what_was_computed(formulation: str, method: str, contacts: int) -> None:
     # in a process of its own: the signal must not hit the tests; without a contact all is one segment
     command = [sys.executable, "-c", INTERRUPTED_RUN, str(contacts), formulation, method]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
     success, points, events, handler = run.stdout.split()
     assert success == "False"
     assert int(points) > 10

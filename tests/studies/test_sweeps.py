@@ -431,6 +431,7 @@ def interrupts_parent(a):
     return float(a)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         sweep(interrupts_parent, {"a": list(range(1, 200))}, workers=1, progress=False, save=sys.argv[1])
     except SweepInterrupted as stopped:
