@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 
 __all__ = ["Forest"]
@@ -209,11 +210,7 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
     """Return the entries of a sparse matrix at some places, in order."""
     found = np.zeros(i.size)
     if i.size and matrix.nnz:
-        found[:] = (
-            np.asarray(matrix[i, k]).ravel()
-            if not scipy.sparse.issparse(matrix[i, k])
-            else matrix[i, k].toarray().ravel()
-        )
+        found[:] = dense(matrix[i, k]).ravel()
     return found
 
 

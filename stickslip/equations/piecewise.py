@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense
 from stickslip.model.elements.book import RowEntry
 
 __all__ = ["PiecewiseMatrices", "Regions"]
@@ -136,7 +137,5 @@ class PiecewiseMatrices:
         for k in range(self.count):
             last = self.first[k + 1] if k + 1 < self.count else self.mode.size
             values = abs(self.value_y[self.first[k] : last])
-            most = values.max(axis=0)
-            most = most.toarray() if hasattr(most, "toarray") else most
-            found = found + abs(self.acts[:, [k]]) @ np.atleast_2d(most)
+            found = found + abs(self.acts[:, [k]]) @ np.atleast_2d(dense(values.max(axis=0)))
         return found

@@ -12,12 +12,13 @@ no set of rows comes twice.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 
@@ -135,8 +136,7 @@ def _nearest(
     short = wanted[rows] - sign * _relative(system, v, u)[rows]
     if not np.any(short > least[rows]):
         return v, impulses
-    columns: Any = system.GT[:, rows]
-    push = (columns.toarray() if system.sparse else columns) * sign
+    push = dense(system.GT[:, rows]) * sign
     answer = balance.accelerations(push)
     gram = push.T @ answer
     # only rows that something joins to those that are too slow

@@ -84,11 +84,12 @@ def _to_come(
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, quiet, blurred)
+    calm &= ~crossed
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
-    died = ((to_come == 0) | calm) & resting & (before != 0) & free & ~(crossed & (to_come != 0))
+    died = ((to_come == 0) | calm) & resting & (before != 0) & free
     named = np.where(resting, np.where(died, before, to_come), named)
-    named[calm & may_rest & (np.abs(w) <= quiet) & ~crossed] = 0.0
+    named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
     return named, died
 
 

@@ -201,7 +201,7 @@ class Search:
         spared = self._spared(motion, rows, guards.start[1, first])
         if spared.any():
             # others can carry what is beyond their level
-            following[rows[spared]] = np.where(side[spared] > 0, AT_HIGH, AT_LOW)
+            following[rows[spared]] = _carrying(side[spared])
             return following
         return self._released(trial, motion, rows, side)
 
@@ -256,15 +256,18 @@ class Search:
             following[top] = 0
             if np.any(along < -least):
                 following[top[along > least]] = trial[top[along > least]]
-                following[rows] = np.where(side > 0, AT_HIGH, AT_LOW)
+                following[rows] = _carrying(side)
                 if following.tobytes() not in self._tried:
                     return following
             let_go = top[along > least]
             following[top] = 0
-            moving = np.where(trial[let_go] == AT_HIGH, 1, -1)
-            following[let_go] = np.where(system.is_stop[let_go], APART, moving)
-        following[rows] = np.where(system.is_stop[rows], APART, np.sign(side))
+            following[let_go] = self._moving(let_go, np.where(trial[let_go] == AT_HIGH, 1, -1))
+        following[rows] = self._moving(rows, side)
         return following
+
+    def _moving(self, rows: NDArray[np.intp], side: Array) -> Modes:
+        """Return the modes of rows that are let go to the side to which they are pushed."""
+        return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
 
     def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
         """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
@@ -332,9 +335,8 @@ class Search:
         trial = np.frombuffer(next(iter(self._tried)), dtype=np.int8).copy()
         found = share(*self._build(trial))
         if found is not None:
-            limit = np.where(found.side > 0, AT_HIGH, AT_LOW)
-            moving = np.where(self._system.is_stop[found.rows], APART, np.sign(found.side))
-            trial[found.rows] = limit if found.holds else moving
+            rows, side = found.rows, found.side
+            trial[rows] = _carrying(side) if found.holds else self._moving(rows, side)
         return trial
 
     def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
@@ -379,3 +381,8 @@ class Search:
             trial = base.copy()
             trial[rows] = values
             yield trial
+
+
+def _carrying(side: Array) -> Modes:
+    """Return the modes of rows that carry their level on these sides."""
+    return np.where(side > 0, AT_HIGH, AT_LOW).astype(np.int8)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 
@@ -60,8 +61,7 @@ def share(motion: Motion, guards: Guards) -> Share | None:
     held, balance = motion.equations.held, motion.equations.balance
     if balance.loop.max(initial=-1) < 0:
         return None
-    G, D = motion.system.G[held], motion.system.D[held]
-    G, D = (x.toarray() if hasattr(x, "toarray") else x for x in (G, D))
+    G, D = dense(motion.system.G[held]), dense(motion.system.D[held])
     scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
     idle = _null_space(G / scale[:, None])
     limits = ((~guards.is_velocity) & (guards.direction != 0)).nonzero()[0]

@@ -98,8 +98,7 @@ class Run:
         nothing = np.zeros(system.m, dtype=bool)
         hit, sides = self._stops_at_start(y)
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=sides)
-        uncertain = self._wanted.uncertain(self._fastest)
-        self.now = settle(system, self.loads, situation, self._wanted.quiet, self._wanted.blur, uncertain)
+        self.now = self._settled(situation)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
@@ -249,12 +248,14 @@ class Run:
         )
         self._settle(situation, before, ones, jump)
 
-    def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
-        """Settle the whole scene, and note what has changed."""
-        t, fired = situation.t, situation.fired
+    def _settled(self, situation: Situation) -> Settled:
         wanted = self._wanted
         uncertain = wanted.uncertain(self._fastest)
-        settled = settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
+        return settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
+
+    def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
+        """Settle the whole scene, and note what has changed."""
+        t, fired, settled = situation.t, situation.fired, self._settled(situation)
         self.now = settled if jump.impact is None else replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():

@@ -181,8 +181,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     modes = {row.name: Mode(k) for row, k in zip(system.rows, labels, strict=True) if row.kind != "tie"}
     names, to_states, chosen = _states(system, motion)
     y = motion.y
-    whole = motion.jacobian(0.0, y)
-    whole = whole.toarray() if hasattr(whole, "toarray") else np.asarray(whole)
+    whole = dense(motion.jacobian(0.0, y))
     A = whole[chosen] @ to_states
     inputs, columns = _inputs(scene, system)
     unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
