@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 
 __all__ = ["collapse"]
@@ -21,11 +22,13 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _SOME = 1e-9
-"""Part of the largest below which a rate or a force is roundoff."""
+"""Part of what adds up, or of the largest, below which a force or a rate is roundoff."""
 
 
 def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
-    """Return the rows that give way and the directions in which they move, None where nothing decides but their forces.
+    """Return rows that give way, those of one loop after another, and the directions in which they move.
+
+    None where no drives tear them, or each in a single loop: there the largest ratio of force to level decides.
 
     Parameters
     ----------
@@ -38,24 +41,22 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
     held, balance = equations.held, equations.balance
     if balance.parting is None:
         return None
-    rates = [system.drive_accelerations(q) for q in motion.start.q if q is not None]
-    rate = next((u for u in rates if _apart(balance.parting @ u).any()), None)
-    if rate is None:
+    for q in motion.start.q:
+        rate = np.zeros(system.drives) if q is None else system.drive_accelerations(q)
+        adds_up = abs(balance.parting) @ np.abs(rate)
+        torn = np.abs(balance.parting @ rate) > _SOME * adds_up
+        if torn.any():
+            break
+    else:
         return None
-    number = balance.loop[_apart(balance.parting @ rate)]
-    rows = held[np.isin(balance.loop, number)]
-    G, D = system.G[rows], system.D[rows]
-    G, D = (x.toarray() if hasattr(x, "toarray") else x for x in (G, D))
-    bodies = np.abs(G).any(axis=0)
-    if rows.size - np.linalg.matrix_rank(G[:, bodies]) < 2:
-        # a single loop: its forces are unique
-        return None
-    return _weakest(rows, G[:, bodies], D @ rate, _limits(motion, guards, rows))
-
-
-def _apart(forces: Array) -> NDArray[np.bool_]:
-    """Tell which forces are more than roundoff."""
-    return np.asarray(np.abs(forces) > _SOME * np.abs(forces).max(initial=0.0))
+    for number in np.unique(balance.loop[torn]).tolist():
+        rows = held[balance.loop == number]
+        G, D = dense(system.G[rows]), dense(system.D[rows])
+        G = G[:, np.abs(G).any(axis=0)]
+        # the forces of a single loop are unique
+        if rows.size - np.linalg.matrix_rank(G) > 1:
+            return _weakest(rows, G, D @ rate, _limits(motion, guards, rows))
+    return None
 
 
 def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:

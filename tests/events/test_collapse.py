@@ -13,6 +13,7 @@ from stickslip import (
     Contact,
     Drive,
     DryFriction,
+    Force,
     OneWay,
     Result,
     Scene,
@@ -101,3 +102,39 @@ def test_a_one_way_clutch_beside_a_contact_gives_way_only_where_it_runs_free(opt
     assert changes(held) == {("belt", 1.0, -1)}
     free = torn(OneWay("clutch", GROUND, "b0"), *rows, **options)
     assert changes(free) == {("clutch", 1.0, -1), ("g", 1.0, 1), ("g2", 1.0, 1)}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(("force", "moving"), [(4.9, {}), (5.1, {"one": 1, "two": 1, "three": 1})])
+def test_drives_that_move_alike_but_for_roundoff_tear_nothing(
+    force: float, moving: dict[str, int], options: dict[str, Any]
+) -> None:
+    """Belts at 0.3 t and at 0.1 t + 0.2 t m/s hold 1 kg with 1, 1 and 3 N; 0.3 N of a force take it along."""
+    alike = piecewise_linear([0.0, 1.0], [0.0, 0.1]) + piecewise_linear([0.0, 1.0], [0.0, 0.2])
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Drive("first", velocity=piecewise_linear([0.0, 1.0], [0.0, 0.3])),
+        Drive("second", velocity=alike),
+        contact("one", "b", "first", 1.0),
+        contact("two", "b", "first", 1.0),
+        contact("three", "b", "second", 3.0),
+        Force("b", piecewise_linear([0.5, 0.5], [0.0, force + 0.3])),
+    )
+    assert changes(simulate(scene, (0.0, 0.9), **options)) == {(n, 0.5, mode) for n, mode in moving.items()}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_what_happens_apart_is_what_happens_alone(options: dict[str, Any]) -> None:
+    """Between ground and belt one body has two contacts of 1 N, another has three of 2, 1 and 3.5 N."""
+    single = [contact("g0", "b0", GROUND, 1.0), contact("d0", "b0", "belt", 1.0)]
+    double = [
+        contact("g1", "b1", GROUND, 2.0),
+        contact("h1", "b1", GROUND, 1.0),
+        contact("d1", "b1", "belt", 3.5),
+    ]
+    alone = changes(torn(*single, **options))
+    for rows in ([*single, *double], [*double, *single]):
+        assert changes(torn(*rows, bodies=2, **options)) == alone | {("g1", 1.0, 1), ("h1", 1.0, 1)}
+    other = [contact(row.name + "x", "b1", row.b, 1.0) for row in single]
+    both = changes(torn(*single, *other, bodies=2, **options))
+    assert both == alone | {(name + "x", t, mode) for name, t, mode in alone}
