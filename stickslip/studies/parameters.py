@@ -10,7 +10,7 @@ from typing import Any
 from stickslip.model.checks import finite
 from stickslip.model.elements.base import Element, Named, listed
 from stickslip.model.scene import Scene
-from stickslip.model.signals import Constant, Signal
+from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
 
 __all__ = ["Parameter", "named_parameters"]
@@ -176,16 +176,16 @@ def _leads(element: Element, rest: str) -> bool:
 
 def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
     for step in steps:
-        if step == _SCALE and isinstance(thing, Signal):
+        if step == _SCALE and isinstance(thing, Load):
             return 1.0
         thing = _inside(thing, step, name, what)
     if isinstance(thing, Constant):
         thing = thing.value
     if thing is None:
         raise ValueError(f"{what}: parameter {name!r} is not set in the scene; give it a value there first")
-    if isinstance(thing, Signal):
+    if isinstance(thing, Load):
         raise ValueError(
-            f"{what}: parameter {name!r} is a load over time; name a number of it"
+            f"{what}: parameter {name!r} is a load over time or of the state; name a number of it"
             f"{_numbers(thing, name)} or '{name}.scale', which multiplies it"
         )
     if isinstance(thing, bool) or not isinstance(thing, (int, float)):
@@ -223,7 +223,7 @@ def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
     if not steps:
         return Constant(value) if isinstance(thing, Constant) else value
     step, rest = steps[0], steps[1:]
-    if step == _SCALE and isinstance(thing, Signal):
+    if step == _SCALE and isinstance(thing, Load):
         return thing * value
     if isinstance(step, int):
         return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
