@@ -16,12 +16,16 @@ from stickslip.equations.system import System
 from stickslip.results.trajectory import Piece
 from stickslip.simulation.result import Result
 from stickslip.studies.directions import CENTRAL, PART, Direction
+from stickslip.studies.varied import VariedPiece
 
-__all__ = ["Nearby", "Quantity"]
+__all__ = ["REST", "Nearby", "Quantity"]
 
 Array = NDArray[np.float64]
 Quantity = Callable[[Motion, Array, Array], Array]
 """Of a motion, local times (k,) and states (size, k); its last axis is time."""
+
+REST = 1e-11
+"""Part of the speeds of a motion below which a velocity is 0."""
 
 _FINE = 1e-4
 """Step of a difference as a part of the size of the motion."""
@@ -164,3 +168,16 @@ class Nearby:
         if not columns:
             return np.zeros((*quantity(motion, taus, y).shape, 0))
         return np.stack(columns, axis=-1)
+
+    def slopes_along(self, quantity: Quantity, number: int, varied: VariedPiece, taus: Array) -> Array:
+        """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
+        piece = self.trajectory.pieces[number]
+        motion = self.motion_of(number)
+        assert piece.path is not None
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
+
+    def at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
+        """Return the rows whose relative velocity is 0 at the start of a motion."""
+        w = self.system.relative_velocity(piece.y, motion.loads(0.0))
+        return np.asarray(np.abs(w) <= np.maximum(REST * self.state_sizes[0], self.system.laws.rests_below))

@@ -9,6 +9,7 @@ from typing import Any
 
 from stickslip.model.checks import finite
 from stickslip.model.elements.base import Element, Named, listed
+from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
@@ -223,7 +224,7 @@ def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
     if not steps:
         return Constant(value) if isinstance(thing, Constant) else value
     step, rest = steps[0], steps[1:]
-    if step == _SCALE and isinstance(thing, Load):
+    if step == _SCALE and isinstance(thing, (Signal, Quantity)):
         return thing * value
     if isinstance(step, int):
         return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
