@@ -58,14 +58,7 @@ def at_stops(
     system = nearby.system
     if not sides.any():
         return
-    functions, none = system.piecewise, np.zeros((system.m, nearby.count))
-
-    def border(own: Motion, taus: Array, states: Array) -> Array:
-        q, matrices = own.loads(taus), own.system.piecewise
-        return np.asarray(matrices.border_y @ states + matrices.border_q @ q[: system.inputs])
-
-    at, y = np.zeros(1), piece.y[:, None]
-    slopes = nearby.slopes(border, piece, motion, none, at, y, S[:, None, :])[:, 0]
+    functions, slopes = system.piecewise, nearby.border_slopes(piece.y, motion.loads(0.0), S)
     on_side = sides[functions.row[functions.owner]]
     limit = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
     for k, direction in enumerate(nearby.directions):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -33,8 +33,8 @@ class Parameter:
     name : str
         ``"ELEMENT.FIELD"`` with the name of a body, drive, contact or another row, or ``"KIND[NUMBER].FIELD"`` as in
         ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in brackets:
-        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``. A load that is a number is
-        its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
+        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``, ``"lever.coefficients.a"``.
+        A load that is a number is its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
     place : int
         Place of its element among ``scene.elements``.
     steps : tuple of str or int
@@ -201,13 +201,22 @@ def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
         if not isinstance(thing, tuple) or step >= len(thing):
             raise ValueError(f"{what}: parameter {name!r}: there is no entry [{step}]")
         return thing[step]
+    if isinstance(thing, Mapping) and step in thing:
+        return thing[step]
     if not is_dataclass(thing) or step not in {field.name for field in fields(thing)}:
-        known = ", ".join(f.name for f in fields(thing)) if is_dataclass(thing) else "no fields"
+        inside = (
+            [f.name for f in fields(thing)]
+            if is_dataclass(thing)
+            else list(thing)
+            if isinstance(thing, Mapping)
+            else []
+        )
+        known = ", ".join(inside) or "no fields"
         law = getattr(thing, "law", None)
         within = is_dataclass(law) and step in {field.name for field in fields(law)}
         remedy = f"; write '{name.removesuffix(str(step))}law.{step}'" if within else ""
         raise ValueError(
-            f"{what}: parameter {name!r}: a {type(thing).__name__} has {known}, not {step!r}{remedy}"
+            f"{what}: parameter {name!r}: {type(thing).__name__} has {known}, not {step!r}{remedy}"
         )
     return getattr(thing, step)
 
@@ -228,4 +237,6 @@ def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
         return thing * value
     if isinstance(step, int):
         return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
+    if isinstance(thing, Mapping):
+        return {**thing, step: _changed(thing[step], rest, value)}
     return replace(thing, **{step: _changed(getattr(thing, step), rest, value)})

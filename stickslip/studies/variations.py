@@ -26,7 +26,7 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies import kinks
 from stickslip.studies.directions import Direction, start_of
-from stickslip.studies.nearby import REST, Nearby, Quantity
+from stickslip.studies.nearby import REST, Nearby, Quantity, total
 from stickslip.studies.varied import VariedImpact, VariedPiece
 from stickslip.studies.varied_flow import flow
 from stickslip.studies.varied_guards import TIE, VariedGuards
@@ -135,11 +135,11 @@ class Variation(Nearby):
                 self._refuse(t, k, why, S)
                 continue
             slope, _ = impact.along(y[:n], S[:n, k], 0.0)
-            v = system.balance(held).project(slope, none)
+            parts = []
             for weight, near, loads in direction.near:
                 own = near.drive_velocities(self.stretch_after(t, loads).at(t))
-                v = v + weight * near.balance(held).project(impact.after(y[:n], near, own, own), own)
-            S[:n, k] = v
+                parts.append(weight * near.balance(held).project(impact.after(y[:n], near, own, own), own))
+            S[:n, k] = system.balance(held).project(slope, none) + total(parts)
         for k, why in kinks.at_start(self, piece, motion, S):
             self._refuse(t, k, why, S)
         for k, why in kinks.at_stops(self, piece, motion, S, sides):
@@ -162,7 +162,8 @@ class Variation(Nearby):
             return times
         times = np.zeros(self.count)
         if path.hit:
-            times, reasons = VariedGuards(self, piece, motion).end(float(path.taus[-1]), S, since)
+            guards = VariedGuards(self, piece, motion)
+            times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
             for k, why in reasons.items():
                 self._refuse(piece.stop, k, why)
         elif np.any(following.modes != piece.modes) and all(t != piece.stop for t, _ in self._relaxed):
@@ -203,14 +204,13 @@ class Variation(Nearby):
                 why = "impacts fall together: the derivatives to the two sides differ"
                 self._refuse(piece.stop, k, why, times)
                 slope = np.full(n, np.nan)
-            v = balance.project(slope, rates * times[k])
+            parts = []
             for weight, near, loads in near_ones:
                 own = near.drive_velocities(self.stretch_after(following.t, loads).at(following.t))
                 before = near.drive_velocities(self.stretch_after(piece.t, loads).at(following.t))
-                v = v + weight * near.balance(held).project(
-                    impact.after(path.last[:n], near, before, own), own
-                )
-            found[:n, k] = v
+                struck = impact.after(path.last[:n], near, before, own)
+                parts.append(weight * near.balance(held).project(struck, own))
+            found[:n, k] = balance.project(slope, rates * times[k]) + total(parts)
         found -= np.outer(after.rate(0.0, following.y), times)
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)

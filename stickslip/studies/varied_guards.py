@@ -22,6 +22,10 @@ TIE = 1e-6
 _GRAZING = 1e-7
 """A guard that falls more slowly than this part of what adds up in its slope grazes."""
 
+_SHORT = 1e-9
+"""Of rebounds that accumulate, those slower than this part of the speeds of the whole motion are so short that the
+derivative of their duration is roundoff."""
+
 _TIE_OF_ENGINES = 1e-13
 """Guards within this part of their scales come to 0 together for the engines."""
 
@@ -60,16 +64,17 @@ class VariedGuards:
         """Return what a guard belongs to: a row, or a piecewise-linear function."""
         if not self.guards.is_border[i]:
             return repr(self._nearby.system.rows[int(self.guards.row[i])].name)
-        return str(self._nearby.system.piecewise.labels[self._function(i)])
+        functions = self._nearby.system.piecewise
+        return str(functions.labels[functions.owner[self._border(i)]])
 
     def is_continuous(self, i: int) -> bool:
         """Tell whether a guard is a border at which the force only has a corner: to touch it changes nothing."""
-        return bool(self.guards.is_border[i]) and not self._nearby.system.piecewise.is_stop[self._function(i)]
+        functions = self._nearby.system.piecewise
+        return bool(self.guards.is_border[i]) and not functions.is_stop[functions.owner[self._border(i)]]
 
-    def _function(self, i: int) -> int:
-        """Return the piecewise-linear function whose border a guard watches."""
-        border = self._motion.equations.borders[np.count_nonzero(self.guards.is_border[:i])]
-        return int(self._nearby.system.piecewise.owner[border])
+    def _border(self, i: int) -> int:
+        """Return the border that a guard watches, among those of all functions."""
+        return int(self._motion.equations.borders[np.count_nonzero(self.guards.is_border[:i])])
 
     def sizes(self, path: Path) -> tuple[Array, Array]:
         """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
@@ -93,8 +98,11 @@ class VariedGuards:
         found = np.argwhere(np.abs(slopes[some]) > roundoff)
         return [(int(some[i]), int(k)) for i, k in found]
 
-    def end(self, tau: float, S: Array, since: Array) -> tuple[Array, dict[int, str]]:
-        """Return how the time changes at which guards come to 0, ``-(g_p + g_y S) / g'``, and why it does not."""
+    def end(self, tau: float, S: Array, since: Array, begin: Array) -> tuple[Array, dict[int, str]]:
+        """Return how the time changes at which guards come to 0, ``-(g_p + g_y S) / g'``, or why it has no derivative.
+
+        The time at which the motion begins changes by `begin`.
+        """
         path, count = self._piece.path, self._nearby.count
         assert path is not None
         y = path.last
@@ -117,12 +125,16 @@ class VariedGuards:
             S[:, None, :],
             is_straight,
         )[fired, 0]
+        moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
         falls = self.falls(tau, y)[fired]
         steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
         names = sorted({self.label(int(i)) for i in fired})
-        if steep[first] <= _GRAZING:
+        rebound = self._rebound(int(fired[first]))
+        if rebound <= _SHORT:
+            return begin.copy(), {}
+        if steep[first] <= _GRAZING < rebound:
             why = f"{names[0]} grazes: its guard comes to 0 with slope 0"
             return np.full(count, np.nan), dict.fromkeys(range(count), why)
         times = -moved[first] / falls[first]
@@ -132,6 +144,23 @@ class VariedGuards:
         times[apart] = np.nan
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
+
+    def _with_stops(self, moved: Array, some: NDArray[np.intp], y: Array, S: Array, q: Array) -> Array:
+        """Return derivatives of some guards, those of stops without the roundoff of places."""
+        stops = [k for k, i in enumerate(some) if self.guards.is_border[i] and not self.is_continuous(i)]
+        if stops:
+            moved[stops] = self._nearby.border_slopes(y, q, S)[[self._border(some[k]) for k in stops]]
+        return moved
+
+    def _rebound(self, i: int) -> float:
+        """Return how fast the stop was left that a guard watches, as a part of all speeds; else infinity."""
+        guards, system = self.guards, self._nearby.system
+        if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] != 1:
+            return np.inf
+        speeds = np.zeros(system.size)
+        speeds[system.moved_state] = self._nearby.state_sizes[0]
+        most = self._motion.equations.border_magnitudes(speeds, np.zeros(system.inputs))
+        return float(abs(guards.first[1, i]) / most[np.count_nonzero(guards.is_border[:i])])
 
     def falls(self, tau: float, y: Array) -> Array:
         """Return the slopes of all guards along the motion."""
