@@ -205,7 +205,7 @@ class Samples:
         """Return where a block stands."""
         try:
             return self.system.blocks[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self.system.blocks)[:10]))
             raise ValueError(f"no block is called {name!r}; known are {known or 'none'}") from None
 

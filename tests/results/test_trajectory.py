@@ -218,7 +218,7 @@ def test_sampling_is_what_t_eval_gives(result: Result) -> None:
 @pytest.mark.parametrize(
     ("times", "kind", "words"),
     [
-        (1, ValueError, "at least 2 times"),
+        (1, ValueError, "a whole number from 2 on"),
         ([0.0, 5.0], ValueError, "times must lie in"),
         ([0.0, math.nan], ValueError, "times must lie in"),
         ("soon", TypeError, "times or their number"),
