@@ -6,6 +6,7 @@ as a line behind the boxes that it passes. Lengths are inches of a drawing in it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -153,10 +154,9 @@ class _Drawing:
             lowest -= _GAP
         right = max(self.lefts[-1], *(self._sides(name)[1] for name in self.nodes))
         left = -0.1
-        for name, texts in self.pushes.items():
+        for name, text in self.pushes.items():
             if name in self.nodes:
-                reach = 0.45 + _LETTER * len(_short(", ".join(texts)))
-                left = min(left, self._sides(name)[0] - reach)
+                left = min(left, self._sides(name)[0] - 0.45 - _LETTER * len(text))
         note = self._note()
         right = max(right, left + _LETTER * len(note)) + 0.1
         self.below = lowest
@@ -200,7 +200,7 @@ class _Drawing:
                 text["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
             ax.text(0.5 * (left + right), self._top(row) - 0.5 * _BOX, self._text(name), **text)
             if name in self.pushes:
-                self._push(ax, left, self._top(row) - 0.5 * _BOX, _short(", ".join(self.pushes[name])))
+                self._push(ax, left, self._top(row) - 0.5 * _BOX, self.pushes[name])
         for k, link in enumerate(self.links):
             self._join(ax, k, link)
         for left, right, name in self.blocks:
@@ -342,12 +342,15 @@ def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
     return found
 
 
-def _pushes(scene: Scene) -> dict[str, list[str]]:
+def _pushes(scene: Scene) -> dict[str, str]:
     """Return what is written at the forces on each body."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, Counter[str]] = {}
     for force in scene.forces:
-        found.setdefault(force.body, []).append(_load("F", force.signal, units(scene, force).force))
-    return found
+        found.setdefault(force.body, Counter())[_load("F", force.signal, units(scene, force).force)] += 1
+    return {
+        body: _short(", ".join(text if n == 1 else f"{n} × {text}" for text, n in texts.items()))
+        for body, texts in found.items()
+    }
 
 
 def _load(symbol: str, load: Any, unit: str) -> str:
