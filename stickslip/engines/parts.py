@@ -335,9 +335,8 @@ class Parts:
         out = (column < 0).nonzero()[0]
         outer = np.zeros((k, self.velocity.shape[1]))
         if out.size:
-            beyond, which = np.unique(near[out], return_inverse=True)
-            vs, xs = self._shifted(beyond, t)
-            np.add.at(outer, row[out], stiffness[out, None] * xs[which] + damping[out, None] * vs[which])
+            vs, xs = self._shifted(near[out], t)
+            np.add.at(outer, row[out], stiffness[out, None] * xs + damping[out, None] * vs)
             within = (column >= 0).nonzero()[0]
             row, column, stiffness, damping = row[within], column[within], stiffness[within], damping[within]
         both = _side_by_side(damping, stiffness, row, column, k)
@@ -638,7 +637,8 @@ class Parts:
             g[1] += mu * n1
             if rising and rise:
                 g = _risen(g, rise, math.exp(-age), (until - t) / float(system.dwell[j]), n0, n1)
-            self._enter(j, self._root(g, t, until, floor), -sign)
+            if g[0] <= np.abs(g[1:]).sum():
+                self._enter(j, self._root(g, t, until, floor), -sign)
         if rising and math.isinf(self.due[j]):
             # not up to there: look again
             self.due[j], self.is_root[j] = until, False
