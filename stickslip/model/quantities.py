@@ -16,7 +16,16 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import check_entries, check_name, check_takes, finite, limit, sequence
+from stickslip.model.checks import (
+    check_entries,
+    check_name,
+    check_takes,
+    finite,
+    in_order,
+    limit,
+    sequence,
+    whole,
+)
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
@@ -371,11 +380,7 @@ def output(block: str, index: int = 0) -> Quantity:
     TypeError, ValueError
         If the name is no name, or the number no number from 0 on.
     """
-    if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
-        raise TypeError(f"output: index must be a whole number, got {index!r}")
-    if index < 0:
-        raise ValueError(f"output: index must not be negative, got {index}")
-    return Output(check_name(block, "output: block"), int(index))
+    return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 
 TIME = Expression((), Line(1.0))
@@ -414,7 +419,7 @@ def feedback(
     taken = f"{count} argument{'s' * (count > 1)}, one for each quantity"
     check_takes(function, count, "feedback: function", taken)
     if derivatives is not None and not callable(derivatives):
-        given = tuple(derivatives)
+        given = tuple(in_order(derivatives, "feedback: derivatives", "functions"))
         if len(given) != count or not all(callable(one) for one in given):
             raise TypeError(
                 f"feedback: derivatives must be a function, or one function for each of the {count} "

@@ -37,7 +37,7 @@ def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
         If there is no such gap or stop.
     """
     elements = {element.name: element for element in (*result.scene.gaps, *result.scene.stops)}
-    if row not in elements:
+    if not isinstance(row, str) or row not in elements:
         known = ", ".join(map(repr, elements)) or "none"
         raise ValueError(f"stretch: no gap or stop is called {row!r}; known are {known}")
     element = elements[row]

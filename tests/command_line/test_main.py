@@ -115,7 +115,7 @@ def test_chains():
     assert len(chain.dampers) == 11
     assert chain.contacts[0].normal.value > chain.contacts[10].normal.value > 0
     assert len(flywheel_chain(1).contacts) == 1
-    with pytest.raises(ValueError, match="n must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="n must be a whole number from 1 on, got 0"):
         flywheel_chain(0)
     with pytest.raises(ValueError, match="normals must have 2 entries, got 3"):
         flywheel_chain(3, normals=[1.0, 2.0, 3.0])

@@ -243,7 +243,7 @@ def test_loops_through_states_and_samples_run() -> None:
         (lambda: Sampled("s", period=1.0, output=None), "block 's': output must be a function"),
         (
             lambda: Sampled("s", period=1.0, output=abs, outputs=0),
-            "outputs must be how many there are, at least 1",
+            "outputs must be a whole number from 1 on",
         ),
         (
             lambda: Sampled("s", period=1.0, output=abs, outputs=2, held=[1.0]),

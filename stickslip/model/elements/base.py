@@ -190,7 +190,7 @@ class Radii(Link):
 
 def check_motion(motion: Any, label: str, default: str) -> None:
     """Refuse what is no kind of motion."""
-    if motion is not None and motion not in get_args(Motion):
+    if motion is not None and not (isinstance(motion, str) and motion in get_args(Motion)):
         raise ValueError(
             f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
         )
