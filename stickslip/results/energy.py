@@ -291,7 +291,7 @@ def _labels(links: _Links) -> list[str]:
 def _powers(at: Samples, links: _Links) -> Array:
     """Return the powers in W, a line each: of loads, of drives, heat of rows, heat of dampers."""
     system, velocities = at.system, at.velocities()
-    forces = at.tables.forces
+    forces = at.forces
     pushes = system.push_C @ at.y + system.push_Q @ at.inputs
     loads = (pushes * velocities[: system.n]).sum(axis=0)
     rates = links.ends @ velocities

@@ -66,7 +66,7 @@ def _columns(samples: Samples) -> dict[str, NDArray[Any]]:
     found |= {f"breakaway {name}": samples.breakaway(name) for name in frictional}
     found |= {f"mode {name}": samples.mode(name) for name in names}
     found |= {f"normal {name}": samples.normal(name) for name in frictional}
-    found |= {f"power {name}": samples.force(name) * samples.relative_velocity(name) for name in frictional}
+    found |= {f"power {name}": samples.power(name) for name in frictional}
     return found
 
 

@@ -101,7 +101,7 @@ class Readable(Drawable):
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"
             )
-        return self._read(lambda samples: samples.levels(contact)[0 if direction == 1 else 1])
+        return self._read(lambda samples: samples.level(contact, int(direction)))
 
     def mode(self, contact: str) -> NDArray[np.int8]:
         """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap is open.
@@ -141,7 +141,7 @@ class Readable(Drawable):
         ValueError
             If there is no such contact.
         """
-        return self.force(contact) * self.relative_velocity(contact)
+        return self._read(lambda samples: samples.power(contact))
 
     def normal(self, contact: str) -> Array:
         """Return the normal force of a contact at the times `t`, in N, zero where it is open.
