@@ -287,39 +287,32 @@ def _link(element: Any, scene: Scene) -> _Link | None:
         ends |= {end: f"r = {radius:.4g}" for end, radius in at if radius != 1}
     name = (_short(element.name),) if hasattr(element, "name") else ()
     unit = units(scene, element)
+    symbol: symbols.Symbol = symbols.link
+    label: tuple[str, ...] = (element.noun(),)
     match element:
         case Contact():
             law = () if type(element.law) is DryFriction else (type(element.law).__name__,)
-            return _Link(ends, symbols.plates, (*name, _load("N", element.normal, "N"), *law))
-        case Spring() if element.damping:
-            stiffness, damping = (
-                f"k = {_with_unit(element.stiffness, unit.stiffness)}",
-                f"c = {_with_unit(element.damping, unit.damping)}",
-            )
-            return _Link(ends, symbols.spring_and_dashpot, (stiffness, damping))
+            symbol, label = symbols.plates, (_load("N", element.normal, "N"), *law)
         case Spring():
-            return _Link(ends, symbols.spring, (f"k = {_with_unit(element.stiffness, unit.stiffness)}",))
+            symbol = symbols.spring_and_dashpot if element.damping else symbols.spring
+            damping = (f"c = {_with_unit(element.damping, unit.damping)}",) if element.damping else ()
+            label = (f"k = {_with_unit(element.stiffness, unit.stiffness)}", *damping)
         case Damper():
-            return _Link(ends, symbols.dashpot, (f"c = {_with_unit(element.damping, unit.damping)}",))
+            symbol, label = symbols.dashpot, (f"c = {_with_unit(element.damping, unit.damping)}",)
         case Gear():
-            return _Link(
-                ends,
-                symbols.gears,
-                (*name, f"{_short(element.a)} = {element.ratio:.4g} ×", _short(element.b)),
-            )
+            symbol, label = symbols.gears, (f"{_short(element.a)} = {element.ratio:.4g} ×", _short(element.b))
         case OneWay():
-            return _Link(ends, symbols.one_way, (*name, f"{_short(element.a)} drives"))
+            symbol, label = symbols.one_way, (f"{_short(element.a)} drives",)
         case Planetary():
-            parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
-            return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+            ends = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
+            symbol, label = symbols.planetary, (f"ratio {element.ratio:.4g}",)
         case Gap() | Stop():
             symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
-            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
+            label = (f"{element.lower:.3g} to {element.upper:.3g}",)
         case Tie():
-            return _Link(
-                {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
-            )
-    return _Link(ends, symbols.link, (*name, element.noun()))
+            ends = {end: f"× {c:.4g}" for end, c in element.coefficients.items()}
+            symbol, label = symbols.relation, ()
+    return _Link(ends, symbol, (*name, *label))
 
 
 def _ends(element: Any) -> list[str]:
