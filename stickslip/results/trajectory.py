@@ -9,6 +9,8 @@ from itertools import pairwise
 from typing import Any, overload
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
@@ -30,8 +32,8 @@ _BALANCE_BYTES = 32_000_000
 """Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""
 
 _DENSE_BYTES, _SPARSE_BYTES = 32, 200
-_AT_ONCE = 2_000_000
-"""Coefficients that are evaluated at once."""
+_AT_ONCE, _NEAR = 2_000_000, 50_000
+"""Coefficients that are put together, and that are evaluated at once: these stay near the processor."""
 
 
 @dataclass(frozen=True)
@@ -381,9 +383,10 @@ class Trajectory:
             assert isinstance(part, Patchwork)
             some = (place == number).nonzero()[0]
             own = piece_of[some] - firsts[number]
-            base = base - part.begin[bodies]
+            begin, end = part.at_ends[:, bodies]
+            base = base - begin
             found[:, some] = base[:, None] + part.positions(own, part.starts[own] + taus[some], bodies)
-            base = base + part.end[bodies]
+            base = base + end
         return found
 
     def of_body(self, piece_of: Indices, taus: Array, body: int, integrated: bool = False) -> Array:
@@ -549,18 +552,12 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
 
 
 def _polynomials(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool) -> Array:
-    """Return the values of polynomials ``step`` at ``s``, by Clenshaw's or Horner's scheme."""
-    highest = coefficients.shape[1] - 1
-    if not is_chebyshev:
-        s = s[:, None]
-        value: Array = coefficients[step, highest]
-        for j in range(highest - 1, -1, -1):
-            value *= s
-            value += coefficients[step, j]
-        return value
-    x = 2 * s[:, None] - 1
-    later = np.zeros((step.size, coefficients.shape[2]))
-    now = later
-    for j in range(highest, 0, -1):
-        now, later = coefficients[step, j] + 2 * x * now - later, now
-    return np.asarray(coefficients[step, 0] + x * now - later)
+    """Return the values of polynomials ``step`` at ``s``."""
+    _, terms, size = coefficients.shape
+    basis = chebvander(2 * s - 1, terms - 1) if is_chebyshev else polyvander(s, terms - 1)
+    weights, found = np.ascontiguousarray(basis)[:, None], np.empty((s.size, size))
+    count = _NEAR // (terms * size) + 1
+    for first in range(0, s.size, count):
+        some = slice(first, first + count)
+        np.matmul(weights[some], coefficients[step[some]], out=found[some, None])
+    return found
