@@ -79,7 +79,8 @@ class Patches:
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
-        """Enter modes of some rows, and series of the forces of those that are held."""
+        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
+        force = np.where(mode[:, None] == 0, force, 0.0)
         self._rows.append((np.full(rows.size, len(self._ticks) - 1), rows, origin, mode, since, force))
         self.entries += force.size
 
@@ -423,7 +424,7 @@ class Patchwork:
         return self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
 
     def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
-        """Return the forces of rows at times of pieces where they are held; others mean nothing."""
+        """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
 
         def read(held: Held, t: Array) -> Array:
             return self.rows.values(held, t, self.unit)
