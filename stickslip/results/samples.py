@@ -147,8 +147,9 @@ class Samples:
         if self.kept is None and i < n:
             if state is not None:
                 return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)
-            way: Array = positions.of_bodies(self.trajectory, self.piece_of, self.taus, slice(i, i + 1))[0]
-            return self.scene.bodies[i].position + way
+            start = self.scene.bodies[i].position
+            own = slice(i, i + 1)
+            return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
         if state is not None:
             return _line(self.y, state)
         if body == GROUND:
