@@ -9,15 +9,13 @@ from itertools import pairwise
 from typing import Any, overload
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
-from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
@@ -32,8 +30,8 @@ _BALANCE_BYTES = 32_000_000
 """Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""
 
 _DENSE_BYTES, _SPARSE_BYTES = 32, 200
-_AT_ONCE, _NEAR = 2_000_000, 50_000
-"""Coefficients that are put together, and that are evaluated at once: these stay near the processor."""
+_AT_ONCE = 2_000_000
+"""Coefficients that are put together at once."""
 
 
 @dataclass(frozen=True)
@@ -539,25 +537,11 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
         return
     moving = [(path, chosen) for path, chosen in block if path.taus.size > 1]
     coefficients = np.concatenate([path.coefficients for path, _ in moving])
-    values = _polynomials(
-        coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev
-    )
+    found = values(coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev)
     first = 0
     for path, chosen in moving:
         local = taus[chosen]
-        own = values[first : first + local.size]
+        own = found[first : first + local.size]
         own[local >= path.taus[-1]] = path.last
         out[:, chosen] = own.T
         first += local.size
-
-
-def _polynomials(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool) -> Array:
-    """Return the values of polynomials ``step`` at ``s``."""
-    _, terms, size = coefficients.shape
-    basis = chebvander(2 * s - 1, terms - 1) if is_chebyshev else polyvander(s, terms - 1)
-    weights, found = np.ascontiguousarray(basis)[:, None], np.empty((s.size, size))
-    count = _NEAR // (terms * size) + 1
-    for first in range(0, s.size, count):
-        some = slice(first, first + count)
-        np.matmul(weights[some], coefficients[step[some]], out=found[some, None])
-    return found
