@@ -23,6 +23,7 @@ from stickslip.model.checks import (
     finite,
     in_order,
     limit,
+    name_of,
     sequence,
     whole,
 )
@@ -201,7 +202,7 @@ class Feedback(Quantity):
     @property
     def label(self) -> str:
         """How messages name the function."""
-        return f"feedback function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return f"feedback function {name_of(self.function)}"
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the arguments."""
