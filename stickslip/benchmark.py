@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from stickslip.model.checks import finite, sequence, whole
 from stickslip.model.elements import GROUND, Body, Contact, Damper, Element
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.modes import Mode
@@ -119,8 +120,7 @@ def flywheel_chain(
     ValueError, TypeError
         If `n` is below 1, a sequence has another length, or a number is out of its range.
     """
-    if n < 1:
-        raise ValueError(f"flywheel_chain: n must be at least 1, got {n}")
+    n, viscous = whole(n, "flywheel_chain: n", 1), finite(viscous, "flywheel_chain: viscous")
     inertias = _numbers("inertias", inertias, [1.0] * n)
     velocities = _numbers("velocities", velocities, [1.0 + 0.01 * i for i in range(n)])
     normals = _numbers("normals", normals, [100.0 * (n - i) / n for i in range(1, n)])
@@ -140,6 +140,7 @@ def flywheel_chain(
 def _numbers(name: str, given: Sequence[float] | None, default: list[float]) -> Sequence[float]:
     if given is None:
         return default
-    if len(given) != len(default):
-        raise ValueError(f"flywheel_chain: {name} must have {len(default)} entries, got {len(given)}")
-    return given
+    found = sequence(given, f"flywheel_chain: {name}")
+    if len(found) != len(default):
+        raise ValueError(f"flywheel_chain: {name} must have {len(default)} entries, got {len(found)}")
+    return found

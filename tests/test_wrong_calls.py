@@ -77,7 +77,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: JOINED.velocity("q"), "no body is called 'q'; known are 'b', 'ground'"),
     (lambda: JOINED.share("q"), "no contact is called 'q'; known are 'c'"),
     (lambda: JOINED.breakaway("c", 3), "breakaway of contact 'c': direction must be +1 (forward) or -1"),
-    (lambda: join(RESULT), "join: expected a list of results, got Result(scene="),
+    (lambda: join(RESULT), "join: results must be a sequence of Result(...), got Result(scene="),
     (lambda: join([SCENE]), "join: expected results, got Scene("),
     # -- writing
     (lambda: RESULT.to_csv(None), "to_csv: path must be a text or a pathlib.Path, got None"),

@@ -185,24 +185,20 @@ class Stretch:
                 q[i] += function(min(t, self._before_stop))
         return q
 
-    def sampled(self, times: Array, only: int | None = None) -> Array:
-        """Return the inputs at many times, one column each, or only one of those that are no functions."""
-        if only is not None:
-            one = self.value[only] + self.slope[only] * (times - self.start)
-            for i, amplitude, frequency, phase in self._waves:
-                if i == only:
-                    one += amplitude * np.sin(2 * math.pi * np.fmod(frequency * times, 1.0) + phase)
-            return np.asarray(one)
-        q = np.repeat(self.value[:, None], times.size, axis=1)
-        sloping = self.slope.nonzero()[0]
-        q[sloping] += np.multiply.outer(self.slope[sloping], times - self.start)
-        if self.has_waves:
-            angle = (
-                2 * math.pi * np.fmod(np.multiply.outer(self._frequency, times), 1.0) + self._phase[:, None]
-            )
-            np.add.at(q, self._entry, self._amplitude[:, None] * np.sin(angle))
+    def sampled(self, times: Array, only: slice = slice(None)) -> Array:
+        """Return the inputs, or some of them, at many times, one column each."""
+        first, stop, _ = only.indices(self.value.size)
+        slope = self.slope[only]
+        q = np.repeat(self.value[only, None], times.size, axis=1)
+        sloping = slope.nonzero()[0]
+        q[sloping] += np.multiply.outer(slope[sloping], times - self.start)
+        for i, amplitude, frequency, phase in self._waves:
+            if first <= i < stop:
+                angle = 2 * math.pi * np.fmod(frequency * times, 1.0) + phase
+                q[i - first] += amplitude * np.sin(angle)
         for i, function in self._functions:
-            q[i] += _sample(function, np.minimum(times, self._before_stop))
+            if first <= i < stop:
+                q[i - first] += _sample(function, np.minimum(times, self._before_stop))
         return q
 
     def rate(self, t: float) -> Array:

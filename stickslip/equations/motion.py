@@ -573,19 +573,20 @@ class Motion:
         by_w, by_z = law.bristle_slopes(w, normal, z)
         acting = equations.acting[law.bristles]
         size, count, n = system.size, places.size, system.n
-        rows = scipy.sparse.csr_array((system.G @ equations.balance.T)[acting])
-        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
-        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
         units = np.zeros((equations.acting.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed = scipy.sparse.csr_array(equations.push(units)[:size])
+        pushed, rows = equations.push(units)[:size], (system.G @ equations.balance.T)[acting]
+        by_bristle = law.by_bristle(w, normal, z)
+        if isinstance(matrix, np.ndarray):
+            matrix[places, :n] += by_w[:, None] * dense(rows)
+            matrix[places, places] += by_z
+            matrix[:, places] += pushed * by_bristle
+            return matrix
+        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
+        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
         extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
-        extra = extra + pushed @ scipy.sparse.diags_array(law.by_bristle(w, normal, z)) @ own.T
-        return (
-            matrix + dense(extra)
-            if isinstance(matrix, np.ndarray)
-            else scipy.sparse.csr_array(matrix + extra)
-        )
+        extra = extra + scipy.sparse.csr_array(pushed) @ scipy.sparse.diags_array(by_bristle) @ own.T
+        return scipy.sparse.csr_array(matrix + extra)
 
     # -- series ----------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -21,11 +21,17 @@ __all__ = [
     "check_takes",
     "file_path",
     "finite",
+    "flag",
+    "in_order",
     "limit",
+    "name_of",
     "names",
     "numbers",
     "sequence",
+    "whole",
 ]
+
+_MOST = 100_000_000
 
 
 class NamedArguments(type):
@@ -84,19 +90,46 @@ def finite(value: Any, what: str) -> float:
     return number
 
 
+def flag(value: Any, what: str) -> bool:
+    """Return True or False; refuse what is neither with a message that begins with `what`."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{what} must be True or False, got {reprlib.repr(value)}")
+    return bool(value)
+
+
+def whole(value: Any, what: str, least: int = 0) -> int:
+    """Return a whole number from `least` on; refuse what is none with a message that begins with `what`."""
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not is_whole or value < least:
+        error = ValueError if is_whole else TypeError
+        raise error(f"{what} must be a whole number from {least} on, got {reprlib.repr(value)}")
+    if value > _MOST:
+        raise ValueError(f"{what} must be at most {_MOST:,}, got {reprlib.repr(value)}")
+    return int(value)
+
+
 def limit(value: Any, none: float, what: str) -> float:
     """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
     is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
     return none if is_none else finite(value, what)
 
 
+def in_order(values: Any, what: str, kind: str = "numbers") -> list[Any]:
+    """Return what stands in a sequence as a list; refuse text, and sets and tables, which have no order.
+
+    `what` begins the message; `kind` is what the sequence should hold.
+    """
+    try:
+        if not isinstance(values, (str, bytes, Set, Mapping)):
+            return list(values)
+    except TypeError:
+        pass
+    raise TypeError(f"{what} must be a sequence of {kind}, got {reprlib.repr(values)}") from None
+
+
 def sequence(values: Iterable[float], what: str) -> tuple[float, ...]:
     """Return finite numbers as a tuple of floats; refuse what is none with a message that begins with `what`."""
-    try:
-        listed = list(values)
-    except TypeError:
-        raise TypeError(f"{what} must be a sequence of numbers, got {values!r}") from None
-    return tuple(finite(value, what) for value in listed)
+    return tuple(finite(value, what) for value in in_order(values, what))
 
 
 def check_name(value: Any, what: str) -> str:
@@ -151,6 +184,13 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
         ) from None
 
 
+def name_of(function: Callable[..., Any]) -> str:
+    """Return how messages name a function."""
+    # ufuncs have no qualified name before numpy 2
+    simple = getattr(function, "__name__", repr(function))
+    return str(getattr(function, "__qualname__", simple))
+
+
 def numbers(values: Any, what: str) -> NDArray[np.float64]:
     """Return numbers in one line as an array; which of them make sense is not looked at.
 
@@ -172,10 +212,9 @@ def names(values: Any, what: str) -> list[str]:
 
     `what` begins the message of what is refused.
     """
-    if isinstance(values, str) or not isinstance(values, Iterable):
-        remedy = f"; write [{values!r}]" if isinstance(values, str) else ""
-        raise TypeError(f"{what} must be a sequence of names, got {reprlib.repr(values)}{remedy}")
-    return list(values)
+    if isinstance(values, str):
+        raise TypeError(f"{what} must be a sequence of names, got {values!r}; write [{values!r}]")
+    return [check_name(value, f"{what}: one") for value in in_order(values, what, "names")]
 
 
 def file_path(path: Any, what: str) -> Path:

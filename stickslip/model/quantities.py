@@ -16,7 +16,17 @@ from typing import Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import check_entries, check_name, check_takes, finite, limit, sequence
+from stickslip.model.checks import (
+    check_entries,
+    check_name,
+    check_takes,
+    finite,
+    in_order,
+    limit,
+    name_of,
+    sequence,
+    whole,
+)
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
 
@@ -192,7 +202,7 @@ class Feedback(Quantity):
     @property
     def label(self) -> str:
         """How messages name the function."""
-        return f"feedback function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return f"feedback function {name_of(self.function)}"
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the arguments."""
@@ -261,121 +271,38 @@ class Table(Quantity):
 
 
 def position(body: str) -> Quantity:
-    """Return the position of a body or drive, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the position of a body or drive, in m or rad, as a quantity."""
     return Position(check_name(body, "position: body"))
 
 
 def velocity(body: str) -> Quantity:
-    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity."""
     return Velocity(check_name(body, "velocity: body"))
 
 
 def relative_velocity(row: str) -> Quantity:
-    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another row, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another named row, in m/s or rad/s, as a quantity."""
     return RelativeVelocity(check_name(row, "relative_velocity: row"))
 
 
 def stretch(row: str) -> Quantity:
-    """Return ``radius_a x_a - radius_b x_b`` of a contact or another row, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``radius_a x_a - radius_b x_b`` of a contact or another named row, in m or rad, as a quantity."""
     return Stretch(check_name(row, "stretch: row"))
 
 
 def normal(contact: str) -> Quantity:
-    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
-
-    Parameters
-    ----------
-    contact : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the normal force of a contact in N, 0 where it is open, as a quantity."""
     return Normal(check_name(contact, "normal: contact"))
 
 
 def power(row: str) -> Quantity:
-    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none."""
     return Power(check_name(row, "power: row"))
 
 
 def output(block: str, index: int = 0) -> Quantity:
-    """Return an output of a block as a quantity.
-
-    Parameters
-    ----------
-    block : str
-        Name of a block.
-    index : int
-        Which output, from 0 on.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the name is no name, or the number no number from 0 on.
-    """
-    if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
-        raise TypeError(f"output: index must be a whole number, got {index!r}")
-    if index < 0:
-        raise ValueError(f"output: index must not be negative, got {index}")
-    return Output(check_name(block, "output: block"), int(index))
+    """Return an output of a block, counted from 0, as a quantity."""
+    return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 
 TIME = Expression((), Line(1.0))
@@ -414,7 +341,7 @@ def feedback(
     taken = f"{count} argument{'s' * (count > 1)}, one for each quantity"
     check_takes(function, count, "feedback: function", taken)
     if derivatives is not None and not callable(derivatives):
-        given = tuple(derivatives)
+        given = tuple(in_order(derivatives, "feedback: derivatives", "functions"))
         if len(given) != count or not all(callable(one) for one in given):
             raise TypeError(
                 f"feedback: derivatives must be a function, or one function for each of the {count} "

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.checks import NamedArguments
+from stickslip.model.checks import NamedArguments, check_name, flag
 from stickslip.model.quantities import Expression, as_expression
-from stickslip.model.signals import Load
+from stickslip.model.signals import Constant, Load
 
 __all__ = ["When"]
 
@@ -22,7 +22,7 @@ class When(metaclass=NamedArguments):
     ----------
     name : str
         What the event is called: `Event.contact` holds it.
-    quantity : Quantity, Signal or float
+    quantity : Quantity or Signal
         What crosses 0, such as ``position("m") - 0.5`` or ``feedback(function, ...)``.
     direction : int
         +1 for crossings upward only, -1 for those downward, 0 for both.
@@ -32,7 +32,7 @@ class When(metaclass=NamedArguments):
     Raises
     ------
     TypeError, ValueError
-        If the name is no name, the quantity no quantity, or the direction none of these.
+        If the name is no name, the quantity no quantity or a constant, or the direction none of these.
     """
 
     name: str
@@ -41,19 +41,22 @@ class When(metaclass=NamedArguments):
     direction: int = 0
     stop: bool = False
 
-    def __init__(self, name: str, quantity: Load | float, *, direction: int = 0, stop: bool = False) -> None:
+    def __init__(self, name: str, quantity: Load, *, direction: int = 0, stop: bool = False) -> None:
         """Check the fields."""
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"When: name must be a name (a string that is not empty), got {name!r}")
+        check_name(name, "When: name")
         number = isinstance(direction, (int, float)) and not isinstance(direction, bool)
         if not number or direction not in (-1, 0, 1):
             raise ValueError(f"event {name!r}: direction must be -1, 0 or +1, got {direction!r}")
-        if not isinstance(stop, bool):
-            raise TypeError(f"event {name!r}: stop must be True or False, got {stop!r}")
+        watched = as_expression(quantity, f"event {name!r}: quantity")
+        if not watched.terms and isinstance(watched.signal, Constant):
+            raise ValueError(
+                f"event {name!r}: quantity is always {watched.signal.value:g}, so it crosses nothing; "
+                "give what changes, such as position('m') - 0.5"
+            )
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "quantity", as_expression(quantity, f"event {name!r}: quantity"))
+        object.__setattr__(self, "quantity", watched)
         object.__setattr__(self, "direction", int(direction))
-        object.__setattr__(self, "stop", stop)
+        object.__setattr__(self, "stop", flag(stop, f"event {name!r}: stop"))
 
     @property
     def label(self) -> str:

@@ -105,8 +105,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(draw)
     def checked(*args: P.args, **given: P.kwargs) -> T:
-        if args:
-            check_result(args[0], draw.__name__)
+        check_result(args[0] if args else given.get("result"), draw.__name__)
         return draw(*args, **given)
 
     return checked

@@ -52,6 +52,8 @@ def sweep_map(
             raise ValueError(f"sweep_map: no parameter {name!r}; choose from {', '.join(names)}")
     if x == y:
         raise ValueError(f"sweep_map: x and y are both {x!r}; choose two parameters")
+    if labels is not None and not isinstance(labels, Mapping):
+        raise TypeError(f"sweep_map: labels must be a mapping such as {{'x': 'speed [m/s]'}}, got {labels!r}")
     field = result.value(value)
     if field.ndim != len(names):
         raise ValueError(

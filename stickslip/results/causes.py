@@ -89,11 +89,9 @@ def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Lim
 
 def _at_events(at: Samples, rows: NDArray[np.intp]) -> Array:
     """Return force, level and relative velocity of one row at each time."""
-    tables, place = at.tables, np.arange(rows.size)
-    force, mode = tables.forces[rows, place], tables.modes[rows, place]
-    is_lower = (mode < 0) | ((mode == 0) & (force < 0))
-    level = np.where(is_lower, tables.lower[rows, place], tables.upper[rows, place])
-    return np.array([force, level, at.relative_velocities[rows, place]])
+    return np.array(
+        [table[rows, np.arange(rows.size)] for table in (at.forces, at.breakaways, at.relative_velocities)]
+    )
 
 
 def _reason(event: Event, law: Law | None, limits: _Limits) -> str:

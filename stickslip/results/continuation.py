@@ -38,7 +38,8 @@ def final_scene(trajectory: Trajectory) -> Scene:
     system, number = trajectory.system, np.array([trajectory.starts.size - 1])
     end, stop = trajectory.ends[-1:], float(trajectory.stops[-1])
     at = Samples.at_local(trajectory, number, end)
-    inner, shown, since = (table[:, 0] for table in trajectory.modes(number, end))
+    inner, shown = (table[:, 0] for table in trajectory.modes(number, end))
+    since = trajectory.since_when(number, end)[:, 0]
     velocities = _velocities(at)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]

@@ -179,6 +179,8 @@ def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:
 
 def _scene_of(about: Mapping[str, Any], scene: Scene | None, path: Target) -> Scene:
     if scene is not None:
+        if not isinstance(scene, Scene):
+            raise TypeError(f"load: scene must be a Scene, got {type(scene).__name__}")
         return scene
     if about["scene"] is None:
         raise ValueError(f"load: the scene of {path} holds code that no file can; give load(path, scene=...)")

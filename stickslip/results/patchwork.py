@@ -5,9 +5,10 @@ To read them costs what is read: nothing is stored for the whole scene at an eve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,12 +25,12 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
 
-_AT_ONCE = 40_000
+_AT_ONCE = 100_000
 _DEGREES = (3, 6, 10, 15)
 """Polynomials up to these degrees are evaluated together."""
 
-_IN_COLUMN = 8
-"""Times at which one polynomial is evaluated at once."""
+_IN_ENTRY = 3
+"""Times of an entry at which the range of what it gives is looked for."""
 
 _NOTHING = 1e-18
 
@@ -78,7 +79,8 @@ class Patches:
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
-        """Enter modes of some rows, and series of the forces of those that are held."""
+        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
+        force = np.where(mode[:, None] == 0, force, 0.0)
         self._rows.append((np.full(rows.size, len(self._ticks) - 1), rows, origin, mode, since, force))
         self.entries += force.size
 
@@ -123,7 +125,7 @@ class Series:
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> Series:
         """Return entries in order."""
-        width = max((entry[-1].shape[1] for entry in entries), default=0)
+        width = max(1, *(entry[-1].shape[1] for entry in entries))
         columns = [np.concatenate([entry[k] for entry in entries]) for k in range(5)]
         terms = np.zeros((columns[0].size, width))
         at = 0
@@ -142,58 +144,65 @@ class Series:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
 
-    @cached_property
-    def degree(self) -> Indices:
-        """The highest power of each entry that is not 0."""
-        some = self.terms != 0
-        return np.where(some.any(axis=1), self.terms.shape[1] - 1 - some[:, ::-1].argmax(axis=1), 0)
+    def held(self, ticks: Indices, things: slice) -> Held:
+        """Return which entries of some things hold at some ticks, in order."""
+        first, stop, _ = things.indices(int(self.thing[-1]) + 1 if self.thing.size else 0)
+        low, high = np.searchsorted(self.thing, [first, stop]).tolist()
+        begins = np.searchsorted(ticks, self.tick[low:high])
+        is_new = np.diff(self.thing[low:high], prepend=-1, append=-1) != 0
+        # the first entry of a thing holds from the first tick on, its last one up to the last
+        begins[is_new[:-1]] = 0
+        ends = np.where(is_new[1:], ticks.size, np.roll(begins, -1))
+        return Held(slice(low, high), ends - begins, (stop - first, ticks.size))
 
-    def entries(self, ticks: Indices, things: slice | int) -> Indices:
-        """Return the entries that hold at some ticks (in order), a line for each thing (all, or one)."""
-        if not self.thing.size:
-            return np.zeros((0, ticks.size), dtype=np.intp)
-        if isinstance(things, slice):
-            last = np.append(self.thing[1:] != self.thing[:-1], True)
-            begin = np.searchsorted(ticks, self.tick)
-            stop = np.where(last, ticks.size, np.append(begin[1:], 0))
-            begin[np.append(True, last[:-1])] = 0
-            return np.repeat(np.arange(self.tick.size), stop - begin).reshape(-1, ticks.size)
-        low, high = np.searchsorted(self.thing, [things, things + 1])
-        found: Indices = low + np.searchsorted(self.tick[low:high], ticks, side="right") - 1
-        return found
+    def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
+        """Return the values of entries at times, or their integrals on from what they begin with.
 
-    def values(self, entry: Indices, t: Array, unit: float) -> Array:
-        """Return the values of entries (a line for each thing) at times."""
-        found: Array = self._values(entry, t, unit, (False,))[0]
-        return found
-
-    def integrals(self, entry: Indices, t: Array, unit: float) -> Array:
-        """Return the integrals of entries from their origins, and what they begin with."""
-        return np.asarray(self._values(entry, t, unit, (True,))[0] + self.first[entry])
-
-    def both(self, entry: Indices, t: Array, unit: float) -> tuple[Array, Array]:
-        """Return the values of entries, and their integrals."""
-        values, moved = self._values(entry, t, unit, (False, True))
-        return values, moved + self.first[entry]
-
-    def _values(self, entry: Indices, t: Array, unit: float, integrated: Sequence[bool]) -> Array:
-        found = np.zeros((len(integrated), entry.size))
-        flat, t = entry.ravel(), np.broadcast_to(t, entry.shape).ravel()
-        for some in _at_once(flat.size if self.terms.shape[1] else 0):
-            place, own, run = _columns(flat[some])
-            s = (t[some][place] - self.origin[own][run]) / unit
-            for part, is_integral in zip(found[:, some], integrated, strict=True):
-                terms = self.terms[own]
-                if is_integral:
-                    terms *= unit / np.arange(1, terms.shape[1] + 1)
-                value = _polynomials(terms, run, s)
-                part[place] = value * s if is_integral else value
-        return found.reshape(-1, *entry.shape)
+        Parameters
+        ----------
+        held : Held
+            Which entries.
+        t : array
+            The times in s, in the shape of `held` or the same for each of its things.
+        unit : float
+            Time in s by which the series are scaled.
+        """
+        t, stops = t.ravel(), np.append(0, np.cumsum(held.counts))
+        found = np.empty(stops[-1])
+        # not too many at once: memory stays near the processor
+        size = np.cumsum(held.counts + self.terms.shape[1])
+        cuts = np.searchsorted(size, range(_AT_ONCE, int(size[-1]), _AT_ONCE)).tolist() if size.size else []
+        for low, high in pairwise(sorted({0, *cuts, size.size})):
+            own = slice(held.entries.start + low, held.entries.start + high)
+            terms = self.terms[own]
+            if integrated:
+                terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
+            first, stop = stops[[low, high]].tolist()
+            found[first:stop] = _polynomials(terms, self.origin[own], held.counts[low:high], t, unit, first)
+        return found.reshape(held.shape)
 
 
-def _in_order(ticks: Indices) -> Indices | slice:
-    """Return in which order ticks follow each other: they mostly do."""
-    return slice(None) if (ticks[1:] >= ticks[:-1]).all() else np.argsort(ticks, kind="stable")
+@dataclass(frozen=True)
+class Held:
+    """Which entries of series hold at some times, for one thing after the other.
+
+    Attributes
+    ----------
+    entries : slice
+        The entries of these things.
+    counts : array of int
+        At how many times in a row each of them holds.
+    shape : (int, int)
+        How many things and times there are.
+    """
+
+    entries: slice
+    counts: Indices
+    shape: tuple[int, int]
+
+    def spread(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return at all times what each entry has, a line for each thing."""
+        return np.repeat(values[self.entries], self.counts).reshape(self.shape)
 
 
 def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Array:
@@ -218,50 +227,51 @@ def _at_once(count: int) -> Iterator[slice]:
         yield slice(first, min(first + _AT_ONCE, count))
 
 
-def _columns(entry: Indices) -> tuple[Indices, Indices, Indices]:
-    """Return the places of equal neighbours, some at once in a column; the entries of runs, and each column's run.
+def _polynomials(terms: Array, origin: Array, counts: Indices, t: Array, unit: float, first: int) -> Array:
+    """Return the values of polynomials in ``(t - origin) / unit``, each at so many times in a row from the first."""
+    found = np.repeat(terms[:, 0], counts)
+    bent = (counts > 0) & terms[:, 1:].any(axis=1)
+    places = np.repeat(bent, counts).nonzero()[0]
+    if not places.size:
+        return found
+    terms, counts = terms[bent], counts[bent]
+    s = (t[(first + places) % t.size] - np.repeat(origin[bent], counts)) / unit
+    # times of which two are one, as at events, are looked at once
+    starts = np.cumsum(counts) - counts
+    is_new = np.append(True, s[1:] != s[:-1])
+    is_new[starts] = True
+    values = _by_degree(terms, np.add.reduceat(is_new, starts), s[is_new.nonzero()[0]])
+    found[places] = values[np.cumsum(is_new) - 1]
+    return found
 
-    Times that follow each other read the same entry. The last place of a run fills its last column.
-    """
-    starts = np.append(True, entry[1:] != entry[:-1]).nonzero()[0]
-    ends = np.append(starts[1:], entry.size)
-    count = -(-(ends - starts) // _IN_COLUMN)
-    run = np.repeat(np.arange(starts.size), count)
-    first = starts[run] + _IN_COLUMN * (np.arange(run.size) - np.repeat(np.cumsum(count) - count, count))
-    place = np.minimum(first + np.arange(_IN_COLUMN)[:, None], ends[run] - 1)
-    return place, entry[starts], run
 
-
-def _polynomials(terms: Array, run: Indices, s: Array) -> Array:
-    """Return the values of polynomials (a line each, for runs of columns of `s`) by Horner's scheme."""
-    firsts = np.append(True, run[1:] > run[:-1]).nonzero()[0]
-    degree = _degrees(terms, np.maximum.reduceat(np.abs(s).max(axis=0), firsts))[run]
-    powers = np.ascontiguousarray(terms.T)[:, run]
-    found = np.broadcast_to(powers[0], s.shape).copy()
-    low, most = 1, terms.shape[1] - 1
+def _by_degree(terms: Array, counts: Indices, s: Array) -> Array:
+    """Return the values of polynomials, each at so many places in a row, by Horner's scheme."""
+    terms = np.ascontiguousarray(terms.T)
+    found, low, most = np.empty(s.size), 0, terms.shape[0] - 1
+    degree = _degrees(terms, np.maximum.reduceat(np.abs(s), np.cumsum(counts) - counts))
     for high in (*(k for k in _DEGREES if k < most), most):
-        some = ((degree >= low) & (degree <= high)).nonzero()[0]
+        own = (degree >= low) & (degree <= high)
         low = high + 1
-        if not some.size:
+        if not own.any():
             continue
-        own, x = powers[: high + 1, some], s[:, some]
-        value = own[high] * x
-        for k in range(high - 1, 0, -1):
-            value += own[k]
+        some, count, c = np.repeat(own, counts).nonzero()[0], counts[own], terms[: high + 1, own]
+        x, value = s[some], np.repeat(c[high], count)
+        for k in range(high - 1, -1, -1):
             value *= x
-        found[:, some] += value
+            value += np.repeat(c[k], count)
+        found[some] = value
     return found
 
 
 def _degrees(terms: Array, reach: Array) -> Indices:
-    """Return for polynomials (a line each) the highest power that counts up to so far from 0."""
+    """Return for polynomials (a column each) the highest power that counts up to so far from 0."""
     size = np.empty_like(terms)
-    size[:, 0], size[:, 1:] = 1.0, reach[:, None]
-    np.multiply.accumulate(size, axis=1, out=size)
+    size[0], size[1:] = 1.0, reach
+    np.multiply.accumulate(size, axis=0, out=size)
     size *= np.abs(terms)
-    counts = size > _NOTHING * size.max(axis=1, keepdims=True)
-    highest = terms.shape[1] - 1 - counts[:, ::-1].argmax(axis=1)
-    return np.asarray(np.where(counts.any(axis=1), highest, 0))
+    powers = np.arange(terms.shape[0], dtype=np.int8)[:, None]
+    return np.asarray(np.where(size > _NOTHING * size.max(axis=0), powers, 0).max(axis=0))
 
 
 @dataclass(frozen=True)
@@ -343,108 +353,88 @@ class Patchwork:
         first = np.searchsorted(self.piece_of_tick, piece, side="left")
         return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
+    def _read(
+        self,
+        series: Series,
+        piece: Indices,
+        t: Array,
+        things: slice,
+        read: Callable[[Held, Array], NDArray[Any]],
+    ) -> NDArray[Any]:
+        """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
+        ticks = self._ticks(piece, t)
+        if (ticks[1:] >= ticks[:-1]).all():
+            return read(series.held(ticks, things), t)
+        order = np.argsort(ticks, kind="stable")
+        found = read(series.held(ticks[order], things), t[order])
+        return np.asarray(found[:, np.argsort(order)])
+
     def states(self, piece: Indices, t: Array) -> Array:
         """Return the states at times of pieces, a column each."""
         system = self.system
-        ticks = self._ticks(piece, t)
-        order = _in_order(ticks)
         y = np.empty((system.size, t.size))
-        t = t[order]
-        entry = self.bodies.entries(ticks[order], slice(None))
-        if not system.placed.size:
-            y[: system.n] = self._led(self.bodies.values(entry, t, self.unit), entry, t)
-        else:
-            velocities, places = self.bodies.both(entry, t, self.unit)
-            y[: system.n] = self._led(velocities, entry, t)
-            y[system.moved_state] = places[system.moved]
-            u = self.drives[1][system.carried]
-            d = t - self.since
+        y[: system.n] = self.velocities(piece, t)
+        if system.placed.size:
+            y[system.moved_state] = self.positions(piece, t)[system.moved]
+            u, d = self.drives[1][system.carried], t - self.since
             y[system.carried_state] = self.drives[0][system.carried, None] + d * (
                 u[:, :1] + 0.5 * d * u[:, 1:]
             )
-        if isinstance(order, slice):
-            return y
-        found = np.empty_like(y)
-        found[:, order] = y
-        return found
+        return y
 
-    def of_body(self, piece: Indices, t: Array, body: int, integrated: bool) -> Array:
-        """Return the velocity of one body at times of pieces, or its position."""
-        order, entry = self._entries_of(self.bodies, piece, t, body)
-        found, own = np.empty(t.size), t[order]
-        if integrated:
-            found[order] = self.bodies.integrals(entry, own, self.unit)
-        else:
-            found[order] = self._led(self.bodies.values(entry, own, self.unit)[None], entry[None], own)[0]
-        return found
+    def velocities(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
+        """Return velocities of bodies at times of pieces; those that a drive leads have its own, to the bit."""
 
-    def of_row(self, piece: Indices, t: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
-        """Return of one row modes, those shown, since when it rests, and the force that holds it."""
-        order, entry = self._entries_of(self.rows, piece, t, row)
-        found = np.empty((4, t.size))
-        inner = self.rows.first[entry]
-        found[0, order], found[1, order] = inner, np.where(inner == OPEN, self.labels[row], inner)
-        found[2, order] = self.rows.second[entry]
-        found[3, order] = self.rows.values(entry, t[order], self.unit)
-        return found[0].astype(np.int8), found[1].astype(np.int8), found[2], found[3]
+        def read(held: Held, t: Array) -> Array:
+            v, lead, u = (
+                self.bodies.values(held, t, self.unit),
+                self.bodies.second[held.entries],
+                self.drives[1],
+            )
+            is_led = lead >= 0
+            places = np.repeat(is_led, held.counts).nonzero()[0]
+            drive = np.repeat(lead[is_led].astype(np.intp), held.counts[is_led])
+            since = (t - self.since)[places % t.size]
+            v.ravel()[places] = u[drive, 0] + u[drive, 1] * since
+            return v
 
-    def _entries_of(
-        self, series: Series, piece: Indices, t: Array, thing: int
-    ) -> tuple[Indices | slice, Indices]:
-        """Return an order of times of pieces, and which entries of one thing hold there."""
-        ticks = self._ticks(piece, t)
-        order = _in_order(ticks)
-        return order, series.entries(ticks[order], thing)
+        return self._read(self.bodies, piece, t, bodies, read)
 
-    def moved(self, piece: Indices, t: Array) -> Array:
-        """Return how far the bodies have come since the start, a column for each time of a piece."""
-        ticks = self._ticks(piece, t)
-        order = _in_order(ticks)
-        found = np.empty((self.system.n, t.size))
-        entry = self.bodies.entries(ticks[order], slice(None))
-        found[:, order] = self.bodies.integrals(entry, t[order], self.unit) - self.begin[:, None]
-        return found
+    def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
+        """Return positions of bodies at times of pieces."""
+
+        def read(held: Held, t: Array) -> Array:
+            return self.bodies.values(held, t, self.unit, integrated=True)
+
+        return self._read(self.bodies, piece, t, bodies, read)
 
     @cached_property
-    def begin(self) -> Array:
-        """Positions of the bodies at the start."""
-        t = self.starts[:1]
-        first = self.bodies.entries(self._ticks(np.zeros(1, dtype=np.intp), t), slice(None))
-        return self.bodies.integrals(first, t, self.unit)[:, 0]
+    def at_ends(self) -> Array:
+        """Positions of the bodies at the start and at the end, a line each."""
+        return self.positions(np.array([0, self.starts.size - 1]), np.array([self.starts[0], self.stop])).T
 
-    def _led(self, v: Array, entry: Indices, t: Array) -> Array:
-        """Return velocities where those of bodies that a drive leads are equal to its own to the bit."""
-        lead = self.bodies.second[entry]
-        if self.drives[1].size and (on := lead >= 0).any():
-            u = self.drives[1]
-            led = u[:, :1] + u[:, 1:] * (t - self.since)
-            v[on] = led[lead[on].astype(np.intp), np.broadcast_to(np.arange(t.size), entry.shape)[on]]
-        return v
+    def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
+        """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
+        inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
+        inner = inner.astype(np.int8, copy=False)
+        return inner, np.where(inner == OPEN, self.labels[rows, None], inner)
 
-    def modes(self, piece: Indices, t: Array) -> tuple[Modes, Modes, Array]:
-        """Return modes as the equations know them, modes that rows show, and since when they rest: a column each."""
-        ticks = self._ticks(piece, t)
-        order = _in_order(ticks)
-        entry = np.empty((self.system.m, t.size), dtype=np.intp)
-        entry[:, order] = self.rows.entries(ticks[order], slice(None))
-        inner = self.rows.first[entry].astype(np.int8)
-        shown = np.where(inner == OPEN, self.labels[:, None], inner).astype(np.int8)
-        return inner, shown, self.rows.second[entry]
+    def since_when(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
+        """Return since when rows rest at times of pieces, in s."""
+        return self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
+
+    def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
+        """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
+
+        def read(held: Held, t: Array) -> Array:
+            return self.rows.values(held, t, self.unit)
+
+        return self._read(self.rows, piece, t, rows, read)
 
     def modes_of(self, row: int) -> list[tuple[int, int]]:
         """Return for each piece the mode of a row as the equations know it, and the one it shows."""
-        ticks = self._ticks(np.arange(self.starts.size), self.starts)
-        inner = self.rows.first[self.rows.entries(ticks, row)].astype(int).tolist()
-        return [(mode, int(self.labels[row]) if mode == OPEN else mode) for mode in inner]
-
-    def forces(self, piece: Indices, t: Array) -> Array:
-        """Return the forces of held rows at times of pieces, a column each; those of other rows mean nothing."""
-        ticks = self._ticks(piece, t)
-        order = _in_order(ticks)
-        found = np.empty((self.system.m, t.size))
-        entry = self.rows.entries(ticks[order], slice(None))
-        found[:, order] = self.rows.values(entry, t[order], self.unit)
-        return found
+        inner, shown = self.modes(np.arange(self.starts.size), self.starts, slice(row, row + 1))
+        return list(zip(inner[0].tolist(), shown[0].tolist(), strict=True))
 
     # -- how it bends ----------------------------------------------------------------------------------------
 
@@ -468,15 +458,16 @@ class Patchwork:
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
-        series, n = self.bodies, self.system.n
-        low, high = np.full((2, n), np.inf), np.full((2, n), -np.inf)
-        for some in _at_once(series.thing.size):
-            begins, thing = self.ticks[series.tick[some]], series.thing[some]
-            t = begins[:, None] + np.linspace(0.0, 1.0, 5) * (self._lasts[some] - begins)[:, None]
-            entry = np.repeat(np.arange(some.start, some.start + thing.size)[:, None], t.shape[1], axis=1)
-            for k, values in enumerate(series.both(entry, t, self.unit)):
-                np.minimum.at(low[k], thing, values.min(axis=1))
-                np.maximum.at(high[k], thing, values.max(axis=1))
+        series = self.bodies
+        begins = self.ticks[series.tick]
+        t = begins[:, None] + np.linspace(0.0, 1.0, _IN_ENTRY) * (self._lasts - begins)[:, None]
+        every = Held(slice(0, begins.size), np.full(begins.size, _IN_ENTRY), t.shape)
+        values = [series.values(every, t, self.unit, integrated) for integrated in (False, True)]
+        starts = _IN_ENTRY * np.searchsorted(series.thing, np.arange(self.system.n))
+        low, high = (
+            np.array([extreme.reduceat(part.ravel(), starts) for part in values])
+            for extreme in (np.minimum, np.maximum)
+        )
         return low, high
 
     def worst(self, speed: Array, distance: Array) -> Array:
@@ -492,7 +483,7 @@ class Patchwork:
     def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
         """Return of all series that bend when they begin and end, and the largest second derivative of each."""
         series = self.bodies
-        bent = (series.degree > 0).nonzero()[0]
+        bent = np.flatnonzero(series.terms[:, 1:].any(axis=1))
         bend = np.empty(bent.size)
         k = np.arange(series.terms.shape[1], dtype=float)
         for some in _at_once(bent.size):
@@ -524,29 +515,23 @@ class Patchwork:
             last = self.states(np.array([k]), np.array([t]))[:, 0]
             return Path(np.zeros(1), np.zeros((0, width, system.size)), last, True)
         ticks = self._ticks(np.full(ends.size - 1, k), ends[:-1])
-        entry = self.bodies.entries(ticks, slice(None))
+        entry = self.bodies.held(ticks, slice(None)).spread(np.arange(self.bodies.tick.size))
+        begins = self.states(np.full(ends.size - 1, k), ends[:-1])
         coefficients = np.zeros((ends.size - 1, width, system.size))
+        coefficients[:, 0, system.n :] = begins[system.n :].T
         for i in range(ends.size - 1):
             h = (ends[i + 1] - ends[i]) / self.unit
             own = entry[:, i]
             s = (ends[i] - self.bodies.origin[own]) / self.unit
             v = shifted(self.bodies.terms[own], s)
-            lead = self.bodies.second[own]
-            on = (lead >= 0).nonzero()[0]
-            if on.size:
-                u = self.drives[1][lead[on].astype(np.intp)]
-                v[on, 0] = u[:, 0] + u[:, 1] * (ends[i] - self.since)
+            v[:, 0] = begins[: system.n, i]
             powers = h ** np.arange(width - 1)
             coefficients[i, :-1, : system.n] = (v * powers).T
             x = v * powers * (h * self.unit / np.arange(1, width))
             if system.placed.size:
                 coefficients[i, 1:, system.moved_state] = x[system.moved]
-                at = self.bodies.integrals(own[system.moved, None], ends[i : i + 1], self.unit)[:, 0]
-                coefficients[i, 0, system.moved_state] = at
                 u, d = self.drives[1][system.carried], ends[i] - self.since
                 step = h * self.unit
-                start = self.drives[0][system.carried] + d * (u[:, 0] + 0.5 * d * u[:, 1])
-                coefficients[i, 0, system.carried_state] = start
                 coefficients[i, 1, system.carried_state] = step * (u[:, 0] + d * u[:, 1])
                 coefficients[i, 2, system.carried_state] = 0.5 * step * step * u[:, 1]
         last = self.states(np.array([k]), np.array([stop]))[:, 0]

@@ -1,13 +1,13 @@
 """A trajectory read at some times: every quantity by name.
 
-All rows are evaluated together, once for all times, so that asking for every quantity of every name costs hardly more
-than asking for one.
+Each quantity is computed of all names together when it is first asked for; another name is a line of the same table.
+Only where a large scene is known part by part is each name read for itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,7 @@ from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
-from stickslip.model.elements import GROUND, Body, Drive, Sampled
+from stickslip.model.elements import GROUND, Sampled
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
@@ -31,9 +31,6 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
 
-_MOST_ENTRIES = 20_000_000
-"""Tables larger than this are not kept, but computed block by block for each name asked for."""
-
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
 
@@ -41,37 +38,6 @@ _AT_ONCE = 1_000_000
 _PER_PERIOD = 8
 _MOST_NODES = 10
 """Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit."""
-
-
-@dataclass(frozen=True)
-class Tables:
-    """Quantities of all rows at the times of samples, a line per row.
-
-    Attributes
-    ----------
-    forces : array (m, k)
-        Friction forces in N or N m.
-    upper, lower : array (m, k)
-        Breakaway levels in N or N m for forces above and below 0; while a row slips, those at which it would stick.
-    normals : array (m, k)
-        In N.
-    modes : array (m, k) of int8
-    inputs : array (inputs, k)
-        All inputs of the system.
-    """
-
-    forces: Array
-    upper: Array
-    lower: Array
-    normals: Array
-    modes: Modes
-    inputs: Array
-
-    @cached_property
-    def breakaway(self) -> Array:
-        """Breakaway levels on the side to which rows slip or are pushed."""
-        below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
-        return np.where(below, self.lower, self.upper)
 
 
 @dataclass(frozen=True)
@@ -87,19 +53,21 @@ class Samples:
         States there; None where they are read when they are needed.
     piece_of : array (k,) of int
         The piece that each time belongs to: at an event there is one before and one after.
+    rows : slice
+        The rows whose quantities are read: all, or one of many.
     """
 
     trajectory: Trajectory = field(repr=False)
     t: Array = field(repr=False)
     kept: Array | None = field(repr=False)
     piece_of: Indices = field(repr=False)
+    rows: slice = field(default_factory=lambda: slice(None), repr=False)
 
     @classmethod
     def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
         """Return a trajectory at local times in s of its pieces."""
         t = np.minimum(trajectory.starts[piece_of] + taus, trajectory.stops[piece_of])
-        kept = None if _is_wide(trajectory, t) else trajectory.states(piece_of, taus)
-        return cls(trajectory, t, kept, piece_of)
+        return cls._of(trajectory, t, piece_of, taus)
 
     @classmethod
     def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
@@ -111,10 +79,12 @@ class Samples:
             If a time lies outside, or only the requested outputs were kept.
         """
         piece_of = trajectory.places(times)
-        found = cls(trajectory, times, None, piece_of)
-        if not _is_wide(trajectory, times):
-            found.y  # noqa: B018  (errors are to come now, not when a quantity is read)
-        return found
+        return cls._of(trajectory, times, piece_of, trajectory.local(piece_of, times))
+
+    @classmethod
+    def _of(cls, trajectory: Trajectory, t: Array, piece_of: Indices, taus: Array) -> Samples:
+        is_wide = trajectory.system.size * t.size > _WIDE and trajectory.is_patchwork
+        return cls(trajectory, t, None if is_wide else trajectory.states(piece_of, taus), piece_of)
 
     @property
     def system(self) -> System:
@@ -130,11 +100,6 @@ class Samples:
     def y(self) -> Array:
         """States, a column for each time."""
         return self.trajectory.states(self.piece_of, self.taus) if self.kept is None else self.kept
-
-    @property
-    def _by_name(self) -> bool:
-        """Whether quantities are read one by one: there are many, and nothing has been computed for all."""
-        return "y" not in self.__dict__ and self.kept is None and _is_wide(self.trajectory, self.t)
 
     @cached_property
     def taus(self) -> Array:
@@ -170,62 +135,81 @@ class Samples:
 
     def _velocity(self, i: int) -> Array:
         if i >= self.system.n:
-            driven: Array = self.drive_velocities[i - self.system.n]
-            return driven
-        if self._by_name:
+            return _line(self.drive_velocities, i - self.system.n)
+        if self.kept is None:
             return self.trajectory.of_body(self.piece_of, self.taus, i)
-        found: Array = self.y[i]
-        return found
+        return _line(self.kept, i)
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
-        i = self.body(body)
+        i, n = self.body(body), self.system.n
         state = self.system.position_state.get(i)
-        if state is not None:
-            if self._by_name and i < self.system.n:
+        if self.kept is None and i < n:
+            if state is not None:
                 return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)
-            found: Array = self.y[state]
-            return found
+            start = self.scene.bodies[i].position
+            own = slice(i, i + 1)
+            return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
+        if state is not None:
+            return _line(self.y, state)
         if body == GROUND:
             return np.zeros_like(self.t)
-        elements: tuple[Body | Drive, ...] = (*self.scene.bodies, *self.scene.drives)
-        n = self.system.n
-        way: Array = self._ways[i] if i < n else self._driven_ways[i - n]
-        return elements[i].position + way
+        return _line(self._body_positions, i) if i < n else _line(self._drive_positions, i - n)
 
     def force(self, row: str) -> Array:
         """Return the force r of a row, in N or N m (``-c_i r`` acts on a body with the coefficient ``c_i``)."""
-        return self._read(self.row(row), lambda tables: tables.forces)
+        return self._read(row, lambda own: own.forces)
 
     def normal(self, row: str) -> Array:
         """Return the normal force of a row in N, zero where it is open."""
-        return self._read(self.row(row), lambda tables: tables.normals)
+        return self._read(row, lambda own: own.normals)
 
     def mode(self, row: str) -> Modes:
         """Return the mode of a row: -1, 0 or +1, or 2 where a gap is open."""
-        return np.asarray(self._read(self.row(row), lambda tables: tables.modes), dtype=np.int8)
+        return self._read(row, lambda own: own.modes)
 
-    def levels(self, row: str) -> tuple[Array, Array]:
-        """Return the breakaway levels of a row forward and backward, both positive, in N or N m."""
-        j = self.row(row)
-        return self._read(j, lambda tables: tables.upper), self._read(j, lambda tables: tables.lower)
+    def level(self, row: str, direction: int) -> Array:
+        """Return the breakaway level of a row forward (+1) or backward (-1), positive, in N or N m."""
+        return self._read(row, lambda own: own.levels[0 if direction > 0 else 1])
 
     def breakaway(self, row: str) -> Array:
         """Return the breakaway level on the side to which a row slips or is pushed, in N or N m."""
-        return self._read(self.row(row), lambda tables: tables.breakaway)
+        return self._read(row, lambda own: own.breakaways)
 
     def relative_velocity(self, row: str) -> Array:
         """Return the relative velocity w of a row, in m/s or rad/s."""
+        if self.kept is None:
+            return self._sum(row, self._velocity)
+        return self._read(row, lambda own: own.relative_velocities)
+
+    def power(self, row: str) -> Array:
+        """Return the power ``r w`` that a row dissipates, in W."""
+        if self.kept is None:
+            return self.force(row) * self.relative_velocity(row)
+        return self._read(row, lambda own: own.powers)
+
+    def stretch(self, row: str) -> Array:
+        """Return ``sum c_i x_i`` of a row, in m or rad: the integral of its relative velocity."""
+        names = [*self.system.names, *(drive.name for drive in self.scene.drives)]
+        return self._sum(row, lambda i: self.position(names[i]))
+
+    def _sum(self, row: str, read: Callable[[int], Array]) -> Array:
         found = np.zeros_like(self.t)
         for i, c in self.system.rows[self.row(row)].coefficients.items():
-            found = found + c * self._velocity(i)
+            found = found + c * read(i)
         return found
+
+    def _read(self, row: str, table: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
+        j = self.row(row)
+        return (
+            _line(table(self), j) if self.kept is not None else table(replace(self, rows=slice(j, j + 1)))[0]
+        )
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
         try:
             return self.system.blocks[name]
-        except KeyError:
+        except (KeyError, TypeError):
             known = ", ".join(map(repr, list(self.system.blocks)[:10]))
             raise ValueError(f"no block is called {name!r}; known are {known or 'none'}") from None
 
@@ -250,83 +234,134 @@ class Samples:
             return self._clocked(slice(place.first_held, place.end))
         return self.system.outputs_of(place, self.t, self.y, self.inputs)
 
-    def stretch(self, row: str) -> Array:
-        """Return ``sum c_i x_i`` of a row, in m or rad: the integral of its relative velocity."""
-        system = self.system
-        names = [*system.names, *(drive.name for drive in self.scene.drives)]
-        found = np.zeros_like(self.t)
-        for i, c in system.rows[self.row(row)].coefficients.items():
-            found = found + c * self.position(names[i])
-        return found
-
-    # -- all rows at once ---------------------------------------------------------------------------------
-
-    def _read(self, j: int, table: Callable[[Tables], NDArray[Any]]) -> NDArray[Any]:
-        system = self.system
-        if self._by_name:
-            return np.asarray(table(self._of_row(j))[0])
-        if max(system.m, 1) * self.t.size <= _MOST_ENTRIES:
-            return np.asarray(table(self.tables)[j])
-        parts = [np.array(table(block.computed())[j]) for block in self._blocks(_AT_ONCE // system.m + 1)]
-        return np.concatenate(parts)
-
-    def _blocks(self, count: int) -> list[Samples]:
-        cuts = [slice(first, first + count) for first in range(0, self.t.size, count)]
-        return [Samples(self.trajectory, self.t[c], self.y[:, c], self.piece_of[c]) for c in cuts]
-
-    def _of_row(self, j: int) -> Tables:
-        """Return the quantities of one row of a scene that is followed part by part: a contact without a curve."""
-        system, trajectory = self.system, self.trajectory
-        own = np.array([j])
-        normal = np.maximum(trajectory.load_at(j, self.piece_of, self.taus), 0.0)[None]
-        inner, shown, since, force = trajectory.of_row(self.piece_of, self.taus, j)
-        upper, lower = self._levels(normal, shown, (system.dwell[own] > 0).nonzero()[0], since, own)
-        coulomb = np.where(inner < 0, system.mu_c[1, j], system.mu_c[0, j])
-        force = np.where(inner == 0, force, np.where(np.abs(inner) == 1, inner * coulomb * normal, 0.0))
-        return Tables(force, upper, lower, normal, shown, np.empty((0, self.t.size)))
+    # -- all names at once, when the first is asked for -------------------------------------------------------
 
     @cached_property
-    def tables(self) -> Tables:
-        """All rows' quantities."""
-        return self.computed()
+    def inputs(self) -> Array:
+        """All inputs of the system, a line each."""
+        return self.trajectory.inputs(self.piece_of, self.taus, self.y)
 
-    def computed(self) -> Tables:
-        """Evaluate all rows at all times; held forces once for each set of held rows."""
-        trajectory, system = self.trajectory, self.system
-        m = system.m
-        q = trajectory.inputs(self.piece_of, self.taus, self.y)
-        normals = np.maximum(q[:m], 0.0)
-        slow = (system.dwell > 0).nonzero()[0]
-        inner, shown, since = trajectory.modes(self.piece_of, self.taus)
-        since = since[slow]
+    @cached_property
+    def drive_velocities(self) -> Array:
+        """Velocities of the drives in m/s or rad/s, a line each."""
+        drives = slice(self.system.first_drive, self.system.first_acceleration)
+        return self.trajectory.loads_at(self.piece_of, self.taus, drives)
+
+    def velocities(self) -> Array:
+        """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
+        own = self.y[: self.system.n]
+        return np.concatenate([own, self.drive_velocities]) if self.system.drives else own
+
+    @cached_property
+    def _body_positions(self) -> Array:
+        starts = np.array([body.position for body in self.scene.bodies])
+        return starts[:, None] + positions.of_bodies(self.trajectory, self.piece_of, self.taus)
+
+    @cached_property
+    def _drive_positions(self) -> Array:
+        starts = np.array([drive.position for drive in self.scene.drives])
+        return starts[:, None] + positions.of_drives(self.trajectory, self.t)
+
+    @cached_property
+    def relative_velocities(self) -> Array:
+        """Relative velocities of all rows in m/s or rad/s."""
+        system = self.system
+        w: Array = system.G @ self.y[: system.n]
+        return w + system.D @ self.drive_velocities if system.drives else w
+
+    @cached_property
+    def normals(self) -> Array:
+        """Normal forces in N."""
+        if not self.trajectory.is_patchwork:
+            return np.maximum(self.inputs[: self.system.m], 0.0)
+        # no load depends on the state: other inputs need not be known
+        rows = slice(*self.rows.indices(self.system.m))
+        loads = self.trajectory.loads_at(self.piece_of, self.taus, rows)
+        return np.maximum(loads, 0.0, out=loads)
+
+    @cached_property
+    def _modes(self) -> tuple[Modes, Modes]:
+        """Modes as the equations know them, and those shown."""
+        inner, shown = self.trajectory.modes(self.piece_of, self.taus, self.rows)
         free = (inner == FREE).any(axis=1).nonzero()[0]
         if free.size:
-            w = system.relative_velocity(self.y, q)
-            shown[free] = np.where(inner[free] == FREE, system.sign_of(w)[free], shown[free])
-        upper, lower = self._levels(normals, shown, slow, since)
-        forces = self._moving(inner, normals, upper, lower)
-        pushed = self._piecewise(q)
-        self._hold(q, inner, forces, pushed)
-        shows = system.piecewise.is_force.nonzero()[0]
-        forces[system.piecewise.row[shows]] = pushed[shows]
-        inputs = q[: system.inputs].copy()
-        return Tables(forces, upper, lower, normals, shown, inputs)
+            signs = self.system.sign_of(self.relative_velocities)
+            shown[free] = np.where(inner[free] == FREE, signs[free], shown[free])
+        return inner, shown
 
-    def _moving(self, modes: Modes, normals: Array, upper: Array, lower: Array) -> Array:
-        """Return the forces of all rows that are not held; those of held ones are left 0."""
-        system = self.system
-        coulomb = np.where(modes < 0, system.mu_c[1][:, None], system.mu_c[0][:, None])
-        forces = np.where(np.abs(modes) == 1, modes * coulomb * normals, 0.0)
-        forces = np.where(modes == AT_HIGH, upper, np.where(modes == AT_LOW, -lower, forces))
-        at = np.any(acting_in(modes, system), axis=0)
-        if at.any():
-            for _, chosen in self._by_modes():
-                for number, some in chosen:
-                    if at[some].any():
-                        own = self.trajectory.motion(number)
-                        rows = np.ix_(own.equations.acting, np.arange(self.t.size)[some])
-                        forces[rows] = own.acting_forces(self.taus[some], self.y[:, some])
+    @property
+    def modes(self) -> Modes:
+        """Modes that rows show."""
+        return self._modes[1]
+
+    @cached_property
+    def levels(self) -> Array:
+        """Breakaway levels in N or N m, for forces above 0 and below: an array (2, m, k).
+
+        Static coefficients less what the dwell has not yet raised. While a row slips, it would stick at these levels.
+        """
+        system, rows, modes, normals = self.system, self.rows, self.modes, self.normals
+        mu_s = system.mu_s[:, rows]
+        levels = mu_s[:, :, None] * normals
+        slow = (system.dwell[rows] > 0).nonzero()[0]
+        if slow.size:
+            static, least = mu_s[:, slow, None], system.least[:, rows][:, slow, None]
+            since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
+            lag = np.exp(-(self.t - since) / system.dwell[rows][slow, None])
+            risen = static - (static - least) * lag
+            levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
+        if system.has_stops:
+            of, shown = system.is_stop, modes[system.is_stop]
+            levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
+            levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
+        # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
+        levels[:, (system.is_tie | system.is_gap)[rows]] = levels[0, system.is_one_way[rows]] = np.inf
+        return levels
+
+    @cached_property
+    def breakaways(self) -> Array:
+        """Breakaway levels on the side to which rows slip or are pushed, in N or N m."""
+        below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
+        return np.asarray(np.where(below, self.levels[1], self.levels[0]))
+
+    @cached_property
+    def powers(self) -> Array:
+        """What rows dissipate, in W."""
+        return self.forces * self.relative_velocities
+
+    @cached_property
+    def forces(self) -> Array:
+        """Forces of rows in N or N m; held ones once for each set of held rows."""
+        system, trajectory, (inner, _) = self.system, self.trajectory, self._modes
+        forces = np.zeros(inner.shape)
+        for part, some, own in trajectory.by_part(self.piece_of):
+            forces[:, some] = part.forces(own, self.t[some], self.rows)
+        for mode, side in ((1, 0), (-1, 1)):
+            sliding = mode * system.mu_c[side, self.rows, None]
+            np.multiply(sliding, self.normals, out=forces, where=inner == mode)
+        if not trajectory.is_patchwork:
+            self._act(forces)
+            pushed = self._piecewise(self.inputs)
+            self._hold(forces, pushed)
+            shows = system.piecewise.is_force.nonzero()[0]
+            forces[system.piecewise.row[shows]] = pushed[shows]
         return forces
+
+    def _act(self, forces: Array) -> None:
+        """Write the forces of rows whose law depends on velocity, or that rest at a level."""
+        modes, _ = self._modes
+        for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
+            if (rests := modes == mode).any():
+                forces[rests] = sign * self.levels[side][rests]
+        at = np.any(acting_in(modes, self.system), axis=0)
+        if not at.any():
+            return
+        for _, chosen in self._by_modes():
+            for number, some in chosen:
+                if at[some].any():
+                    own = self.trajectory.motion(number)
+                    rows = np.ix_(own.equations.acting, np.arange(self.t.size)[some])
+                    forces[rows] = own.acting_forces(self.taus[some], self.y[:, some])
 
     def _by_modes(self) -> Iterable[tuple[bytes, list[tuple[int, Indices | slice]]]]:
         """Return the pieces of each set of modes: its equations are built once."""
@@ -358,12 +393,9 @@ class Samples:
         for key, places in groups.items():
             yield np.frombuffer(key, dtype=np.int16), np.concatenate(places)
 
-    def _hold(self, q: Array, inner: Modes, forces: Array, pushed: Array) -> None:
+    def _hold(self, forces: Array, pushed: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
-        for part, some, own in self.trajectory.by_part(self.piece_of):
-            held = inner[:, some] == 0
-            forces[:, some] = np.where(held, part.forces(own, self.t[some]), forces[:, some])
-        system, sets = self.system, list(self.trajectory.by_held(self.piece_of))
+        system, q, sets = self.system, self.inputs, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
@@ -380,63 +412,6 @@ class Samples:
             else:
                 forces[rows[:, None], chosen] = rest
 
-    def _levels(
-        self, normals: Array, modes: Modes, slow: Indices, since: Array, rows: Indices | slice = slice(None)
-    ) -> tuple[Array, Array]:
-        """Return the breakaway levels of some rows: static coefficients less what their dwell has not yet raised.
-
-        Those of the rows that `slow` numbers have a dwell, and since when each of them rests is given.
-        """
-        system = self.system
-        mu_s = system.mu_s[:, rows]
-        levels = mu_s[:, :, None] * normals
-        if slow.size:
-            static, least = mu_s[:, slow, None], system.least[:, rows][:, slow, None]
-            lag = np.exp(-(self.t - since) / system.dwell[rows][slow, None])
-            risen = static - (static - least) * lag
-            levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
-        if system.has_stops:
-            of, shown = system.is_stop, modes[system.is_stop]
-            levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
-            levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
-        # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
-        levels[:, (system.is_tie | system.is_gap)[rows]] = levels[0, system.is_one_way[rows]] = np.inf
-        return levels[0], levels[1]
-
-    @cached_property
-    def inputs(self) -> Array:
-        """All inputs of the system, a line each."""
-        if "tables" in self.__dict__:
-            return self.tables.inputs
-        return self.trajectory.inputs(self.piece_of, self.taus, self.y)
-
-    @property
-    def drive_velocities(self) -> Array:
-        """Velocities of the drives in m/s or rad/s, a line each."""
-        if "inputs" in self.__dict__ or "tables" in self.__dict__:
-            return self.system.drive_velocities(self.inputs)
-        return self.system.drive_velocities(self.trajectory.loads_at(self.piece_of, self.taus))
-
-    @property
-    def relative_velocities(self) -> Array:
-        """Relative velocities of all rows in m/s or rad/s."""
-        system = self.system
-        w: Array = system.G @ self.y[: system.n]
-        return w + system.D @ self.drive_velocities if system.drives else w
-
-    @cached_property
-    def _ways(self) -> Array:
-        return positions.of_bodies(self.trajectory, self.piece_of, self.taus)
-
-    @cached_property
-    def _driven_ways(self) -> Array:
-        return positions.of_drives(self.trajectory, self.t)
-
-    def velocities(self) -> Array:
-        """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
-        own = self.y[: self.system.n]
-        return np.concatenate([own, self.drive_velocities]) if self.system.drives else own
-
     def __getstate__(self) -> dict[str, Any]:
         """Leave out what follows from the rest."""
         return {one.name: getattr(self, one.name) for one in fields(self)}
@@ -445,9 +420,11 @@ class Samples:
         self.__dict__.update(state)
 
 
-def _is_wide(trajectory: Trajectory, t: Array) -> bool:
-    """Tell whether states are many, and each is known by itself."""
-    return trajectory.system.size * t.size > _WIDE and trajectory.is_patchwork
+def _line(table: NDArray[Any], i: int) -> NDArray[Any]:
+    """Return a line of a table that others read, too: it cannot be written to."""
+    line: NDArray[Any] = table[i]
+    line.flags.writeable = False
+    return line
 
 
 def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:

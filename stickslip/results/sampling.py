@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,79 +40,89 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
     ----------
     trajectory : Trajectory
     """
-    return _of(trajectory, _fit(trajectory))
+    return Samples.at_local(trajectory, *_fit(trajectory))
 
 
 def at_steps(trajectory: Trajectory) -> Samples:
     """Return a trajectory at the ends of the solver's steps, both limits at every event."""
-    return _of(trajectory, [trajectory.steps(k) for k in range(len(trajectory.pieces))])
-
-
-def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
-    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
-    starts, stops = trajectory.starts, trajectory.stops
-    span = stops[-1] - starts[0] if starts.size else 0.0
-    least = 16 if 16 * starts.size <= points else 1
-    taus = []
-    for start, stop, fit in zip(starts.tolist(), stops.tolist(), _fit(trajectory), strict=True):
-        count = max(least, round(points * (stop - start) / span)) if span else least
-        taus.append(np.union1d(fit, np.linspace(0.0, fit[-1], count + 1)))
-    return _of(trajectory, taus)
-
-
-def _of(trajectory: Trajectory, taus: Sequence[Array]) -> Samples:
+    taus = [trajectory.steps(k) for k in range(len(trajectory.pieces))]
     piece_of = np.repeat(np.arange(len(taus)), [local.size for local in taus]).astype(np.intp)
     return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
 
 
-def _fit(trajectory: Trajectory) -> list[Array]:
-    """Return for each piece the local times fit for a plot."""
+def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+    """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
+    durations = trajectory.stops - trajectory.starts
+    least = 16 if 16 * durations.size <= points else 1
+    counts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
+    ends = np.column_stack([np.zeros(durations.size), trajectory.ends])
+    more = _cut(ends.ravel(), np.repeat(counts.astype(np.intp), 2), np.full(durations.size, 2))
+    piece_of, taus = map(np.concatenate, zip(_fit(trajectory), more, strict=True))
+    order = np.lexsort((taus, piece_of))
+    piece_of, taus = piece_of[order], taus[order]
+    is_new = np.append(True, (np.diff(piece_of) > 0) | (np.diff(taus) > 0))[: taus.size]
+    return Samples.at_local(trajectory, piece_of[is_new], taus[is_new])
+
+
+def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
+    """Return the pieces and local times fit for a plot."""
     stored = [part for part in trajectory.parts if isinstance(part, Patchwork) or part.path is not None]
-    if not stored:
-        return []
     paths = [part.path for part in stored if isinstance(part, Piece) and part.path is not None]
     patchworks = [part for part in stored if isinstance(part, Patchwork)]
     bends, allowed = _bends(trajectory.system, stored, paths, patchworks)
-    parts = _clipped((bends / allowed).max(axis=1, initial=0.0))
-    firsts = np.cumsum([0, *(path.taus.size - 1 for path in paths)]).tolist()
-    taus: list[Array] = []
+    counts = np.split(_clipped((bends / allowed).max(axis=1, initial=0.0)), _firsts(paths)[1:])
+    steps: list[tuple[Array, Indices, Indices]] = []
     done = 0
     for part in stored:
         if isinstance(part, Patchwork):
-            taus += _of_patchwork(part, trajectory.system, allowed)
-            continue
-        path, first = paths[done], firsts[done]
-        done += 1
-        taus.append(_cut(path.taus, parts[first : first + path.taus.size - 1]))
-    return taus
+            steps.append(_of_patchwork(part, trajectory.system, allowed))
+        else:
+            taus = paths[done].taus
+            steps.append((taus, np.append(counts[done], 1), np.array([taus.size])))
+            done += 1
+    none = np.empty(0, dtype=np.intp)
+    return _cut(*(np.concatenate(parts) for parts in zip((np.empty(0), none, none), *steps, strict=True)))
 
 
-def _cut(ends: Array, count: Indices) -> Array:
-    """Return the ends of steps, and evenly spaced times within each."""
-    if not count.size or count.max() == 1:
-        return ends
-    step = np.repeat(np.arange(count.size), count)
-    inner = np.arange(step.size) - np.repeat(np.cumsum(count) - count, count)
-    within = ends[step] + (ends[step + 1] - ends[step]) * (inner / count[step])
-    return np.append(within, ends[-1])
+def _firsts(paths: list[Path]) -> Indices:
+    """Return the number of the first step of each path, all in a row, and that of all."""
+    return np.cumsum([0, *(path.taus.size - 1 for path in paths)])
 
 
-def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> list[Array]:
-    """Return for each piece of what is known part by part the local times fit for a plot."""
+def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
+    """Return pieces and local times: the ends of steps, and evenly spaced times within each.
+
+    Parameters
+    ----------
+    ends : array (k,)
+        Local times at which steps end, of one piece after the other, the start of each among them.
+    counts : array (k,)
+        Into how many parts the step from there on is cut; that of the last one of a piece counts nothing.
+    sizes : array (p,)
+        How many ends each piece has.
+    """
+    counts, lengths = counts.copy(), np.diff(ends, append=0.0)
+    lasts = np.cumsum(sizes) - 1
+    counts[lasts] = 1
+    step = np.repeat(np.arange(ends.size), counts)
+    inner = np.arange(step.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    taus = ends[step] + lengths[step] * (inner / counts[step])
+    return np.repeat(np.arange(sizes.size), sizes)[step], taus
+
+
+def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
+    """Return of what is known part by part what `_cut` asks for."""
     n = system.n
     distance = allowed[system.size :].copy()
     np.minimum.at(distance, system.moved, allowed[system.moved_state])
-    counts = _clipped(part.worst(allowed[:n], distance))
     begins, piece = part.steps
-    cuts = np.searchsorted(piece, np.arange(part.starts.size + 1))
     # all pieces in one line: the steps of each begin, then it ends
-    ends = np.empty(begins.size + part.starts.size)
-    ends[np.arange(begins.size) + piece] = begins - part.starts[piece]
-    ends[cuts[1:] + np.arange(part.starts.size)] = part.stops - part.starts
-    return [
-        _cut(ends[first + k : last + k + 1], counts[first:last])
-        for k, (first, last) in enumerate(pairwise(cuts.tolist()))
-    ]
+    place = np.arange(begins.size) + piece
+    sizes = np.bincount(piece) + 1
+    ends, counts = np.empty(begins.size + sizes.size), np.ones(begins.size + sizes.size, dtype=np.intp)
+    ends[place], counts[place] = begins - part.starts[piece], _clipped(part.worst(allowed[:n], distance))
+    ends[np.cumsum(sizes) - 1] = part.stops - part.starts
+    return ends, counts, sizes
 
 
 def _clipped(worst: Array) -> Indices:
@@ -128,7 +137,7 @@ def _bends(
     Quantities are the states, then the positions of all bodies.
     """
     n, size = system.n, system.size
-    first = np.cumsum([0, *(path.taus.size - 1 for path in paths)])
+    first = _firsts(paths)
     bends, moved = np.empty((first[-1], size + n)), np.empty((first[-1], n))
     low, high = np.full(size + n, np.inf), np.full(size + n, -np.inf)
     for block in _blocks(paths):
@@ -164,8 +173,9 @@ def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: In
     for part in stored:
         if isinstance(part, Patchwork):
             (_, near), (_, far) = part.ranges
-            found.append(base + np.array([near - part.begin, far - part.begin]))
-            base = base + part.moved(np.array([part.starts.size - 1]), np.array([part.stop]))[:, 0]
+            begin, end = part.at_ends
+            found.append(base + np.array([near - begin, far - begin]))
+            base = base + end - begin
         else:
             own = base + np.cumsum(moved[first[done] : first[done + 1]], axis=0)
             found.append(own)

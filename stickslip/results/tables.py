@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import file_path
+from stickslip.model.checks import file_path, flag
 from stickslip.results.in_a_row import joined
 from stickslip.results.outcome import Drawable, Event, Outcome, Target, check_result
 from stickslip.results.samples import Samples
@@ -66,7 +66,7 @@ def _columns(samples: Samples) -> dict[str, NDArray[Any]]:
     found |= {f"breakaway {name}": samples.breakaway(name) for name in frictional}
     found |= {f"mode {name}": samples.mode(name) for name in names}
     found |= {f"normal {name}": samples.normal(name) for name in frictional}
-    found |= {f"power {name}": samples.force(name) * samples.relative_velocity(name) for name in frictional}
+    found |= {f"power {name}": samples.power(name) for name in frictional}
     return found
 
 
@@ -111,7 +111,7 @@ def to_csv(result: Drawable, path: Target, *, units: bool | None = None) -> None
         If the file cannot be written.
     """
     target, found, known = file_path(path, "to_csv"), columns(result), column_units(result)
-    with_units = None not in result.scene.motions.values() if units is None else units
+    with_units = None not in result.scene.motions.values() if units is None else flag(units, "to_csv: units")
     heads = [f"{name} [{known[name]}]" if with_units and known[name] else name for name in found]
     with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")

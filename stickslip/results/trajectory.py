@@ -15,7 +15,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
@@ -31,7 +31,7 @@ _BALANCE_BYTES = 32_000_000
 
 _DENSE_BYTES, _SPARSE_BYTES = 32, 200
 _AT_ONCE = 2_000_000
-"""Coefficients that are evaluated at once."""
+"""Coefficients that are put together at once."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,8 @@ class Piece:
     def of(cls, patchwork: Patchwork, k: int, path: Path | None) -> Piece:
         """Return a piece of what is known part by part."""
         at, t = np.array([k]), patchwork.starts[k : k + 1]
-        inner, shown, since = patchwork.modes(at, t)
+        inner, shown = patchwork.modes(at, t)
+        since = patchwork.since_when(at, t)
         y = patchwork.states(at, t)[:, 0]
         none = np.empty(0, dtype=np.int16)
         stop = float(patchwork.stops[k])
@@ -273,15 +274,13 @@ class Trajectory:
             raise ValueError("the points between the outputs were not kept; simulate with dense_output=True")
         return part.path.taus
 
-    def by_part(self, piece_of: Indices) -> Iterator[tuple[Patchwork, Indices, Indices]]:
+    def by_part(self, piece_of: Indices) -> Iterator[tuple[Patchwork, Indices | slice, Indices]]:
         """Yield what is known part by part: the patchwork, which times it holds, and its pieces there."""
         if isinstance(self.pieces, Pieces):
             firsts = self.pieces.firsts
-            place = np.searchsorted(firsts, piece_of, side="right") - 1
-            for one in np.unique(place).tolist():
+            for one, chosen in by_piece(np.searchsorted(firsts, piece_of, side="right") - 1):
                 part = self.pieces.parts[one]
                 if isinstance(part, Patchwork):
-                    chosen = (place == one).nonzero()[0]
                     yield part, chosen, piece_of[chosen] - firsts[one]
 
     def whole(self, piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
@@ -293,19 +292,27 @@ class Trajectory:
                 if isinstance(self.part(number)[0], Piece):
                     yield number, chosen
 
-    def modes(self, piece_of: Indices, taus: Array) -> tuple[Modes, Modes, Array]:
-        """Return at local times of pieces the modes of the equations, those shown, and since when rows rest."""
-        m = self.system.m
-        inner, shown = np.empty((2, m, piece_of.size), dtype=np.int8)
-        since = np.empty((m, piece_of.size))
+    def modes(self, piece_of: Indices, taus: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
+        """Return at local times of pieces the modes of rows as the equations know them, and those shown."""
+        inner, shown = np.empty((2, *self._shape(rows, taus)), dtype=np.int8)
         for number, chosen in self.whole(piece_of):
             piece = self.pieces[number]
-            inner[:, chosen], shown[:, chosen] = piece.modes[:, None], piece.labels[:, None]
-            since[:, chosen] = piece.since[:, None]
+            inner[:, chosen], shown[:, chosen] = piece.modes[rows, None], piece.labels[rows, None]
         for part, some, own in self.by_part(piece_of):
-            times = part.starts[own] + taus[some]
-            inner[:, some], shown[:, some], since[:, some] = part.modes(own, times)
-        return inner, shown, since
+            inner[:, some], shown[:, some] = part.modes(own, part.starts[own] + taus[some], rows)
+        return inner, shown
+
+    def since_when(self, piece_of: Indices, taus: Array, rows: slice = slice(None)) -> Array:
+        """Return since when rows rest at local times of pieces, in s."""
+        found = np.empty(self._shape(rows, taus))
+        for number, chosen in self.whole(piece_of):
+            found[:, chosen] = self.pieces[number].since[rows, None]
+        for part, some, own in self.by_part(piece_of):
+            found[:, some] = part.since_when(own, part.starts[own] + taus[some], rows)
+        return found
+
+    def _shape(self, rows: slice, taus: Array) -> tuple[int, int]:
+        return len(range(self.system.m)[rows]), taus.size
 
     def states(self, piece_of: Indices, taus: Array) -> Array:
         """Return the states at local times of pieces, one column each.
@@ -342,11 +349,12 @@ class Trajectory:
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
         entries: dict[tuple[int, bool], int] = {}
         for part, some, own in self.by_part(piece_of):
-            times = part.starts[own] + taus[some]
-            if change is None:
-                found[:, some] = part.states(own, times)
-            else:
-                found[:, some] = (part.moved(own, times) - part.moved(own, part.starts[own]))[:n]
+            times, begins = part.starts[own] + taus[some], part.starts[own]
+            found[:, some] = (
+                part.states(own, times)
+                if change is None
+                else part.positions(own, times) - part.positions(own, begins)
+            )
         for number, chosen in self.whole(piece_of):
             path = self.pieces[number].path
             assert path is not None
@@ -362,21 +370,21 @@ class Trajectory:
             _evaluate(block, taus, found)
         return found
 
-    def moved(self, piece_of: Indices, taus: Array) -> Array | None:
+    def moved(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
         """Return how far bodies have come at local times, None where that is not known by itself."""
-        parts = self.parts
-        if not isinstance(self.pieces, Pieces) or not all(isinstance(part, Patchwork) for part in parts):
+        if not isinstance(self.pieces, Pieces) or not self.is_patchwork:
             return None
-        firsts, n = self.pieces.firsts, self.system.n
-        found, base = np.empty((n, taus.size)), np.zeros(n)
+        firsts, base = self.pieces.firsts, np.zeros(self.system.n)[bodies]
+        found = np.empty((base.size, taus.size))
         place = np.searchsorted(firsts, piece_of, side="right") - 1
-        for number, part in enumerate(parts):
+        for number, part in enumerate(self.parts):
             assert isinstance(part, Patchwork)
             some = (place == number).nonzero()[0]
             own = piece_of[some] - firsts[number]
-            found[:, some] = base[:, None] + part.moved(own, part.starts[own] + taus[some])
-            last = np.array([part.starts.size - 1])
-            base = base + part.moved(last, np.array([part.stop]))[:, 0]
+            begin, end = part.at_ends[:, bodies]
+            base = base - begin
+            found[:, some] = base[:, None] + part.positions(own, part.starts[own] + taus[some], bodies)
+            base = base + end
         return found
 
     def of_body(self, piece_of: Indices, taus: Array, body: int, integrated: bool = False) -> Array:
@@ -384,31 +392,10 @@ class Trajectory:
 
         Only of what is known part by part.
         """
-        found = np.empty(taus.size)
+        found, own_body = np.empty(taus.size), slice(body, body + 1)
         for part, some, own in self.by_part(piece_of):
-            found[some] = part.of_body(own, part.starts[own] + taus[some], body, integrated)
-        return found
-
-    def of_row(self, piece_of: Indices, taus: Array, row: int) -> tuple[Modes, Modes, Array, Array]:
-        """Return of one row what `modes` returns of all, and its force where it is held: a line each.
-
-        Only of what is known part by part.
-        """
-        inner, shown = np.empty((2, 1, taus.size), dtype=np.int8)
-        since, force = np.empty((2, 1, taus.size))
-        for part, some, own in self.by_part(piece_of):
-            found = part.of_row(own, part.starts[own] + taus[some], row)
-            inner[0, some], shown[0, some], since[0, some], force[0, some] = found
-        return inner, shown, since, force
-
-    def load_at(self, i: int, piece_of: Indices, taus: Array) -> Array:
-        """Return one input that is a load at local times."""
-        number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
-        found = np.empty(taus.size)
-        for _, chosen in by_piece(number):
-            pieces = piece_of[chosen]
-            stretch = self.loads.after(self.starts[pieces[0]])
-            found[chosen] = stretch.sampled(self.starts[pieces] + taus[chosen], i)
+            read = part.positions if integrated else part.velocities
+            found[some] = read(own, part.starts[own] + taus[some], own_body)[0]
         return found
 
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
@@ -485,14 +472,14 @@ class Trajectory:
             found[:, chosen] = part
         return found
 
-    def loads_at(self, piece_of: Indices, taus: Array) -> Array:
+    def loads_at(self, piece_of: Indices, taus: Array, only: slice = slice(None)) -> Array:
         """Return the inputs that loads are at local times, as columns: what depends on the state is left out."""
         number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
-        found = np.empty((self.system.inputs, taus.size))
+        found = np.empty((len(range(self.system.inputs)[only]), taus.size))
         for _, chosen in by_piece(number):
             pieces = piece_of[chosen]
             stretch = self.loads.after(self.starts[pieces[0]])
-            found[:, chosen] = stretch.sampled(self.starts[pieces] + taus[chosen])
+            found[:, chosen] = stretch.sampled(self.starts[pieces] + taus[chosen], only)
         return found
 
     def __getstate__(self) -> dict[str, Any]:
@@ -550,31 +537,11 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
         return
     moving = [(path, chosen) for path, chosen in block if path.taus.size > 1]
     coefficients = np.concatenate([path.coefficients for path, _ in moving])
-    values = _polynomials(
-        coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev
-    )
+    found = values(coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev)
     first = 0
     for path, chosen in moving:
         local = taus[chosen]
-        own = values[first : first + local.size]
+        own = found[first : first + local.size]
         own[local >= path.taus[-1]] = path.last
         out[:, chosen] = own.T
         first += local.size
-
-
-def _polynomials(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool) -> Array:
-    """Return the values of polynomials ``step`` at ``s``, by Clenshaw's or Horner's scheme."""
-    highest = coefficients.shape[1] - 1
-    if not is_chebyshev:
-        s = s[:, None]
-        value: Array = coefficients[step, highest]
-        for j in range(highest - 1, -1, -1):
-            value *= s
-            value += coefficients[step, j]
-        return value
-    x = 2 * s[:, None] - 1
-    later = np.zeros((step.size, coefficients.shape[2]))
-    now = later
-    for j in range(highest, 0, -1):
-        now, later = coefficients[step, j] + 2 * x * now - later, now
-    return np.asarray(coefficients[step, 0] + x * now - later)

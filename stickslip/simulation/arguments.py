@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
-from stickslip.model.checks import finite
+from stickslip.model.checks import finite, flag, in_order, numbers
 from stickslip.model.laws.base import Use
 from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
@@ -45,9 +46,11 @@ _BROKEN = 1e-9
 def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
     try:
-        start, stop = t_span
+        start, stop = in_order(t_span, what)
     except (TypeError, ValueError):
-        raise ValueError(f"{what}: t_span must be two times (start, end), got {t_span!r}") from None
+        raise ValueError(
+            f"{what}: t_span must be two times (start, end), got {reprlib.repr(t_span)}"
+        ) from None
     start, stop = finite(start, f"{what}: t_span"), finite(stop, f"{what}: t_span")
     if not start < stop:
         raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
@@ -184,10 +187,7 @@ def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
     """Return the user's events, with names of their own and quantities that the scene knows."""
     if isinstance(events, When):
         events = [events]
-    try:
-        listed = list(events)
-    except TypeError:
-        raise TypeError(f"simulate: events must be a sequence of When(...), got {events!r}") from None
+    listed = in_order(events, "simulate: events", "When(...)")
     taken = {row.name for row in scene.rows}
     for event in listed:
         if not isinstance(event, When):
@@ -205,17 +205,14 @@ def outputs(
     t_eval: Iterable[float] | None, start: float, stop: float, dense: bool
 ) -> NDArray[np.float64] | None:
     """Return the output times, None for every computed point."""
-    if not isinstance(dense, bool):
-        raise TypeError(f"simulate: dense_output must be True or False, got {dense!r}")
+    kept = flag(dense, "simulate: dense_output")
     if t_eval is None:
-        if not dense:
+        if not kept:
             raise ValueError("simulate: dense_output=False keeps nothing but the outputs; give t_eval")
         return None
-    try:
-        times = np.array(t_eval if isinstance(t_eval, np.ndarray) else list(t_eval), dtype=float)
-    except (TypeError, ValueError):
-        raise TypeError(f"simulate: t_eval must be a sequence of times, got {t_eval!r}") from None
-    good = times.ndim == 1 and (times.size == 0 or (times[0] >= start and times[-1] <= stop))
+    what = "simulate: t_eval"
+    times = numbers(t_eval if isinstance(t_eval, np.ndarray) else in_order(t_eval, what, "times"), what)
+    good = times.size == 0 or (times[0] >= start and times[-1] <= stop)
     if not good or not (times[1:] > times[:-1]).all():
         raise ValueError(
             f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s; sort and cut it"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.checks import in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
 from stickslip.results.samples import Samples
-from stickslip.simulation.readable import Readable, check_count, times_within
+from stickslip.simulation.readable import Readable, times_within
 from stickslip.simulation.result import Event, Result
 
 __all__ = ["Joined", "join"]
@@ -114,7 +115,7 @@ class Joined(Readable):
         points : int
             About how many evenly spaced times to add.
         """
-        check_count(points)
+        whole(points, "fit_for_plot: points")
         spans = [result.trajectory.stops[-1] - result.trajectory.starts[0] for result in self.results]
         each = [math.ceil(points * span / sum(spans)) for span in spans]
         return Joined(tuple(result.fit_for_plot(own) for result, own in zip(self.results, each, strict=True)))
@@ -141,9 +142,7 @@ def join(results: Sequence[Result]) -> Joined:
     TypeError, ValueError
         If there is none, one is no result, or one does not begin where the one before has ended.
     """
-    if not isinstance(results, Iterable):
-        raise TypeError(f"join: expected a list of results, got {reprlib.repr(results)}")
-    listed = tuple(results)
+    listed = tuple(in_order(results, "join: results", "Result(...)"))
     if not listed:
         raise ValueError("join: there are no results; give at least one")
     for number, result in enumerate(listed):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import file_path, numbers
+from stickslip.model.checks import file_path, numbers, whole
 from stickslip.model.modes import Mode
 from stickslip.results import shares, tables
 from stickslip.results.energy import EnergyLedger, energy
@@ -23,9 +23,7 @@ else:
     # what the protocol declares would hide the fields of the classes that have them
     Drawable = object
 
-__all__ = ["Readable", "check_count", "times_within"]
-
-_MOST_TIMES = 100_000_000
+__all__ = ["Readable", "times_within"]
 
 Array = NDArray[np.float64]
 
@@ -94,12 +92,16 @@ class Readable(Drawable):
         """
         if direction is None:
             return self._read(lambda samples: samples.breakaway(contact))
-        if not isinstance(direction, (int, np.integer)) or direction not in (1, -1):
+        if (
+            isinstance(direction, bool)
+            or not isinstance(direction, (int, np.integer))
+            or direction not in (1, -1)
+        ):
             raise ValueError(
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"
             )
-        return self._read(lambda samples: samples.levels(contact)[0 if direction == 1 else 1])
+        return self._read(lambda samples: samples.level(contact, int(direction)))
 
     def mode(self, contact: str) -> NDArray[np.int8]:
         """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap is open.
@@ -139,7 +141,7 @@ class Readable(Drawable):
         ValueError
             If there is no such contact.
         """
-        return self.force(contact) * self.relative_velocity(contact)
+        return self._read(lambda samples: samples.power(contact))
 
     def normal(self, contact: str) -> Array:
         """Return the normal force of a contact at the times `t`, in N, zero where it is open.
@@ -326,23 +328,7 @@ def times_within(times: int | Sequence[float] | Array, start: float, stop: float
         If they are no times in one line, or fewer than 2.
     """
     if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
-        if times < 2:
-            raise ValueError(f"sample: give at least 2 times, got {times}")
-        if times > _MOST_TIMES:
-            raise ValueError(f"sample: give at most {_MOST_TIMES} times, or times of your own choice")
-        return np.linspace(start, stop, int(times))
+        return np.linspace(start, stop, whole(times, "sample: number of times", 2))
     if not isinstance(times, Iterable) or isinstance(times, str):
         raise TypeError(f"sample: give times or their number, got {times!r}")
     return numbers(times, "sample: times")
-
-
-def check_count(points: Any) -> None:
-    """Refuse what is no number of times to add.
-
-    Raises
-    ------
-    TypeError
-        If it is no whole number from 0 on.
-    """
-    if isinstance(points, bool) or not isinstance(points, (int, np.integer)) or points < 0:
-        raise TypeError(f"fit_for_plot: points must be a whole number from 0 on, got {points!r}")

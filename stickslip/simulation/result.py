@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.checks import whole
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import files
@@ -18,7 +19,7 @@ from stickslip.results.outcome import Event, Target
 from stickslip.results.samples import Samples
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
-from stickslip.simulation.readable import Readable, check_count, times_within
+from stickslip.simulation.readable import Readable, times_within
 
 __all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
 
@@ -184,7 +185,7 @@ class Result(Readable):
         points : int
             About how many evenly spaced times to add.
         """
-        check_count(points)
+        whole(points, "fit_for_plot: points")
         if not self.trajectory.is_dense:
             return self
         at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)

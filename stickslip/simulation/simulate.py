@@ -15,6 +15,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
 from stickslip.events.search import Inconsistent
+from stickslip.model.checks import flag
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
@@ -113,7 +114,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step)
     arguments.check_laws(scene, start, stop)
-    watched = arguments.user_events(scene, events)
+    watched, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
     system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
     span = (start, stop, step is not None)
     loads = system.loads(*span)

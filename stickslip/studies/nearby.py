@@ -10,21 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.results.trajectory import Piece
 from stickslip.simulation.result import Result
 from stickslip.studies.directions import CENTRAL, PART, Direction
+from stickslip.studies.varied import VariedPiece
 
-__all__ = ["Nearby", "Quantity"]
+__all__ = ["REST", "Nearby", "Quantity", "total"]
 
 Array = NDArray[np.float64]
 Quantity = Callable[[Motion, Array, Array], Array]
 """Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
+REST = 1e-11
+"""Part of the speeds of a motion below which a velocity is 0."""
+
 _FINE = 1e-4
 """Step of a difference as a part of the size of the motion."""
+
+
+def total(parts: Sequence[Any]) -> Any:
+    """Return the sum of weighted values near by. Added one by one to something else, constants would leave roundoff."""
+    return sum(parts[1:], parts[0]) if parts else 0.0
 
 
 class Nearby:
@@ -164,3 +174,29 @@ class Nearby:
         if not columns:
             return np.zeros((*quantity(motion, taus, y).shape, 0))
         return np.stack(columns, axis=-1)
+
+    def border_slopes(self, y: Array, q: Array, S: Array) -> Array:
+        """Return the derivatives of the borders of all gaps and stops, (borders, directions).
+
+        They are differences of their matrices: those of their values have the roundoff of the places of fast bodies.
+        """
+        found = dense(self.system.piecewise.border_y @ S)
+        for k, near_ones in enumerate(self.near_ones):
+            if near_ones:
+                by_y = total([weight * system.piecewise.border_y for weight, system, _ in near_ones])
+                by_q = total([weight * system.piecewise.border_q for weight, system, _ in near_ones])
+                found[:, k] += by_y @ y + by_q @ q[: self.system.inputs]
+        return np.asarray(found)
+
+    def slopes_along(self, quantity: Quantity, number: int, varied: VariedPiece, taus: Array) -> Array:
+        """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
+        piece = self.trajectory.pieces[number]
+        motion = self.motion_of(number)
+        assert piece.path is not None
+        y = motion.exact(taus, piece.path.at(taus).T)
+        return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
+
+    def at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
+        """Return the rows whose relative velocity is 0 at the start of a motion."""
+        w = self.system.relative_velocity(piece.y, motion.loads(0.0))
+        return np.asarray(np.abs(w) <= np.maximum(REST * self.state_sizes[0], self.system.laws.rests_below))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from stickslip.model.checks import finite
 from stickslip.model.elements.base import Element, Named, listed
+from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
-from stickslip.model.signals import Constant, Signal
+from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
 
 __all__ = ["Parameter", "named_parameters"]
@@ -32,8 +33,8 @@ class Parameter:
     name : str
         ``"ELEMENT.FIELD"`` with the name of a body, drive, contact or another row, or ``"KIND[NUMBER].FIELD"`` as in
         ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in brackets:
-        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``. A load that is a number is
-        its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
+        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``, ``"lever.coefficients.a"``.
+        A load that is a number is its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
     place : int
         Place of its element among ``scene.elements``.
     steps : tuple of str or int
@@ -176,16 +177,16 @@ def _leads(element: Element, rest: str) -> bool:
 
 def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
     for step in steps:
-        if step == _SCALE and isinstance(thing, Signal):
+        if step == _SCALE and isinstance(thing, Load):
             return 1.0
         thing = _inside(thing, step, name, what)
     if isinstance(thing, Constant):
         thing = thing.value
     if thing is None:
         raise ValueError(f"{what}: parameter {name!r} is not set in the scene; give it a value there first")
-    if isinstance(thing, Signal):
+    if isinstance(thing, Load):
         raise ValueError(
-            f"{what}: parameter {name!r} is a load over time; name a number of it"
+            f"{what}: parameter {name!r} is a load over time or of the state; name a number of it"
             f"{_numbers(thing, name)} or '{name}.scale', which multiplies it"
         )
     if isinstance(thing, bool) or not isinstance(thing, (int, float)):
@@ -200,13 +201,22 @@ def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
         if not isinstance(thing, tuple) or step >= len(thing):
             raise ValueError(f"{what}: parameter {name!r}: there is no entry [{step}]")
         return thing[step]
+    if isinstance(thing, Mapping) and step in thing:
+        return thing[step]
     if not is_dataclass(thing) or step not in {field.name for field in fields(thing)}:
-        known = ", ".join(f.name for f in fields(thing)) if is_dataclass(thing) else "no fields"
+        inside = (
+            [f.name for f in fields(thing)]
+            if is_dataclass(thing)
+            else list(thing)
+            if isinstance(thing, Mapping)
+            else []
+        )
+        known = ", ".join(inside) or "no fields"
         law = getattr(thing, "law", None)
         within = is_dataclass(law) and step in {field.name for field in fields(law)}
         remedy = f"; write '{name.removesuffix(str(step))}law.{step}'" if within else ""
         raise ValueError(
-            f"{what}: parameter {name!r}: a {type(thing).__name__} has {known}, not {step!r}{remedy}"
+            f"{what}: parameter {name!r}: {type(thing).__name__} has {known}, not {step!r}{remedy}"
         )
     return getattr(thing, step)
 
@@ -223,8 +233,10 @@ def _changed(thing: Any, steps: tuple[str | int, ...], value: float) -> Any:
     if not steps:
         return Constant(value) if isinstance(thing, Constant) else value
     step, rest = steps[0], steps[1:]
-    if step == _SCALE and isinstance(thing, Signal):
+    if step == _SCALE and isinstance(thing, (Signal, Quantity)):
         return thing * value
     if isinstance(step, int):
         return (*thing[:step], _changed(thing[step], rest, value), *thing[step + 1 :])
+    if isinstance(thing, Mapping):
+        return {**thing, step: _changed(thing[step], rest, value)}
     return replace(thing, **{step: _changed(getattr(thing, step), rest, value)})

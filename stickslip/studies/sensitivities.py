@@ -18,6 +18,7 @@ from stickslip.simulation.result import Result
 from stickslip.studies.directions import along_parameter
 from stickslip.studies.parameters import named_parameters
 from stickslip.studies.variations import Variation, simulated
+from stickslip.studies.varied_integrals import integral
 
 __all__ = ["Sensitivities", "sensitivities"]
 
@@ -105,13 +106,13 @@ class Sensitivities:
         row = self.result.samples.row(contact)
         if times is None:
             return np.asarray(self._heats[row])
-        return self._read(lambda at: self.variation.integral(_powers, at)[row], times)
+        return self._read(lambda at: integral(self.variation, _powers, at)[row], times)
 
     @cached_property
     def _heats(self) -> Array:
         """Derivatives of the heats of all rows at the end."""
         last = self.result.trajectory.pieces[-1].stop
-        return self.variation.integral(_powers, np.array([last]))[:, 0]
+        return integral(self.variation, _powers, np.array([last]))[:, 0]
 
     def _read(self, read: Callable[[Array], Array], times: Sequence[float] | Array | None) -> Array:
         last = self.result.trajectory.pieces[-1].stop
@@ -137,7 +138,7 @@ class Sensitivities:
         if i in system.position_state:
             return np.asarray(self.variation.states(at)[system.position_state[i]])
         start = [float(name == f"{body}.position") for name in self.parameters]
-        return np.asarray(self.variation.integral(_velocity_of(i), at)[0] + np.array(start))
+        return np.asarray(integral(self.variation, _velocity_of(i), at)[0] + np.array(start))
 
     def __str__(self) -> str:
         """Return the derivatives of the event times as a table."""

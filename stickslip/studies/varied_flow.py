@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.results.trajectory import Piece
-from stickslip.studies.nearby import Nearby
+from stickslip.studies.nearby import Nearby, total
 
 __all__ = ["flow"]
 
@@ -41,12 +41,12 @@ def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
         y = motion.exact(tau, path.at(np.array([tau]))[0])
         c = _homogeneous(nearby, motion, tau, y, S, h)
         for k in range(nearby.count):
-            for weight, other in near[k]:
-                c[:, :, k] += weight * other.expand(tau, other.exact(tau, y), _ORDER, h).y
+            others = [(weight, other, other.exact(tau, y)) for weight, other in near[k]]
             if motion.rises_push and since[:, k].any():
                 still = np.zeros((system.size, 1))
-                for weight, other, _ in nearby.along(motion, since[:, k], y[:, None], still):
-                    c[:, :, k] += weight * other.expand(tau, y, _ORDER, h).y
+                aged = nearby.along(motion, since[:, k], y[:, None], still)
+                others += [(weight, other, y) for weight, other, _ in aged]
+            c[:, :, k] += total([weight * other.expand(tau, at, _ORDER, h).y for weight, other, at in others])
         reach = _reach(c)
         c *= (reach ** np.arange(_ORDER + 1))[:, None, None]
         guess = 1.5 * reach * h

@@ -115,7 +115,7 @@ def test_chains():
     assert len(chain.dampers) == 11
     assert chain.contacts[0].normal.value > chain.contacts[10].normal.value > 0
     assert len(flywheel_chain(1).contacts) == 1
-    with pytest.raises(ValueError, match="n must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="n must be a whole number from 1 on, got 0"):
         flywheel_chain(0)
     with pytest.raises(ValueError, match="normals must have 2 entries, got 3"):
         flywheel_chain(3, normals=[1.0, 2.0, 3.0])
@@ -287,7 +287,7 @@ def test_draw_makes_a_figure_of_the_scene(here, capsys):
         (SCENE.replace("span = [0, 4]", 'span = [0, 4]\nmethod = "LSODA"'), "unknown method 'LSODA'"),
         ("simulation = 3\n" + SCENE.replace("[simulation]\nspan = [0, 4]", ""), "simulation must be a table"),
         ("[[bodies]", "not valid TOML"),
-        ("", "no time span"),
+        ("", "there is no free body"),
     ],
 )
 def test_bad_scene_files_exit_with_2_and_say_what_to_change(here, capsys, text, message):

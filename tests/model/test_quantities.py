@@ -104,7 +104,7 @@ def test_lines_of_a_table() -> None:
     [
         (lambda: position(3), TypeError, "position: body must be a name"),  # type: ignore[arg-type]
         (lambda: normal(""), TypeError, "normal: contact must be a name"),
-        (lambda: output("a", -1), ValueError, "output: index must not be negative, got -1"),
+        (lambda: output("a", -1), ValueError, "output: index must be a whole number from 0 on, got -1"),
         (lambda: output("a", 0.5), TypeError, "output: index must be a whole number"),  # type: ignore[arg-type]
         (lambda: position("a") * velocity("a"), TypeError, "quantities are scaled by numbers; use feedback"),  # type: ignore[arg-type]
         (lambda: sine(1, 1) * velocity("a"), TypeError, "signals are scaled by numbers"),  # type: ignore[arg-type]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from stickslip import (
     GROUND,
@@ -178,6 +179,17 @@ def test_python_control_and_scipy_systems_are_taken() -> None:
         StateSpace("it", system, inputs=[1.0])
 
 
+def test_transfer_functions_are_taken() -> None:
+    lag = scipy.signal.TransferFunction([2.0], [0.01, 1.0])  # 2 / (0.01 s + 1)
+    assert StateSpace("it", lag, inputs=[1.0]) == StateSpace("it", -100.0, 1.0, 200.0, 0.0, inputs=[1.0])
+    with pytest.raises(ValueError, match=r"has a sample time of 0.1"):
+        StateSpace("it", scipy.signal.TransferFunction([1.0], [1.0, 0.5], dt=0.1), inputs=[1.0])
+    with pytest.raises(
+        TypeError, match=r"give the state space of the transfer function, control.ss\(system\)"
+    ):
+        StateSpace("it", SimpleNamespace(num=[1.0], den=[1.0, 1.0]), inputs=[1.0])
+
+
 def test_linear_blocks_are_data() -> None:
     scene = hunting()
     assert Scene.from_dict(scene.to_dict()) == scene
@@ -243,7 +255,7 @@ def test_loops_through_states_and_samples_run() -> None:
         (lambda: Sampled("s", period=1.0, output=None), "block 's': output must be a function"),
         (
             lambda: Sampled("s", period=1.0, output=abs, outputs=0),
-            "outputs must be how many there are, at least 1",
+            "outputs must be a whole number from 1 on",
         ),
         (
             lambda: Sampled("s", period=1.0, output=abs, outputs=2, held=[1.0]),

@@ -70,7 +70,7 @@ SIGNALS: list[Case] = [
     (lambda: piecewise_linear([0, NAN], [0, 1]), ValueError, ["piecewise_linear: times", "finite", "nan"]),
     (lambda: piecewise_linear([0, 1], [0, INF]), ValueError, ["piecewise_linear: values", "finite", "inf"]),
     (lambda: piecewise_linear(3, 4), TypeError, ["piecewise_linear: times", "sequence", "3"]),  # type: ignore
-    (lambda: piecewise_linear("ab", [0, 1]), TypeError, ["times must be a number", "'a'"]),  # type: ignore
+    (lambda: piecewise_linear("ab", [0, 1]), TypeError, ["times must be a sequence of numbers", "'ab'"]),  # type: ignore
     (lambda: piecewise_linear([[0, 1]], [1]), TypeError, ["times must be a number", "[0, 1]"]),  # type: ignore
     (lambda: piecewise_linear([0, 1e-320], [0, 1]), ValueError, ["too steep", "same time twice"]),
     (

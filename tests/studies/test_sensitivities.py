@@ -24,6 +24,7 @@ from stickslip import (
     Spring,
     StateSpace,
     Stop,
+    Tie,
     feedback,
     output,
     piecewise_linear,
@@ -278,6 +279,27 @@ def test_a_ball_that_bounces_to_rest() -> None:
     assert np.allclose(found.position("ball"), [0.0, 0.0, 1.0, 0.0, 0.0], atol=1e-9)
 
 
+def test_rebounds_that_accumulate_while_both_bodies_move_fast() -> None:
+    """As above with g = F / m_a; in the end x_a - x_b = h, and the centre of mass moves as before.
+
+    The last rebounds are 1e-8 as fast as the bodies: they are no grazes.
+    """
+    gap, e, push = 0.5, 0.3, 2.0
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=5.0),
+        Body("b", inertia=3.0, velocity=5.0),
+        Force("a", push),
+        Stop("play", "a", "b", upper=gap, restitution=e),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["play.upper", "forces[0].signal"])
+    assert found.reasons == () and len(found.result.events) > 15
+    n = np.arange(len(found.result.events))
+    times = math.sqrt(2 * gap / push) * (1 + 2 * np.cumsum(np.where(n > 0, e**n, 0.0)))
+    assert np.allclose(found.events, np.outer(times, [0.5 / gap, -0.5 / push]), rtol=1e-6)
+    assert np.allclose(found.position("a"), [0.75, 0.5 * 2.0**2 / 4], rtol=1e-10)
+    assert np.allclose(found.velocity("b"), [0.0, 2.0 / 4], rtol=1e-10, atol=1e-10)
+
+
 @pytest.mark.slow
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
@@ -455,6 +477,27 @@ def test_relaxation_has_no_time() -> None:
     found = sensitivities(scene, (0.0, 100.0), ["m.velocity"])
     assert np.isnan(found.events).all() and "velocity margin" in found.reasons[0]
     assert found.position("m") == pytest.approx(1.0, abs=1e-6)
+
+
+def test_gains_factors_of_feedback_and_levers_are_parameters() -> None:
+    """x'' = -k x - mu, x_0 = 1: at 1 s x = (1 + mu / k) cos(w) - mu / k with w = sqrt(k).
+
+    A lever ``v_a + c v_b = 0``: ``(m_a + m_b / c^2) v_a' = F``.
+    """
+    names = ["forces[0].signal.scale", "forces[0].signal.terms[0][1]"]
+    spring = Force("m", -4.0 * position("m"))
+    rub = Contact("c", "m", GROUND, DryFriction(0.1, 0.1), normal=4.0)
+    found = sensitivities(Scene(Body("m", inertia=1.0, position=1.0), spring, rub), (0.0, 1.0), names)
+    k, mu, w = 4.0, -0.4, 2.0
+    by_k = -mu / k**2 * (math.cos(w) - 1) - (1 + mu / k) * math.sin(w) / (2 * w)
+    assert np.allclose(found.position("m"), [4 * by_k, -by_k], rtol=1e-9)
+
+    lever = Scene(
+        Body("a", inertia=1.0), Body("b", inertia=2.0), Tie("lever", {"a": 1.0, "b": 2.0}), Force("a", 3.0)
+    )
+    (one,) = sensitivities(lever, (0.0, 1.0), ["lever.coefficients.b"]).velocity("a")
+    c = 2.0
+    assert one == pytest.approx(3.0 * 4.0 / c**3 / (1.0 + 2.0 / c**2) ** 2, rel=1e-9)
 
 
 def test_what_is_no_parameter_is_refused() -> None:

@@ -33,7 +33,7 @@ Motion = Literal["rotation", "translation"]
 
 
 class Element(metaclass=NamedArguments):
-    """A part of a scene."""
+    """A part of a scene; what its arguments cannot be is a TypeError or a ValueError that names element and value."""
 
     called: ClassVar[str] = ""
 
@@ -190,7 +190,7 @@ class Radii(Link):
 
 def check_motion(motion: Any, label: str, default: str) -> None:
     """Refuse what is no kind of motion."""
-    if motion is not None and motion not in get_args(Motion):
+    if motion is not None and not (isinstance(motion, str) and motion in get_args(Motion)):
         raise ValueError(
             f"{label}: motion must be 'rotation' or 'translation', got {motion!r}; leave it out {default}"
         )

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import limit, sequence
+from stickslip.model.checks import in_order, limit, sequence, whole
 from stickslip.model.elements.base import Book, Named
 from stickslip.model.quantities import Expression, Quantity, as_expression
 from stickslip.model.signals import Load
@@ -53,12 +53,9 @@ class AnyBlock(Named):
 
     def _check_inputs(self) -> None:
         given: Any = self.inputs
-        try:
-            loads: list[Any] = [given] if isinstance(given, (Load, int, float)) else list(given)
-        except TypeError:
-            raise TypeError(
-                f"{self.label}: inputs must be a sequence of quantities such as [velocity('a')], got {given!r}"
-            ) from None
+        what = f"{self.label}: inputs"
+        alone = isinstance(given, (Load, int, float))
+        loads = [given] if alone else in_order(given, what, "quantities such as [velocity('a')]")
         inputs = tuple(as_expression(load, f"{self.label}: input {k}") for k, load in enumerate(loads))
         object.__setattr__(self, "inputs", inputs)
 
@@ -82,11 +79,8 @@ class AnyBlock(Named):
                 raise TypeError(f"{self.label}: {name} must be a function of t, x and u, got {given!r}")
         if getattr(self, advance) is not None and not states:
             raise ValueError(f"{self.label}: {advance} is given without states; give states at the start")
-        if outputs is None:
-            return
-        if isinstance(outputs, bool) or not isinstance(outputs, (int, np.integer)) or outputs < 1:
-            raise ValueError(f"{self.label}: outputs must be how many there are, at least 1, got {outputs!r}")
-        object.__setattr__(self, "outputs", int(outputs))
+        if outputs is not None:
+            object.__setattr__(self, "outputs", whole(outputs, f"{self.label}: outputs", 1))
 
     def call(self, name: str, t: float, x: Array, u: Array, count: int, exactly: bool) -> Array:
         """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
@@ -123,11 +117,6 @@ class Block(AnyBlock):
         ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
     outputs : int, optional
         How many outputs there are; by default as many as quantities read, at least one.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a state no number, or a function no function.
     """
 
     name: str
@@ -167,18 +156,14 @@ class StateSpace(AnyBlock):
     name : str
         Unique among blocks.
     A, B, C, D : array
-        ``A`` may also be a system of python-control or scipy.signal that has all four; without `D` it is 0.
+        ``A`` may also be a system of scipy.signal, a transfer function too, or a state space of python-control; without
+        `D` it is 0.
     inputs : sequence of Quantity, Signal or float
         u, in order.
     states : sequence of float, optional
         x at the start, by default 0.
     limits : sequence of (float, float), optional
         For each output the limits beyond which it is cut off; the corners are located like events.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
     """
 
     called = "state space"
@@ -196,8 +181,8 @@ class StateSpace(AnyBlock):
     def __post_init__(self) -> None:
         self._identifier("name")
         self._check_inputs()
-        if hasattr(self.A, "A") and self.B is None and self.C is None:
-            self._take(self.A)
+        if self.B is None and self.C is None:
+            self._take(self.A.to_ss() if hasattr(self.A, "to_ss") else self.A)
         n, columns = self._matrix("A", None, None).shape
         if columns != n:
             raise ValueError(f"{self.label}: A must be square, got {np.shape(self.A)}")
@@ -220,6 +205,13 @@ class StateSpace(AnyBlock):
             self._check_limits(p)
 
     def _take(self, system: Any) -> None:
+        """Take the matrices of a system of another package, if it is one."""
+        if not hasattr(system, "A"):
+            if hasattr(system, "num"):
+                raise TypeError(
+                    f"{self.label}: give the state space of the transfer function, control.ss(system)"
+                )
+            return
         if (dt := getattr(system, "dt", None)) not in (None, 0):
             raise ValueError(
                 f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time"
@@ -228,10 +220,14 @@ class StateSpace(AnyBlock):
             object.__setattr__(self, name, np.asarray(getattr(system, name), dtype=float))
 
     def _matrix(self, name: str, rows: int | None, columns: int | None) -> Array:
+        given = getattr(self, name)
         try:
-            found = np.array(getattr(self, name), dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise TypeError(f"{self.label}: {name} must be a matrix, got {getattr(self, name)!r}") from None
+            found = np.array(given)
+        except ValueError:  # rows of different lengths
+            found = np.array(None)
+        if found.dtype.kind not in "iuf":
+            raise TypeError(f"{self.label}: {name} must be a matrix, got {given!r}")
+        found = found.astype(float)
         if found.size == 0:
             empty = found.shape[0] if rows is None else rows, found.shape[-1] if columns is None else columns
             found = np.zeros(empty)
@@ -252,9 +248,12 @@ class StateSpace(AnyBlock):
 
     def _check_limits(self, count: int) -> None:
         pairs: list[tuple[float, float]] = []
-        for given in self.limits or ():
-            low = limit(given[0], -math.inf, f"{self.label}: low limit")
-            high = limit(given[1], math.inf, f"{self.label}: high limit")
+        what = f"{self.label}: limits"
+        for given in in_order(self.limits, what, "pairs (low, high)"):
+            if len(ends := in_order(given, what, "pairs (low, high)")) != 2:
+                raise ValueError(f"{what} must be pairs (low, high), got {given!r}")
+            low = limit(ends[0], -math.inf, f"{self.label}: low limit")
+            high = limit(ends[1], math.inf, f"{self.label}: high limit")
             if not low < high:
                 raise ValueError(f"{self.label}: the low limit {low:g} must be below the high one {high:g}")
             pairs.append((low, high))
@@ -306,11 +305,6 @@ class Sampled(AnyBlock):
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float
         What the outputs are until the first sample, by default 0.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a number not finite, the period not positive, or a function no function.
     """
 
     called = "sampled block"

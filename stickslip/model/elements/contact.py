@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-import numpy as np
-
+from stickslip.model.checks import flag
 from stickslip.model.elements.base import Book, Radii, Row
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.signals import Load
@@ -40,11 +39,6 @@ class Contact(Row, Radii):
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
         force in N into a torque in N m.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, a radius 0, or an argument of the wrong kind.
     """
 
     name: str
@@ -69,9 +63,7 @@ class Contact(Row, Radii):
         self._load("normal")
         self._not_negative("rested")
         self._number("deflection")
-        if not isinstance(self.slipping, (bool, np.bool_)):
-            raise TypeError(f"{self.label}: slipping must be True or False, got {self.slipping!r}")
-        object.__setattr__(self, "slipping", bool(self.slipping))
+        object.__setattr__(self, "slipping", flag(self.slipping, f"{self.label}: slipping"))
         self._check_radii()
 
     def place(self, book: Book) -> None:

@@ -1,0 +1,214 @@
+"""Where a motion has no derivative: where a rise of a parameter has another effect than a fall.
+
+Each function looks at one instant, or along one motion, and returns directions with the reason why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from stickslip.equations.guards import NEVER
+from stickslip.equations.motion import Motion
+from stickslip.results.trajectory import Piece
+from stickslip.studies.nearby import Nearby
+from stickslip.studies.varied import VariedPiece
+from stickslip.studies.varied_guards import TIE, VariedGuards
+
+__all__ = ["at_break", "at_corners", "at_rest_together", "at_start", "at_stops", "at_touches", "beyond_break"]
+
+Array = NDArray[np.float64]
+
+_LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
+"""Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
+is a touch."""
+
+_AT_REST = 1e-9
+"""Part of the speeds below which a row has come to rest with another one."""
+
+
+def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest at the start which then begin to slip."""
+    slip = motion.equations.slip
+    rows = slip[nearby.at_rest(piece, motion)[slip]]
+    if not rows.size:
+        return
+    none = np.zeros((nearby.system.m, nearby.count))
+    at, y = np.zeros(1), piece.y[:, None]
+    slopes = nearby.slopes(_relative, piece, motion, none, at, y, S[:, None, :])[:, 0]
+    scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), np.zeros(nearby.count))
+    for k in range(nearby.count):
+        off = rows[np.abs(slopes[rows, k]) > TIE * scale[k]]
+        if off.size:
+            name = repr(nearby.system.rows[int(off[0])].name)
+            yield (
+                k,
+                f"{name} starts at relative velocity 0 and begins to slip: the derivatives to the two sides differ",
+            )
+
+
+def at_stops(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, sides: NDArray[np.int8]
+) -> Iterator[tuple[int, str]]:
+    """Find directions that move stops off a limit at which they start, or beyond it."""
+    system = nearby.system
+    if not sides.any():
+        return
+    functions, slopes = system.piecewise, nearby.border_slopes(piece.y, motion.loads(0.0), S)
+    on_side = sides[functions.row[functions.owner]]
+    limit = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
+    for k, direction in enumerate(nearby.directions):
+        off = (limit & (np.abs(slopes[:, k]) > TIE / direction.size)).nonzero()[0]
+        if off.size:
+            label = functions.labels[functions.owner[off[0]]]
+            yield k, f"{label} starts at its limit: the derivatives to the two sides differ"
+
+
+def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str]]:
+    """Find directions that move tables off a corner at which they stay during a motion."""
+    piece, dependence = nearby.trajectory.pieces[number], nearby.system.dependence
+    if dependence is None or not dependence.tables or piece.end <= 0:
+        return
+    x = nearby.looked_up(number, np.linspace(0.1, 0.9, 5))
+
+    def looked_up(own: Motion, taus: Array, states: Array) -> Array:
+        q = own.inputs(taus, states)[: own.system.inputs]
+        assert own.system.dependence is not None
+        return own.system.dependence.looked_up(q, states)
+
+    for i, region in enumerate(motion.regions or ()):
+        for corner in dependence.borders(i, region):
+            if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
+                continue
+            slopes = nearby.slopes_along(looked_up, number, varied, np.array([0.5 * piece.end]))[i, 0]
+            for k, direction in enumerate(nearby.directions):
+                if abs(slopes[k]) > TIE * abs(corner or 1.0) / direction.size:
+                    yield k, f"a table stays at its corner {corner:g}"
+
+
+def at_touches(
+    nearby: Nearby, number: int, motion: Motion, varied: VariedPiece
+) -> Iterator[tuple[int, str, float]]:
+    """Find directions that lift or lower guards which touch 0 without crossing it, and the local times of that.
+
+    An event begins or vanishes there.
+    """
+    piece = nearby.trajectory.pieces[number]
+    path = piece.path
+    assert path is not None
+    if piece.end <= 0 or not motion.equations.guards.size:
+        return
+    own = VariedGuards(nearby, piece, motion)
+    guards = own.guards
+    parts = np.linspace(0.0, 1.0, _LOOKS + 1)[:-1]
+    taus = np.append((path.taus[:-1, None] + np.diff(path.taus)[:, None] * parts).ravel(), piece.end)
+    g = guards.values(taus, motion.exact(taus, path.at(taus).T))
+    size = own.sizes(path)[0]
+    inner = g[:, 1:-1]
+    low = (inner <= g[:, :-2]) & (inner < g[:, 2:]) & (inner < _NEAR * size[:, None])
+    for i, at in np.argwhere(low).tolist():
+        if guards.order[i] == NEVER or own.is_continuous(i):
+            continue
+
+        def value(tau: float, i: int = i) -> float:
+            y = motion.exact(tau, path.at(np.array([tau]))[0])
+            return float(guards.values(tau, y)[i])
+
+        bounds = (taus[at], taus[at + 2])
+        found = scipy.optimize.minimize_scalar(
+            value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
+        )
+        if found.fun <= _TOUCH * size[i]:
+            tau = float(found.x)
+            slopes = nearby.slopes_along(own.raw, number, varied, np.array([tau]))[:, 0]
+            for _, k in own.moving(np.array([i]), slopes):
+                yield k, f"{own.label(i)} grazes: its guard touches 0 without crossing it", tau
+
+
+def at_break(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, times: Array
+) -> Iterator[tuple[int, str]]:
+    """Find directions in which an event that falls on a break of a load would come before or after it."""
+    path = piece.path
+    assert path is not None
+    own = VariedGuards(nearby, piece, motion)
+    if not own.guards.size:
+        return
+    tau, y = float(path.taus[-1]), path.last
+    near = own.guards.values(tau, y) <= _TOUCH * own.sizes(path)[0]
+    at = (near & (own.guards.order != NEVER)).nonzero()[0]
+    if not at.size:
+        return
+    slopes = nearby.slopes(own.raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
+    for i, k in own.moving(at, slopes + np.outer(own.falls(tau, y), times)):
+        yield k, f"an event of {own.label(i)} falls on a break of a load"
+
+
+def beyond_break(
+    nearby: Nearby, number: int, motion: Motion, S: Array, since: Array, times: Array
+) -> Iterator[tuple[int, str]]:
+    """Find directions in which a load that jumps exactly to a level would jump beyond it or stay below."""
+    piece, following = nearby.trajectory.pieces[number : number + 2]
+    path = piece.path
+    assert path is not None
+    if not np.any((following.modes != piece.modes) & (piece.modes == 0) & nearby.system.is_friction):
+        return
+    stayed = replace(piece, t=following.t, y=path.last)
+    stretch = nearby.motion_of(number + 1).stretch
+    held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
+    own = VariedGuards(nearby, stayed, held)
+    guards = own.guards
+    at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
+    if not at.size:
+        return
+    y = held.exact(0.0, stayed.y)
+    moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
+    slopes = nearby.slopes(own.raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
+    for i, k in own.moving(at, slopes + np.outer(own.falls(0.0, y), times)):
+        yield k, f"{own.label(i)} comes to its level on a break of a load"
+
+
+def at_rest_together(
+    nearby: Nearby, number: int, motion: Motion, S: Array, times: Array, relaxed: set[str]
+) -> Iterator[tuple[int, str]]:
+    """Find directions in which rows that come to rest together would do so one after the other."""
+    system, (piece, following) = nearby.system, nearby.trajectory.pieces[number : number + 2]
+    path = piece.path
+    assert path is not None
+    tau = float(path.taus[-1])
+    before = (np.abs(piece.modes) == 1) & system.hard
+    w = system.relative_velocity(path.last, motion.loads(tau))
+    rests = (following.modes == 0) | (following.modes == -piece.modes)
+    rows = (before & rests & (np.abs(w) <= _AT_REST * nearby.state_sizes[0])).nonzero()[0]
+    rows = rows[system.laws.rests_below[rows] == 0]
+    if not rows.size:
+        return
+    still = np.zeros((system.m, nearby.count))
+    y = path.last[:, None]
+    slopes = nearby.slopes(_relative, piece, motion, still, np.array([tau]), y, S[:, None, :])[:, 0]
+    rate = motion.rate(tau, path.last)
+    pace = system.G @ rate[: system.n]
+    if system.drives:
+        pace = pace + system.D @ system.drive_accelerations(motion.loads(tau))
+    slopes = slopes + np.outer(pace, times)
+    scale = _speed_slopes(nearby, S, rate, times)
+    for k in np.isfinite(times).nonzero()[0].tolist():
+        names = [system.rows[j].name for j in rows.tolist() if not abs(slopes[j, k]) <= TIE * scale[k]]
+        if off := [name for name in names if name not in relaxed]:
+            yield k, f"events fall together: {off[0]!r} comes to rest, too"
+
+
+def _speed_slopes(nearby: Nearby, S: Array, rate: Array, times: Array) -> Array:
+    """Return for each direction the size of what adds up in derivatives of velocities."""
+    n = nearby.system.n
+    sizes = np.array([one.size for one in nearby.directions])
+    found = np.abs(S[:n]).max(axis=0, initial=0.0) + np.abs(rate[:n]).max(initial=0.0) * np.abs(times)
+    return np.asarray(found + 1e-4 * nearby.state_sizes[0] / sizes)
+
+
+def _relative(motion: Motion, taus: Array, y: Array) -> Array:
+    return motion.system.relative_velocity(y, motion.loads(taus))

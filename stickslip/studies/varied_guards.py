@@ -1,0 +1,194 @@
+"""The guards of one motion: how they fall along it, how directions move them, and so when the motion ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+from stickslip.results.trajectory import Piece
+from stickslip.studies.directions import CENTRAL, MIRRORED, PART
+from stickslip.studies.nearby import Nearby
+
+__all__ = ["TIE", "VariedGuards"]
+
+Array = NDArray[np.float64]
+
+TIE = 1e-6
+"""Derivatives that differ by less than this part of their size are the same."""
+
+_GRAZING = 1e-7
+"""A guard that falls more slowly than this part of what adds up in its slope grazes."""
+
+_SHORT = 1e-9
+"""Of rebounds that accumulate, those slower than this part of the speeds of the whole motion are so short that the
+derivative of their duration is roundoff."""
+
+_TIE_OF_ENGINES = 1e-13
+"""Guards within this part of their scales come to 0 together for the engines."""
+
+_TINY = np.finfo(float).tiny
+
+
+class VariedGuards:
+    """The guards of a motion, and of the motions near by.
+
+    Parameters
+    ----------
+    nearby : Nearby
+    piece : Piece
+    motion : Motion
+        That of the piece, or another one in its modes.
+
+    Attributes
+    ----------
+    guards : Guards
+    """
+
+    def __init__(self, nearby: Nearby, piece: Piece, motion: Motion) -> None:
+        self._nearby, self._piece, self._motion = nearby, piece, motion
+        self._none = np.zeros(nearby.system.m, dtype=bool)
+        rest = nearby.at_rest(piece, motion) & ~motion.equations.is_held
+        self.guards = Guards(motion, piece.labels, rest, self._none)
+
+    def raw(self, own: Motion, taus: Array, states: Array) -> Array:
+        """Return the guards of the motion, or of one near by: a quantity."""
+        guards = self.guards
+        if own is not self._motion:
+            guards = Guards(own, self._piece.labels, guards.at_rest, self._none)
+        return guards.raw(own.watched(taus, states), own.inputs(taus, states))
+
+    def label(self, i: int) -> str:
+        """Return what a guard belongs to: a row, or a piecewise-linear function."""
+        if not self.guards.is_border[i]:
+            return repr(self._nearby.system.rows[int(self.guards.row[i])].name)
+        functions = self._nearby.system.piecewise
+        return str(functions.labels[functions.owner[self._border(i)]])
+
+    def is_continuous(self, i: int) -> bool:
+        """Tell whether a guard is a border at which the force only has a corner: to touch it changes nothing."""
+        functions = self._nearby.system.piecewise
+        return bool(self.guards.is_border[i]) and not functions.is_stop[functions.owner[self._border(i)]]
+
+    def _border(self, i: int) -> int:
+        """Return the border that a guard watches, among those of all functions."""
+        return int(self._motion.equations.borders[np.count_nonzero(self.guards.is_border[:i])])
+
+    def sizes(self, path: Path) -> tuple[Array, Array]:
+        """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
+        guards, system = self.guards, self._nearby.system
+        _, size = guards.at_end(path)
+        slopes = guards.majorant[1]
+        if guards.is_border.any():
+            equations = self._motion.equations
+            largest, q = np.abs(path.largest), np.abs(self._motion.start_inputs)
+            pace = np.abs(self._motion.rate(float(path.taus[-1]), path.last))
+            pace[system.moved_state] = largest[system.moved]
+            size, slopes = size.copy(), slopes.copy()
+            size[guards.is_border] = equations.border_magnitudes(largest, q)
+            slopes[guards.is_border] = equations.border_magnitudes(pace, np.zeros_like(q))
+        return size, slopes
+
+    def moving(self, some: NDArray[np.intp], slopes: Array) -> list[tuple[int, int]]:
+        """Return guards among some, and directions that move them by more than roundoff."""
+        sizes = np.array([one.size for one in self._nearby.directions])
+        roundoff = TIE * np.maximum(self.guards.scale, self.guards.majorant[0])[some, None] / sizes
+        found = np.argwhere(np.abs(slopes[some]) > roundoff)
+        return [(int(some[i]), int(k)) for i, k in found]
+
+    def end(self, tau: float, S: Array, since: Array, begin: Array) -> tuple[Array, dict[int, str]]:
+        """Return how the time changes at which guards come to 0, ``-(g_p + g_y S) / g'``, or why it has no derivative.
+
+        The time at which the motion begins changes by `begin`.
+        """
+        path, count = self._piece.path, self._nearby.count
+        assert path is not None
+        y = path.last
+        values = self.guards.values(tau, y)
+        size, slopes = self.sizes(path)
+        part = values / np.where(size > 0, size, 1.0)
+        fired = (part <= max(0.0, float(part.min(initial=np.inf))) + _TIE_OF_ENGINES).nonzero()[0]
+        if not fired.size:
+            return np.full(count, np.nan), dict.fromkeys(
+                range(count), "the motion ends in a way that has no derivative here"
+            )
+        is_straight = bool(self._straight[fired].all())
+        moved = self._nearby.slopes(
+            self.raw,
+            self._piece,
+            self._motion,
+            since,
+            np.array([tau]),
+            y[:, None],
+            S[:, None, :],
+            is_straight,
+        )[fired, 0]
+        moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
+        falls = self.falls(tau, y)[fired]
+        steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
+        # of guards that fall together, the one that grazes least tells the time
+        first = int(np.argmax(steep))
+        names = sorted({self.label(int(i)) for i in fired})
+        rebound = self._rebound(int(fired[first]))
+        if rebound <= _SHORT:
+            return begin.copy(), {}
+        if steep[first] <= _GRAZING < rebound:
+            why = f"{names[0]} grazes: its guard comes to 0 with slope 0"
+            return np.full(count, np.nan), dict.fromkeys(range(count), why)
+        times = -moved[first] / falls[first]
+        off = np.abs(moved + falls[:, None] * times)
+        limit = TIE * (np.abs(moved) + np.abs(falls[:, None] * times)) + 1e-9 * size[fired][:, None]
+        apart = (off > limit).any(axis=0)
+        times[apart] = np.nan
+        why = f"events of {' and '.join(names)} fall together"
+        return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
+
+    def _with_stops(self, moved: Array, some: NDArray[np.intp], y: Array, S: Array, q: Array) -> Array:
+        """Return derivatives of some guards, those of stops without the roundoff of places."""
+        stops = [k for k, i in enumerate(some) if self.guards.is_border[i] and not self.is_continuous(i)]
+        if stops:
+            moved[stops] = self._nearby.border_slopes(y, q, S)[[self._border(some[k]) for k in stops]]
+        return moved
+
+    def _rebound(self, i: int) -> float:
+        """Return how fast the stop was left that a guard watches, as a part of all speeds; else infinity."""
+        guards, system = self.guards, self._nearby.system
+        if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] != 1:
+            return np.inf
+        speeds = np.zeros(system.size)
+        speeds[system.moved_state] = self._nearby.state_sizes[0]
+        most = self._motion.equations.border_magnitudes(speeds, np.zeros(system.inputs))
+        return float(abs(guards.first[1, i]) / most[np.count_nonzero(guards.is_border[:i])])
+
+    def falls(self, tau: float, y: Array) -> Array:
+        """Return the slopes of all guards along the motion."""
+        motion, guards = self._motion, self.guards
+        if motion.is_linear:
+            return np.asarray(guards.series(motion.expand(tau, y, 2))[1])
+        rate = motion.rate(tau, y)
+        pace = float((np.abs(rate) / self._nearby.state_sizes).max(initial=0.0))
+        h = 0.1 * PART * min(1.0 / pace if pace > 0 else np.inf, max(motion.horizon, _TINY))
+        stencil = CENTRAL if tau + 2 * h <= motion.horizon else MIRRORED
+        offsets = np.array([offset for offset, _ in stencil]) * h
+        weights = np.array([weight for _, weight in stencil]) / h
+
+        def slope(taus: Array, states: Array, weights: Array) -> Array:
+            return np.asarray(self.raw(motion, taus, states) @ weights)
+
+        # along the tangent and its change: the parabola of the motion
+        ahead = motion.rate(tau + offsets, y[:, None] + offsets * rate[:, None])
+        found = slope(tau + offsets, y[:, None] + 0.5 * offsets * (rate[:, None] + ahead), weights)
+        if pace > 0 and self._straight.any():
+            by_time = slope(tau + offsets, np.repeat(y[:, None], offsets.size, axis=1), weights)
+            far = y[:, None] + np.outer(rate, [1.0 / pace, -1.0 / pace])
+            by_state = slope(np.array([tau, tau]), far, np.array([0.5 * pace, -0.5 * pace]))
+            found[self._straight] = (by_time + by_state)[self._straight]
+        return found
+
+    @property
+    def _straight(self) -> NDArray[np.bool_]:
+        """Which guards are linear in the state: velocities and distances, but no forces."""
+        guards = self.guards
+        return np.asarray((guards.is_velocity | guards.is_border) & (self._nearby.system.dependence is None))

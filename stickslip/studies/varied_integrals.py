@@ -1,0 +1,73 @@
+"""Derivatives of time integrals: of positions that are no states, and of heats."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.path import gauss_nodes
+from stickslip.studies.nearby import Quantity
+from stickslip.studies.variations import Variation
+
+__all__ = ["integral"]
+
+Array = NDArray[np.float64]
+
+_QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
+"""Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved."""
+
+
+def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
+    """Return the derivatives of time integrals from the start to times in order, (lines, k, directions).
+
+    ``d/dp int f dt = int df/dp dt + sum (f- - f+) dt_event/dp``; the quantity has a line for each integral.
+    """
+    trajectory = variation.trajectory
+    place = trajectory.places(times)
+    local = trajectory.local(place, times)
+    sizes = np.array([one.size for one in variation.directions])
+    parts: list[Array] = []
+    total: Array | float = 0.0
+    for number in range(int(place.max(initial=-1)) + 1):
+        piece, varied = trajectory.pieces[number], variation.pieces[number]
+        motion = variation.motion_of(number)
+        path = piece.path
+        assert path is not None
+        wanted = local[place == number]
+        edges = np.unique(np.concatenate([varied.taus, path.taus, wanted]))
+        ends = np.array([0.0, piece.end])
+        limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
+        sums = _sums(variation, quantity, number, edges)
+        rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / sizes
+        for _ in range(_REFINED):
+            if edges.size < 2:
+                break
+            middles = 0.5 * (edges[1:] + edges[:-1])
+            edges = np.insert(edges, np.arange(1, edges.size), middles)
+            finer = _sums(variation, quantity, number, edges)
+            off, size = np.abs(finer[:, ::2] - sums), np.abs(finer).max(axis=(0, 1))
+            sums = finer
+            # a line that hardly changes is roundoff of those that do, and of the quantity itself
+            if not np.any(off > _QUADRATURE * size + rough):
+                break
+        sums += total - limits[:, :1] * varied.begin
+        parts.append(sums[:, np.searchsorted(edges, wanted)])
+        total = sums[:, -1:] + limits[:, 1:] * varied.end
+    return np.concatenate(parts, axis=1)
+
+
+def _sums(variation: Variation, quantity: Quantity, number: int, edges: Array) -> Array:
+    """Return the integrals of the derivatives of a quantity from the start of a piece to some local times."""
+    piece, varied = variation.trajectory.pieces[number], variation.pieces[number]
+    nodes, weights = gauss_nodes(varied.coefficients.shape[1])
+    half = 0.5 * np.diff(edges)
+    taus = (0.5 * (edges[1:] + edges[:-1])[:, None] + half[:, None] * nodes).ravel()
+    if not half.size:
+        motion = variation.motion_of(number)
+        lines = quantity(motion, np.zeros(1), piece.y[:, None]).shape[0]
+        return np.zeros((lines, edges.size, variation.count))
+    slopes = variation.slopes_along(quantity, number, varied, taus)
+    slopes = slopes.reshape(-1, half.size, nodes.size, variation.count)
+    sums = np.zeros((slopes.shape[0], edges.size, variation.count))
+    sums[:, 1:] = np.cumsum(np.einsum("lijk,j,i->lik", slopes, weights, half), axis=1)
+    return sums
