@@ -86,8 +86,6 @@ def main() -> None:
             system,
             system.loads(0.0, 4.0),
             Situation(0.0, y, None, np.zeros(system.m), none, none),
-            0.0,
-            1e-12,
         )
         motion, guards = now.motion, now.guards
         guards.smallest(1e-2, y)

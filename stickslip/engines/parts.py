@@ -6,14 +6,12 @@ reaches within the time for which series hold; the series of all others go on.
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
@@ -31,10 +29,6 @@ FREE, GROUND = -2, -1
 
 _MANY = 120
 """Bodies in a patch from which its matrices are sparse."""
-
-_DWELL_OVER = 40.0
-_WORTH = 0.3
-_TINY = np.finfo(float).tiny
 
 
 class Patch(NamedTuple):
@@ -89,14 +83,14 @@ class Parts:
         Position and time at which they begin.
     watched : array (m, order + 1)
         The same of what a row watches: the force of a held one, the relative velocity of any other.
-    due : array (m,)
-        No guard of a row comes to 0 before; does so then, where `is_root`.
+    end : float
+        Until when series of what springs and dampers move hold.
     """
 
     def __init__(
         self, forest: Forest, motion: Motion, labels: Modes, started: NDArray[np.bool_], work: Work
     ) -> None:
-        self.forest, self.work, self._system = forest, work, motion.system
+        self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
         self.unit = forest.unit if forest.is_coupled else self.stop - self.t0
@@ -118,18 +112,15 @@ class Parts:
         self.position, self.origin = np.zeros(n), np.full(n, motion.t)
         self.velocity[:, 0] = motion.y[:n]
         self.position[system.moved] = motion.y[system.moved_state]
-        self.row_origin, self.due = np.full(m, motion.t), np.full(m, math.inf)
-        self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
-        self.direction = np.zeros(m, dtype=np.int8)
+        self.row_origin = np.full(m, motion.t)
         self.end = self.stop
         self.drive_start = np.zeros(system.drives)
         self.drive_start[system.carried] = motion.y[system.carried_state]
         self.ended = motion.t
         self.opens = bool((self.mode == OPEN).any())
-        self._dwells = system.rise.max(axis=0, initial=0.0) > 0
+        self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_drives = system.drives > 0
-        self._any_dwells = bool(self._dwells.any())
-        self._level, self._level_rate = system.mu_s * self.normal[:, 0], system.mu_s * self.normal[:, 1]
+        self._any_dwells = bool(self.dwells.any())
         self.speed = np.abs(motion.y[:n])
         self._group()
         self.rub(np.arange(n))
@@ -260,24 +251,25 @@ class Parts:
         f[:, 2] *= unit * unit
         return f
 
-    def levels(self, rows: Indices, side: int, t: float) -> Array:
-        """Return breakaway levels at time `t`, forward (0) or backward (1)."""
-        level: Array = self._level[side][rows] + (t - self.t0) * self._level_rate[side][rows]
-        if self._any_dwells and self._dwells[rows].any():
-            level -= self._lacking(rows, side, t) * (
-                self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1]
-            )
-        return level
+    def normals(self, rows: Indices, t: float) -> Array:
+        """Return normal forces at time `t`."""
+        return np.asarray(self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1])
 
-    def _lacking(self, rows: Indices, side: int, t: float) -> Array:
-        """Return what static coefficients lack until their dwell is over."""
-        system = self._system
-        dwell = np.where(self._dwells[rows], system.dwell[rows], 1.0)
-        return np.asarray(system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell))
+    def levels(self, rows: Indices, side: int, t: float) -> tuple[Array, Array]:
+        """Return breakaway levels at time `t`, forward (0) or backward (1), and their rates.
+
+        Levels that rise with the dwell count as they are; their rates are those of the normal forces.
+        """
+        static = self.system.mu_s[side, rows]
+        if self._any_dwells and (some := self.dwells[rows]).any():
+            # what static coefficients lack until their dwell is over
+            dwell = np.where(some, self.system.dwell[rows], 1.0)
+            static -= self.system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
+        return static * self.normals(rows, t), static * self.normal[rows, 1]
 
     def state(self, t: float) -> Array:
         """Return the state of the whole scene at time `t`."""
-        system, d = self._system, t - self.t0
+        system, d = self.system, t - self.t0
         y = np.empty(system.size)
         v, x = self.at(np.arange(self.forest.n), t)
         y[: system.n] = v
@@ -335,9 +327,8 @@ class Parts:
         out = (column < 0).nonzero()[0]
         outer = np.zeros((k, self.velocity.shape[1]))
         if out.size:
-            beyond, which = np.unique(near[out], return_inverse=True)
-            vs, xs = self._shifted(beyond, t)
-            np.add.at(outer, row[out], stiffness[out, None] * xs[which] + damping[out, None] * vs[which])
+            vs, xs = self._shifted(near[out], t)
+            np.add.at(outer, row[out], stiffness[out, None] * xs + damping[out, None] * vs)
             within = (column >= 0).nonzero()[0]
             row, column, stiffness, damping = row[within], column[within], stiffness[within], damping[within]
         both = _side_by_side(damping, stiffness, row, column, k)
@@ -534,161 +525,6 @@ class Parts:
             live[self.members[g]] = True
         parent = forest.parent[rows]
         return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))
-
-    # -- guards ----------------------------------------------------------------------------------------------
-
-    def look(self, rows: Indices, t: float, is_bounded: NDArray[np.bool_]) -> Indices:
-        """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
-
-        Parameters
-        ----------
-        rows : array of int
-        t : float
-            From when on.
-        is_bounded : array of bool
-            Whether their series hold to `end` only, and not to the end of the stretch.
-        """
-        self.is_bounded[rows] = is_bounded
-        self.is_root[rows] = False
-        self.due[rows] = math.inf
-        if not rows.size or t >= self.end:
-            return rows[:0]
-        held = self.mode[rows] == 0
-        loose, some = rows[~held], rows[held]
-        turn = np.empty(loose.size + 2 * some.size)
-        turn[: loose.size] = self.label[loose]
-        turn[loose.size : loose.size + some.size], turn[loose.size + some.size :] = -1.0, 1.0
-        which = np.concatenate([loose, some, some])
-        g = self._guards(which, turn, loose.size, some.size, t)
-        late = self.started[loose].nonzero()[0]
-        if late.size:
-            # what starts from rest: the zero is divided out
-            g[late, :-1], g[late, -1] = g[late, 1:], 0.0
-        bad = which[g[:, 0] <= 0]
-        span = np.where(self.is_bounded[which], self.end, self.stop) - t
-        g *= powers(span / self.unit, g.shape[1])
-        when = earliest(g)
-        soon = np.isfinite(when).nonzero()[0]
-        self.work.guards_excluded += when.size - soon.size
-        if soon.size:
-            np.minimum.at(self.due, which[soon], t + span[soon] * when[soon])
-        return bad
-
-    def _guards(self, which: Indices, turn: Array, loose: int, held: int, t: float) -> Array:
-        """Return guards as series about `t`; levels that still rise count as they are now."""
-        g = self._moved(which, t)
-        g *= turn[:, None]
-        if held:
-            rows = which[loose : loose + held]
-            for side in (0, 1):
-                part = slice(loose + side * held, loose + (side + 1) * held)
-                g[part, 0] += self.levels(rows, side, t)
-                rate = self._level_rate[side][rows]
-                if self._any_dwells and self._dwells[rows].any():
-                    rate -= self._lacking(rows, side, t) * self.normal[rows, 1]
-                g[part, 1] += self.unit * rate
-        return g
-
-    def _moved(self, rows: Indices, t: float) -> Array:
-        g = self.watched[rows]
-        s = (t - self.row_origin[rows]) / self.unit
-        if s.any():
-            g = shifted(g, s)
-        return g
-
-    def refine(self, j: int) -> bool:
-        """Find the first root of a row's guards from when it is due on; tell whether it has changed.
-
-        A level that rises with its dwell is followed for as long as its series holds.
-        """
-        t, due = float(self.row_origin[j]), float(self.due[j])
-        until = self.end if self.is_bounded[j] else self.stop
-        mode = int(self.mode[j])
-        self.due[j] = math.inf
-        if t >= until:
-            return False
-        row = np.array([j])
-        c = self._moved(row, t)[0]
-        system, unit = self._system, self.unit
-        floor = self._floor(j, t)
-        if mode != 0:
-            g = self.label[j] * c
-            if self.started[j] and t == self.row_origin[j]:
-                g = np.append(g[1:], 0.0)
-            g = g * ((until - t) / unit) ** np.arange(g.size)
-            touches = bool(system.holds_more[0 if mode > 0 else 1, j]) and abs(mode) == 1
-            self._enter(j, self._root(g, t, until, floor, touches), 0)
-            return True
-        age = math.inf
-        if self._dwells[j]:
-            # a level is followed for a while only, past the due time; there itself a guard may be 0
-            t = max(t, due - 0.1 * min(until - due, _WORTH * float(system.dwell[j])))
-            c = self._moved(row, t)[0]
-            age = (t - self.since[j]) / float(system.dwell[j])
-        rising = age < _DWELL_OVER
-        if rising:
-            until = min(until, t + _WORTH * float(system.dwell[j]))
-        n0 = float(self.normal[j, 0] + (t - self.t0) * self.normal[j, 1])
-        c = c * ((until - t) / unit) ** np.arange(c.size)
-        n1 = (until - t) * float(self.normal[j, 1])
-        for side, sign in ((0, -1), (1, 1)):
-            g = sign * c
-            mu, rise = float(system.mu_s[side, j]), float(system.rise[side, j])
-            g[0] += mu * n0
-            g[1] += mu * n1
-            if rising and rise:
-                g = _risen(g, rise, math.exp(-age), (until - t) / float(system.dwell[j]), n0, n1)
-            self._enter(j, self._root(g, t, until, floor), -sign)
-        if rising and math.isinf(self.due[j]):
-            # not up to there: look again
-            self.due[j], self.is_root[j] = until, False
-            if until >= (self.end if self.is_bounded[j] else self.stop):
-                self.due[j] = math.inf
-            else:
-                self._relook(j, until)
-        return True
-
-    def _relook(self, j: int, t: float) -> None:
-        """Look from `t` on with the level as it is then: a level that rises is never below it."""
-        until = self.end if self.is_bounded[j] else self.stop
-        row = np.array([j, j])
-        g = self._guards(row, np.array([-1.0, 1.0]), 0, 1, t)
-        g *= powers(np.full(1, (until - t) / self.unit), g.shape[1])
-        self.due[j] = t + (until - t) * float(earliest(g).min())
-
-    def _root(self, g: Array, t: float, until: float, floor: float, touches: bool = False) -> float:
-        self.work.guards_isolated += 1
-        root = first_touch(g, floor)[0] if touches else first_root(g, floor)
-        return math.inf if root is None else t + (until - t) * root
-
-    def _enter(self, j: int, t: float, direction: int) -> None:
-        if t < self.due[j]:
-            self.due[j], self.is_root[j], self.direction[j] = t, True, direction
-
-    def _floor(self, j: int, t: float) -> float:
-        forest = self.forest
-        if self.mode[j] == 0:
-            return float(self.levels(np.array([j]), 0, t)[0])
-        total = float(self.speed[forest.child[j]])
-        if forest.parent[j] >= 0:
-            total += float(self.speed[forest.parent[j]])
-        elif forest.drive[j] >= 0:
-            total += abs(float(self.drive[forest.drive[j], 0]))
-        return total
-
-
-def _risen(g: Array, rise: float, lag: float, rate: float, n0: float, n1: float) -> Array:
-    """Return a guard less what its level lacks: ``rise exp(-age - rate s) (n0 + n1 s)``, more terms where needed."""
-    count = max(g.size, 20)
-    found = np.zeros(count)
-    found[: g.size] = g
-    e = lag
-    for k in range(count):
-        found[k] -= rise * n0 * e
-        if k + 1 < count:
-            found[k + 1] -= rise * n1 * e
-        e *= -rate / (k + 1)
-    return found
 
 
 def _spans(starts: Indices, some: Indices) -> Indices:

@@ -186,12 +186,10 @@ def earliest(coefficients: Array) -> Array:
         return found
     b = b[some]
     place = np.arange(order + 1) / order
-    low = b[:, None, :] <= 0
-    high = b[:, :, None] > 0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        part = b[:, :, None] / (b[:, :, None] - b[:, None, :])
-        crossing = place[:, None] + (place[None, :] - place[:, None]) * part
-    first = np.where(low & high, crossing, np.inf).min(axis=(1, 2))
+    crosses = (b[:, None, :] <= 0) & (b[:, :, None] > 0)
+    part = b[:, :, None] / np.where(crosses, b[:, :, None] - b[:, None, :], 1.0)
+    crossing = place[:, None] + (place - place[:, None]) * part
+    first = np.where(crosses, crossing, np.inf).min(axis=(1, 2))
     # before the crossing by a few roundoffs; where all are negative at once
     first = np.where(b[:, 0] <= 0, 0.0, first * (1 - 1e-12))
     found[close[some]] = np.maximum(first, 0.0)

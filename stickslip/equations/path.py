@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from numpy.polynomial.polynomial import polyvander
 from numpy.typing import NDArray
 
-__all__ = ["Path", "chebyshev_nodes", "from_nodes", "gauss_nodes"]
+__all__ = ["Path", "chebyshev_nodes", "from_nodes", "gauss_nodes", "values"]
+
+_AT_ONCE = 50_000
+"""Coefficients that are evaluated at once."""
 
 Array = NDArray[np.float64]
 
@@ -66,9 +70,8 @@ class Path:
             return np.repeat(self.last[None, :], taus.size, axis=0)
         i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
         h = self.taus[i + 1] - self.taus[i]
-        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)[:, None]
-        pick = (lambda j: c[0, j]) if c.shape[0] == 1 else (lambda j: c[i, j])
-        found = _clenshaw(pick, c.shape[1], 2 * s - 1) if self.is_chebyshev else _horner(pick, c.shape[1], s)
+        s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)
+        found = values(c, i, s, self.is_chebyshev)
         found[taus >= self.taus[-1]] = self.last
         return found
 
@@ -119,20 +122,17 @@ class Path:
         return Path(np.append(self.taus[: i + 1], tau), pieces, last, False, self.is_chebyshev)
 
 
-def _horner(pick: Callable[[int], Array], count: int, s: Array) -> Array:
-    found = np.array(np.broadcast_to(pick(count - 1), (s.shape[0], pick(0).shape[-1])))
-    for j in range(count - 2, -1, -1):
-        found *= s
-        found += pick(j)
+def values(coefficients: Array, step: NDArray[np.intp], s: Array, is_chebyshev: bool) -> Array:
+    """Return the values of the polynomials of some steps at places from 0 to 1, one row each."""
+    _, terms, size = coefficients.shape
+    basis = chebvander(2 * s - 1, terms - 1) if is_chebyshev else polyvander(s, terms - 1)
+    weights, found = np.ascontiguousarray(basis)[:, None], np.empty((s.size, size))
+    # not too many at once: memory stays near the processor
+    count = _AT_ONCE // (terms * size) + 1
+    for first in range(0, s.size, count):
+        some = slice(first, first + count)
+        np.matmul(weights[some], coefficients[step[some]], out=found[some, None])
     return found
-
-
-def _clenshaw(pick: Callable[[int], Array], count: int, x: Array) -> Array:
-    later = np.zeros((x.shape[0], pick(0).shape[-1]))
-    now = later
-    for j in range(count - 1, 0, -1):
-        now, later = pick(j) + 2 * x * now - later, now
-    return pick(0) + x * now - later
 
 
 @lru_cache(maxsize=32)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
+from stickslip.events.search import Uncertainty
 
 __all__ = ["label"]
 
@@ -30,8 +31,7 @@ def label(
     resting: Mask,
     before: Modes | None,
     crossed: Mask,
-    quiet: float,
-    blur: float,
+    uncertainty: Uncertainty,
 ) -> tuple[Modes, Mask]:
     """Return the modes that rows show, and which open rows keep theirs though their velocity has died away.
 
@@ -48,20 +48,19 @@ def label(
         The modes that rows showed so far, None at the start.
     crossed : array (m,) of bool
         Rows whose velocity was beyond 0 by more than is uncertain: it has not died away.
-    quiet : float
-        Velocity in m/s or rad/s that the tolerances leave uncertain.
-    blur : float
-        Part of the forces that is uncertain.
+    uncertainty : Uncertainty
     """
     equations, modes = motion.equations, motion.equations.modes
     if not (equations.open.size or equations.free.size or equations.at_level.size):
         return modes, np.zeros(modes.size, dtype=bool)
     is_open, died = modes == OPEN, np.zeros(modes.size, dtype=bool)
     # what the solver's errors leave of a rest is a rest; a velocity that dies away is none
-    may_rest = resting | ((np.abs(w) <= quiet) & (before == 0 if before is not None else True))
+    may_rest = resting | (
+        (np.abs(w) <= uncertainty.velocity_resolution) & (before == 0 if before is not None else True)
+    )
     if np.count_nonzero(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
-        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, crossed, quiet, blur)
+        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, crossed, uncertainty)
     shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8), died & is_open
 
@@ -74,26 +73,26 @@ def _to_come(
     may_rest: Mask,
     before: Modes,
     crossed: Mask,
-    quiet: float,
-    blur: float,
+    uncertainty: Uncertainty,
 ) -> tuple[Array | Modes, Mask]:
     """Return the signs of relative velocities, or where these are 0 of what they become, and which have died away."""
     is_open = motion.equations.modes == OPEN
-    blurred = np.where(crossed, ROUNDOFF, max(blur, ROUNDOFF))
-    to_come, calm = _first_terms(motion, 2, quiet, blurred)
+    slow = uncertainty.velocity_resolution
+    uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
+    to_come, calm = _first_terms(motion, 2, slow, uncertain)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
-        to_come, calm = _first_terms(motion, _HIGHEST, quiet, blurred)
+        to_come, calm = _first_terms(motion, _HIGHEST, slow, uncertain)
     calm &= ~crossed
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
     died = ((to_come == 0) | calm) & resting & (before != 0) & free
     named = np.where(resting, np.where(died, before, to_come), named)
-    named[calm & may_rest & (np.abs(w) <= quiet)] = 0.0
+    named[calm & may_rest & (np.abs(w) <= slow)] = 0.0
     return named, died
 
 
-def _first_terms(motion: Motion, order: int, quiet: float, blur: Array) -> tuple[Array, Mask]:
+def _first_terms(motion: Motion, order: int, slow: float, uncertain: Array) -> tuple[Array, Mask]:
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
@@ -101,14 +100,14 @@ def _first_terms(motion: Motion, order: int, quiet: float, blur: Array) -> tuple
     to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
     for k in range(1, order + 1):
         term = expansion.z[k, :m]
-        uncertain: Any = blur if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
+        part: Any = uncertain if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
         if k > 1 and not motion.is_linear:
-            uncertain = _DIFFERENCED
-        significant = np.abs(term) > uncertain * magnitude[k]
+            part = _DIFFERENCED
+        significant = np.abs(term) > part * magnitude[k]
         to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)
-    return to_come, (rise <= _CALM * push) | (rise * horizon <= quiet)
+    return to_come, (rise <= _CALM * push) | (rise * horizon <= slow)
 
 
 def _magnitudes(motion: Motion, order: int = 2) -> Array:

@@ -19,7 +19,7 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
 
-__all__ = ["Inconsistent", "Search", "Situation"]
+__all__ = ["EXACT", "Inconsistent", "Search", "Situation", "Uncertainty"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -97,6 +97,28 @@ class Situation(NamedTuple):
         return found
 
 
+class Uncertainty(NamedTuple):
+    """What the errors of a run leave uncertain.
+
+    Attributes
+    ----------
+    velocity_resolution : float
+        Velocity in m/s or rad/s that the tolerances do not resolve.
+    force_uncertainty : float
+        Part of the forces that is uncertain.
+    velocity_uncertainty : float
+        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: what errors of steps add up to.
+    """
+
+    velocity_resolution: float
+    force_uncertainty: float
+    velocity_uncertainty: float
+
+
+EXACT = Uncertainty(0.0, 0.0, 0.0)
+"""Of an engine that makes no errors but roundoff."""
+
+
 class Search:
     """Try mode sets until one is consistent."""
 
@@ -110,11 +132,12 @@ class Search:
         labels: Modes,
         candidates: Mask,
         regions: Regions,
-        uncertain: float,
+        velocity_uncertainty: float,
     ) -> None:
         self._system, self._stretch, self._now = system, stretch, now
         self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level, self._uncertain = regions, now.at_level(system), uncertain
+        self._regions, self._at_level = regions, now.at_level(system)
+        self._velocity_uncertainty = velocity_uncertainty
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
@@ -154,7 +177,9 @@ class Search:
         while True:
             equations = equations_in(trial, self._system, self._regions)
             motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
-            guards = Guards(motion, self._labels, self._candidates, self._at_level, self._uncertain)
+            guards = Guards(
+                motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty
+            )
             seen.add(self._regions.tobytes())
             if not equations.borders.size:
                 return motion, guards

@@ -16,7 +16,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.impact import Struck
 from stickslip.events.labels import label
-from stickslip.events.search import Inconsistent, Search, Situation
+from stickslip.events.search import EXACT, Inconsistent, Search, Situation, Uncertainty
 
 __all__ = ["Settled", "carried_on", "only_bends", "settle"]
 
@@ -95,9 +95,7 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
     return Settled(now.labels, following, guards)
 
 
-def settle(
-    system: System, loads: Loads, now: Situation, quiet: float, blur: float, uncertain: float = 0.0
-) -> Settled:
+def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty = EXACT) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the
@@ -109,12 +107,7 @@ def settle(
     system : System
     loads : Loads
     now : Situation
-    quiet : float
-        Velocity in m/s or rad/s that the tolerances of the run leave uncertain.
-    blur : float
-        Part of the forces that is uncertain.
-    uncertain : float
-        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event.
+    uncertainty : Uncertainty
 
     Raises
     ------
@@ -126,7 +119,7 @@ def settle(
     closed = _closed(system, stretch, now.t, q)
     tried = set[bytes]()
     while True:
-        found = _settled(system, stretch, now, (quiet, blur, uncertain), q, closed)
+        found = _settled(system, stretch, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
             return found
@@ -142,12 +135,12 @@ def _settled(
     system: System,
     stretch: Stretch,
     now: Situation,
-    resolved: tuple[float, float, float],
+    uncertainty: Uncertainty,
     q: Array,
     closed: Mask,
 ) -> Settled:
     """Return consistent modes where it is known which rows can carry a force."""
-    quiet, blur, uncertain = resolved
+    beyond = uncertainty.velocity_uncertainty
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
@@ -157,8 +150,8 @@ def _settled(
     limit = np.maximum(rough, system.laws.rests_below)
     resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
     named = np.sign(w)
-    if now.labels is not None and (uncertain or not all_closed):
-        named, resting = _directions(now, w, closed, resting, uncertain)
+    if now.labels is not None and (beyond or not all_closed):
+        named, resting = _directions(now, w, closed, resting, beyond)
     candidates = closed & resting
     u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
@@ -181,12 +174,12 @@ def _settled(
         trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     regions = functions.at(y, q, now.regions)
-    search = Search(system, stretch, now, y, since, labels, candidates, regions, uncertain)
+    search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
     # at a break the loads go on otherwise than they came
     motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
-    moved = uncertain > 0 and now.labels is not None
+    moved = beyond > 0 and now.labels is not None
     crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
-    shown, died = label(motion, labels, w, resting, now.labels, crossed, quiet, blur)
+    shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
@@ -196,7 +189,7 @@ def _settled(
         # the sign of what has died away is a solver's error
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.any(watched[is_open] != labels[is_open]):
-            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), uncertain)
+            guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), beyond)
     if functions.count:
         shown = functions.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards)
@@ -213,18 +206,16 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
 
 
-def _directions(
-    now: Situation, w: Array, closed: Mask, resting: Mask, uncertain: float
-) -> tuple[Array, Mask]:
+def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: float) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
     # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
-    kept &= now.labels * w > -uncertain
+    kept &= now.labels * w > -beyond
     resting = resting & ~kept
-    if uncertain:
+    if beyond:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
-        kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= uncertain)
+        kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= beyond)
     return np.where(kept, now.labels, np.sign(w)), resting
 
 

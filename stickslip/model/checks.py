@@ -24,6 +24,7 @@ __all__ = [
     "flag",
     "in_order",
     "limit",
+    "name_of",
     "names",
     "numbers",
     "sequence",
@@ -181,6 +182,13 @@ def check_takes(function: Callable[..., Any], count: int, what: str, arguments: 
         raise TypeError(
             f"{what} must take {arguments}, but it is declared as {signature}: {function!r}"
         ) from None
+
+
+def name_of(function: Callable[..., Any]) -> str:
+    """Return how messages name a function."""
+    # ufuncs have no qualified name before numpy 2
+    simple = getattr(function, "__name__", repr(function))
+    return str(getattr(function, "__qualname__", simple))
 
 
 def numbers(values: Any, what: str) -> NDArray[np.float64]:

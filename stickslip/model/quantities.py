@@ -23,6 +23,7 @@ from stickslip.model.checks import (
     finite,
     in_order,
     limit,
+    name_of,
     sequence,
     whole,
 )
@@ -201,7 +202,7 @@ class Feedback(Quantity):
     @property
     def label(self) -> str:
         """How messages name the function."""
-        return f"feedback function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return f"feedback function {name_of(self.function)}"
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the arguments."""
@@ -270,116 +271,37 @@ class Table(Quantity):
 
 
 def position(body: str) -> Quantity:
-    """Return the position of a body or drive, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the position of a body or drive, in m or rad, as a quantity."""
     return Position(check_name(body, "position: body"))
 
 
 def velocity(body: str) -> Quantity:
-    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity."""
     return Velocity(check_name(body, "velocity: body"))
 
 
 def relative_velocity(row: str) -> Quantity:
-    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another row, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another named row, in m/s or rad/s, as a quantity."""
     return RelativeVelocity(check_name(row, "relative_velocity: row"))
 
 
 def stretch(row: str) -> Quantity:
-    """Return ``radius_a x_a - radius_b x_b`` of a contact or another row, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``radius_a x_a - radius_b x_b`` of a contact or another named row, in m or rad, as a quantity."""
     return Stretch(check_name(row, "stretch: row"))
 
 
 def normal(contact: str) -> Quantity:
-    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
-
-    Parameters
-    ----------
-    contact : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the normal force of a contact in N, 0 where it is open, as a quantity."""
     return Normal(check_name(contact, "normal: contact"))
 
 
 def power(row: str) -> Quantity:
-    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none."""
     return Power(check_name(row, "power: row"))
 
 
 def output(block: str, index: int = 0) -> Quantity:
-    """Return an output of a block as a quantity.
-
-    Parameters
-    ----------
-    block : str
-        Name of a block.
-    index : int
-        Which output, from 0 on.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the name is no name, or the number no number from 0 on.
-    """
+    """Return an output of a block, counted from 0, as a quantity."""
     return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite
+from stickslip.model.checks import finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 __all__ = [
@@ -403,7 +403,7 @@ class Function(Signal):
 
     @property
     def _label(self) -> str:
-        return f"signal function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return f"signal function {name_of(self.function)}"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,8 @@
-"""Drawings of results and studies. Everything draws on the axes given, or in a new figure of pyplot.
+"""Drawings of results and studies.
+
+Each takes a result, the names of what to draw of it, and `ax`, the axes of matplotlib to draw on: by default those of a
+new figure of pyplot. It returns the axes. A name that the scene does not know is a ValueError, what is no result or no
+axes a TypeError.
 
 This module and its parts are the only ones that load matplotlib.
 """
@@ -159,16 +163,7 @@ def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
 def energy(result: Drawable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 
-    Parameters
-    ----------
-    result : Result
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If only the requested outputs were kept.
+    A ValueError says so where only the requested outputs were kept.
     """
     ledger = result.fit_for_plot(FINE).energy()
     ax = own_axes(ax)

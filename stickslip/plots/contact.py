@@ -45,19 +45,6 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
     backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
-
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
     """
     element = _element(result, contact)
     fine, computed = result.fit_for_plot(FINE), computed_points(result)
@@ -84,21 +71,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
 @of_result
 def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw ``|r| / B`` of many contacts over time as a raster with a colour bar, and return the axes.
-
-    Parameters
-    ----------
-    result : Result
-    contacts : sequence of str, optional
-        Names of contacts; by default all of them.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
-    """
+    """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes."""
     names = contact_names(result, contacts)
     coarse = even_points(result)
     ax = own_axes(ax)
@@ -121,21 +94,7 @@ def _ratio(force: Array, level: Array) -> Array:
 
 @of_result
 def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw normal forces over time and return the axes.
-
-    Parameters
-    ----------
-    result : Result
-    contacts : sequence of str, optional
-        Names of contacts; by default those whose normal force varies.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
-    """
+    """Draw normal forces over time, by default those that vary, and return the axes."""
     names = varying(result) if contacts is None else contact_names(result, contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
@@ -162,18 +121,7 @@ def varying(result: Drawable) -> list[str]:
 def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact, or positions were not kept.
+    A ValueError says so where positions were not kept.
     """
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
@@ -200,19 +148,6 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
     Where the normal force varies, both are divided by it.
-
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
     """
     element = _element(result, contact)
     if not isinstance(element, Contact):

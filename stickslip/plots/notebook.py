@@ -31,6 +31,7 @@ __all__ = [
 
 _EVENTS = 12
 _ELEMENTS = 40
+_ENDS = ("a", "b", "body", "sun", "carrier", "ring")
 
 
 class Study(Protocol):
@@ -90,16 +91,13 @@ def elements_table(scene: Scene) -> str:
     rows = []
     for element in scene.elements[:_ELEMENTS]:
         given = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
-        said = {one.name for one in fields(element) if given[one.name] is one.default}  # type: ignore[arg-type]
-        ends = [given[key] for key in ("a", "b", "body", "sun", "carrier", "ring") if key in given]
-        values = [
-            f"{key} {_brief(value)}"
-            for key, value in given.items()
-            if key not in ("name", "a", "b", "body", "sun", "carrier", "ring") and key not in said
-        ]
-        rows.append((element.noun(), given.get("name", ""), " – ".join(ends), ", ".join(values)))
-    left = len(scene.elements) - _ELEMENTS
-    return table(("element", "name", "joins", "values"), rows, f"and {left} more" if left > 0 else "")
+        for one in fields(element):  # type: ignore[arg-type]
+            if given[one.name] is one.default:
+                del given[one.name]
+        name = given.pop("name", "")
+        ends = " – ".join(given.pop(key) for key in _ENDS if key in given)
+        rows.append((element.noun(), name, ends, ", ".join(f"{key} {_brief(x)}" for key, x in given.items())))
+    return table(("element", "name", "joins", "values"), rows, len(scene.elements))
 
 
 def _brief(value: Any) -> str:
@@ -124,8 +122,7 @@ def events_table(events: list[Event], most: int) -> str:
     rows = [(e.t, e.contact, f"{e.before.name} → {e.after.name}", e.cause) for e in events[:most]]
     if not rows:
         return "<p>no events</p>"
-    left = len(events) - most
-    return table(("time [s]", "what", "change", "why"), rows, f"and {left} more" if left > 0 else "")
+    return table(("time [s]", "what", "change", "why"), rows, len(events))
 
 
 def final_table(result: Drawable) -> str:
@@ -136,7 +133,5 @@ def final_table(result: Drawable) -> str:
         for body in scene.bodies[:MOST]
         if np.isfinite(result.velocity(body.name)[-1])  # or the last of several runs does not have it
     ]
-    left = len(scene.bodies) - MOST
-    return table(
-        ("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, f"and {left} more" if left > 0 else ""
-    )
+    left = max(len(scene.bodies) - MOST, 0)
+    return table(("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, len(rows) + left)

@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]
 
-_AT_ONCE = 40_000
+_AT_ONCE = 100_000
 _DEGREES = (3, 6, 10, 15)
 """Polynomials up to these degrees are evaluated together."""
 
-_IN_ENTRY = 5
+_IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
 
 _NOTHING = 1e-18
@@ -79,7 +79,8 @@ class Patches:
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
-        """Enter modes of some rows, and series of the forces of those that are held."""
+        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
+        force = np.where(mode[:, None] == 0, force, 0.0)
         self._rows.append((np.full(rows.size, len(self._ticks) - 1), rows, origin, mode, since, force))
         self.entries += force.size
 
@@ -143,12 +144,6 @@ class Series:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
 
-    @cached_property
-    def degree(self) -> Indices:
-        """The highest power of each entry that is not 0."""
-        some = self.terms != 0
-        return np.where(some.any(axis=1), self.terms.shape[1] - 1 - some[:, ::-1].argmax(axis=1), 0)
-
     def held(self, ticks: Indices, things: slice) -> Held:
         """Return which entries of some things hold at some ticks, in order."""
         first, stop, _ = things.indices(int(self.thing[-1]) + 1 if self.thing.size else 0)
@@ -175,8 +170,9 @@ class Series:
         t, stops = t.ravel(), np.append(0, np.cumsum(held.counts))
         found = np.empty(stops[-1])
         # not too many at once: memory stays near the processor
-        cuts = np.searchsorted(stops[1:], range(_AT_ONCE, found.size, _AT_ONCE)).tolist()
-        for low, high in pairwise(sorted({0, *cuts, held.counts.size})):
+        size = np.cumsum(held.counts + self.terms.shape[1])
+        cuts = np.searchsorted(size, range(_AT_ONCE, int(size[-1]), _AT_ONCE)).tolist() if size.size else []
+        for low, high in pairwise(sorted({0, *cuts, size.size})):
             own = slice(held.entries.start + low, held.entries.start + high)
             terms = self.terms[own]
             if integrated:
@@ -251,16 +247,16 @@ def _polynomials(terms: Array, origin: Array, counts: Indices, t: Array, unit: f
 
 def _by_degree(terms: Array, counts: Indices, s: Array) -> Array:
     """Return the values of polynomials, each at so many places in a row, by Horner's scheme."""
-    found, low, most = np.empty(s.size), 0, terms.shape[1] - 1
+    terms = np.ascontiguousarray(terms.T)
+    found, low, most = np.empty(s.size), 0, terms.shape[0] - 1
     degree = _degrees(terms, np.maximum.reduceat(np.abs(s), np.cumsum(counts) - counts))
     for high in (*(k for k in _DEGREES if k < most), most):
         own = (degree >= low) & (degree <= high)
         low = high + 1
         if not own.any():
             continue
-        some, count = np.repeat(own, counts).nonzero()[0], counts[own]
-        x, c = s[some], terms[own, : high + 1].T
-        value = np.repeat(c[high], count)
+        some, count, c = np.repeat(own, counts).nonzero()[0], counts[own], terms[: high + 1, own]
+        x, value = s[some], np.repeat(c[high], count)
         for k in range(high - 1, -1, -1):
             value *= x
             value += np.repeat(c[k], count)
@@ -269,14 +265,13 @@ def _by_degree(terms: Array, counts: Indices, s: Array) -> Array:
 
 
 def _degrees(terms: Array, reach: Array) -> Indices:
-    """Return for polynomials (a line each) the highest power that counts up to so far from 0."""
+    """Return for polynomials (a column each) the highest power that counts up to so far from 0."""
     size = np.empty_like(terms)
-    size[:, 0], size[:, 1:] = 1.0, reach[:, None]
-    np.multiply.accumulate(size, axis=1, out=size)
+    size[0], size[1:] = 1.0, reach
+    np.multiply.accumulate(size, axis=0, out=size)
     size *= np.abs(terms)
-    counts = size > _NOTHING * size.max(axis=1, keepdims=True)
-    highest = terms.shape[1] - 1 - counts[:, ::-1].argmax(axis=1)
-    return np.asarray(np.where(counts.any(axis=1), highest, 0))
+    powers = np.arange(terms.shape[0], dtype=np.int8)[:, None]
+    return np.asarray(np.where(size > _NOTHING * size.max(axis=0), powers, 0).max(axis=0))
 
 
 @dataclass(frozen=True)
@@ -414,14 +409,9 @@ class Patchwork:
         return self._read(self.bodies, piece, t, bodies, read)
 
     @cached_property
-    def begin(self) -> Array:
-        """Positions of the bodies at the start."""
-        return self.positions(np.zeros(1, dtype=np.intp), self.starts[:1])[:, 0]
-
-    @cached_property
-    def end(self) -> Array:
-        """Positions of the bodies at the end."""
-        return self.positions(np.array([self.starts.size - 1]), np.array([self.stop]))[:, 0]
+    def at_ends(self) -> Array:
+        """Positions of the bodies at the start and at the end, a line each."""
+        return self.positions(np.array([0, self.starts.size - 1]), np.array([self.starts[0], self.stop])).T
 
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
@@ -434,7 +424,7 @@ class Patchwork:
         return self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
 
     def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
-        """Return the forces of rows at times of pieces where they are held; others mean nothing."""
+        """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
 
         def read(held: Held, t: Array) -> Array:
             return self.rows.values(held, t, self.unit)
@@ -493,7 +483,7 @@ class Patchwork:
     def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
         """Return of all series that bend when they begin and end, and the largest second derivative of each."""
         series = self.bodies
-        bent = (series.degree > 0).nonzero()[0]
+        bent = np.flatnonzero(series.terms[:, 1:].any(axis=1))
         bend = np.empty(bent.size)
         k = np.arange(series.terms.shape[1], dtype=float)
         for some in _at_once(bent.size):

@@ -18,7 +18,7 @@ _NODES = 10
 """Gauss nodes in each part of a period of a drive; exact for polynomials of degree 19."""
 
 
-def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array) -> Array:
+def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array:
     """Return how far the bodies have come since the start of the trajectory, in m or rad, a line each.
 
     ``x(t) - x_0 = integral of v dt``. The polynomials of free bodies are integrated term by term; bodies that are
@@ -31,11 +31,13 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array) -> Array:
         The piece of each time.
     taus : array (k,)
         Times in s since its start.
+    bodies : slice, optional
+        Which bodies; by default all.
     """
     system = trajectory.system
     if not taus.size:
-        return np.zeros((system.n, 0))
-    if (moved := trajectory.moved(piece_of, taus)) is not None:
+        return np.zeros((system.n, 0))[bodies]
+    if (moved := trajectory.moved(piece_of, taus, bodies)) is not None:
         return moved
     # within their pieces: to the ends of all pieces before the last one that is asked for, then to the times
     before = np.arange(int(piece_of.max()))
@@ -51,7 +53,7 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array) -> Array:
     trajectory.write_led(held, steps, driven)
     base = np.zeros((system.n, before.size + 1))
     np.cumsum(steps[:, : before.size], axis=1, out=base[:, 1:])
-    return np.asarray(base[:, piece_of] + steps[:, before.size :])
+    return np.asarray(base[:, piece_of] + steps[:, before.size :])[bodies]
 
 
 def _integrated(path: Path, n: int) -> Path:

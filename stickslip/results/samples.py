@@ -144,9 +144,13 @@ class Samples:
         """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
         i, n = self.body(body), self.system.n
         state = self.system.position_state.get(i)
-        if state is not None:
-            if self.kept is None and i < n:
+        if self.kept is None and i < n:
+            if state is not None:
                 return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)
+            start = self.scene.bodies[i].position
+            own = slice(i, i + 1)
+            return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
+        if state is not None:
             return _line(self.y, state)
         if body == GROUND:
             return np.zeros_like(self.t)
@@ -332,7 +336,6 @@ class Samples:
         forces = np.zeros(inner.shape)
         for part, some, own in trajectory.by_part(self.piece_of):
             forces[:, some] = part.forces(own, self.t[some], self.rows)
-        forces[inner != 0] = 0.0
         for mode, side in ((1, 0), (-1, 1)):
             sliding = mode * system.mu_c[side, self.rows, None]
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)

@@ -173,8 +173,9 @@ def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: In
     for part in stored:
         if isinstance(part, Patchwork):
             (_, near), (_, far) = part.ranges
-            found.append(base + np.array([near - part.begin, far - part.begin]))
-            base = base + part.end - part.begin
+            begin, end = part.at_ends
+            found.append(base + np.array([near - begin, far - begin]))
+            base = base + end - begin
         else:
             own = base + np.cumsum(moved[first[done] : first[done + 1]], axis=0)
             found.append(own)

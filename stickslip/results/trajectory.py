@@ -15,7 +15,7 @@ from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
@@ -31,7 +31,7 @@ _BALANCE_BYTES = 32_000_000
 
 _DENSE_BYTES, _SPARSE_BYTES = 32, 200
 _AT_ONCE = 2_000_000
-"""Coefficients that are evaluated at once."""
+"""Coefficients that are put together at once."""
 
 
 @dataclass(frozen=True)
@@ -381,9 +381,10 @@ class Trajectory:
             assert isinstance(part, Patchwork)
             some = (place == number).nonzero()[0]
             own = piece_of[some] - firsts[number]
-            base = base - part.begin[bodies]
+            begin, end = part.at_ends[:, bodies]
+            base = base - begin
             found[:, some] = base[:, None] + part.positions(own, part.starts[own] + taus[some], bodies)
-            base = base + part.end[bodies]
+            base = base + end
         return found
 
     def of_body(self, piece_of: Indices, taus: Array, body: int, integrated: bool = False) -> Array:
@@ -536,31 +537,11 @@ def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array
         return
     moving = [(path, chosen) for path, chosen in block if path.taus.size > 1]
     coefficients = np.concatenate([path.coefficients for path, _ in moving])
-    values = _polynomials(
-        coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev
-    )
+    found = values(coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev)
     first = 0
     for path, chosen in moving:
         local = taus[chosen]
-        own = values[first : first + local.size]
+        own = found[first : first + local.size]
         own[local >= path.taus[-1]] = path.last
         out[:, chosen] = own.T
         first += local.size
-
-
-def _polynomials(coefficients: Array, step: Indices, s: Array, is_chebyshev: bool) -> Array:
-    """Return the values of polynomials ``step`` at ``s``, by Clenshaw's or Horner's scheme."""
-    highest = coefficients.shape[1] - 1
-    if not is_chebyshev:
-        s = s[:, None]
-        value: Array = coefficients[step, highest]
-        for j in range(highest - 1, -1, -1):
-            value *= s
-            value += coefficients[step, j]
-        return value
-    x = 2 * s[:, None] - 1
-    later = np.zeros((step.size, coefficients.shape[2]))
-    now = later
-    for j in range(highest, 0, -1):
-        now, later = coefficients[step, j] + 2 * x * now - later, now
-    return np.asarray(coefficients[step, 0] + x * now - later)

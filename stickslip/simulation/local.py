@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.due import Due
 from stickslip.engines.parts import FREE, Parts, Patch
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
@@ -77,6 +78,7 @@ class Local:
         started = np.zeros(motion.system.m, dtype=bool)
         started[guards.row[guards.order == 1]] = True
         parts = self._parts = Parts(self._forest, motion, now.labels, started, self._work)
+        self._due = Due(parts, self._work)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = int(np.count_nonzero(parts.mode == 0))
@@ -91,7 +93,7 @@ class Local:
 
     def _loop(self) -> tuple[Situation, bool]:
         parts = self._parts
-        due, is_root = parts.due, parts.is_root
+        due, is_root = self._due.when, self._due.is_root
         tie = _TIE * parts.unit
         none = np.empty(0, dtype=np.intp)
         while not self._interruption.pressed:
@@ -105,13 +107,13 @@ class Local:
                     return self._ending(parts.ended, self._bad, False)
                 continue
             if not is_root[j]:
-                parts.refine(j)
+                self._due.refine(j)
                 continue
             near = (due <= t + tie).nonzero()[0]
             if near.size > 1:
                 rough = near[~is_root[near]]
                 for k in rough.tolist():
-                    parts.refine(k)
+                    self._due.refine(k)
                 if rough.size:
                     continue
                 return self._ending(t, near, False)
@@ -128,7 +130,7 @@ class Local:
         live = parts.is_free
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[live[forest.near]]] = True
-        live[forest.child[parts.is_bounded]] = True
+        live[forest.child[self._due.is_bounded]] = True
         flagged = np.zeros(parts.groups, dtype=bool)
         flagged[parts.group[live]] = True
         bodies = flagged[parts.group].nonzero()[0]
@@ -152,7 +154,7 @@ class Local:
         live = parts.live_rows(patch, rows)
         if parts.is_coupled and parts.end >= parts.stop and parts.is_free[patch.bodies].any():
             parts.end = min(parts.stop, t + parts.unit)
-        self._bad = parts.look(rows, t, live)
+        self._bad = self._due.look(rows, t, live)
 
     # -- one event -------------------------------------------------------------------------------------------
 
@@ -175,7 +177,7 @@ class Local:
         if before:
             parts.since[j] = t
         tree, where = self._tree(j, groups, patch, before)
-        outcome = settle_tree(forest, tree, int(parts.direction[j]) if before == 0 else 0)
+        outcome = settle_tree(forest, tree, int(self._due.direction[j]) if before == 0 else 0)
         if outcome is None or outcome.mode[0] == before:
             parts.since[j] = since
             return False
@@ -197,7 +199,7 @@ class Local:
         where = place[bodies]
         place[patch.bodies] = -1
         force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
-        normal = parts.normal[rows, 0] + (t - parts.t0) * parts.normal[rows, 1]
+        normal = parts.normals(rows, t)
         forward, backward = parts.mu[0, rows] * normal, parts.mu[1, rows] * normal
         if before:
             friction = forest.sign[j] * before * (forward[0] if before > 0 else backward[0])
@@ -214,8 +216,8 @@ class Local:
             parts.inertia[bodies],
             force,
             rows,
-            parts.levels(rows, 0, t),
-            parts.levels(rows, 1, t),
+            parts.levels(rows, 0, t)[0],
+            parts.levels(rows, 1, t)[0],
             forward,
             backward,
             lead,

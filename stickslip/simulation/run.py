@@ -224,7 +224,7 @@ class Run:
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
-            rest = max(now.guards.uncertain, self._wanted.quiet)
+            rest = max(now.guards.uncertain, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
         touching = at.touching | at_rest
         y = jump.y
@@ -249,9 +249,7 @@ class Run:
         self._settle(situation, before, ones, jump)
 
     def _settled(self, situation: Situation) -> Settled:
-        wanted = self._wanted
-        uncertain = wanted.uncertain(self._fastest)
-        return settle(self.system, self.loads, situation, wanted.quiet, wanted.blur, uncertain)
+        return settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
 
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""

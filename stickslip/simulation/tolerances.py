@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
+from stickslip.events.search import Uncertainty
 from stickslip.model.signals import Signal
 
 __all__ = ["Tolerances", "largest_value", "tolerances"]
@@ -22,7 +23,7 @@ _TIMES, _AT_MOST = 100.0, 1e-3
 _FINEST = 1e-13
 _BRISTLE = 1e-6
 
-_BLUR = 1e-12
+_FORCE_UNCERTAINTY = 1e-12
 """Part of the forces that is uncertain at least."""
 
 _REBOUND = 1e-11
@@ -42,9 +43,9 @@ class Tolerances:
         Relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest.
     rebound : float
         Relative velocity in m/s or rad/s below which stops do not rebound.
-    quiet : float
-        Velocity in m/s or rad/s that the tolerances leave uncertain.
-    blur : float
+    velocity_resolution : float
+        Velocity in m/s or rad/s that the tolerances do not resolve.
+    force_uncertainty : float
         Part of the forces that is uncertain.
     speed : float
         Velocity scale in m/s or rad/s.
@@ -56,20 +57,18 @@ class Tolerances:
     atol: Array
     margin: float
     rebound: float
-    quiet: float
-    blur: float
+    velocity_resolution: float
+    force_uncertainty: float
     speed: float
     has_errors: bool
 
-    def uncertain(self, fastest: float) -> float:
-        """Return the velocity by which a solver has to go beyond 0 before 0 is passed.
-
-        Its errors are parts of the velocities that it has seen: `fastest` is the largest so far.
-        """
-        if not self.has_errors:
-            return 0.0
-        speed = max(self.speed, fastest)
-        return _added_up(self.quiet + self.rtol * (speed - self.speed), speed)
+    def uncertainty(self, fastest: float) -> Uncertainty:
+        """Return what is uncertain now: errors of velocities are parts of the `fastest` that the solver has seen."""
+        passed = 0.0
+        if self.has_errors:
+            speed = max(self.speed, fastest)
+            passed = _added_up(self.velocity_resolution + self.rtol * (speed - self.speed), speed)
+        return Uncertainty(self.velocity_resolution, self.force_uncertainty, passed)
 
 
 def tolerances(
@@ -112,18 +111,18 @@ def tolerances(
         force = system.mu_s[:, j].max() * largest_value(system.normals[j], start, stop)
         stiffness = system.laws.characters[j].stiffness or 1.0
         each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
-    quiet = rtol * speed + atol
-    blur = max(_BLUR, method.force_uncertainty * rtol)
-    relaxed = _added_up(quiet, speed) if margin is None else margin
+    velocity_resolution = rtol * speed + atol
+    force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
+    relaxed = _added_up(velocity_resolution, speed) if margin is None else margin
     # an exact engine knows velocities to roundoff: so small rebounds are real
     rebound = _REBOUND * speed if is_exact and margin is None else relaxed
     has_errors = not (is_exact or method.takes_steps)
-    return Tolerances(rtol, each, relaxed, rebound, quiet, blur, speed, has_errors)
+    return Tolerances(rtol, each, relaxed, rebound, velocity_resolution, force_uncertainty, speed, has_errors)
 
 
-def _added_up(quiet: float, speed: float) -> float:
-    """Return what errors of steps may add up to, of a velocity of which `quiet` is uncertain."""
-    return min(_TIMES * quiet, max(_AT_MOST * speed, quiet))
+def _added_up(error: float, speed: float) -> float:
+    """Return what errors of single steps may add up to in a velocity."""
+    return min(_TIMES * error, max(_AT_MOST * speed, error))
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate, triangle
+from stickslip.benchmark import flywheel_chain
 from stickslip.results import samples
 
 NAMES = [f"b{i}" for i in range(20)]
@@ -51,6 +52,18 @@ def test_reading_one_by_one_is_reading_a_table(
     stuck = one.mode("cb3") == 0
     assert stuck.any() and np.all(one.velocity("b3")[stuck] == 0.3)
     np.testing.assert_allclose(one.y, table.y, rtol=0, atol=1e-15)
+
+
+def test_a_position_that_is_no_state_is_read_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = flywheel_chain(30)
+    table = simulate(scene, (0.0, 4.0))
+    monkeypatch.setattr(samples, "_WIDE", 0)
+    one = simulate(scene, (0.0, 4.0))
+    assert one.trajectory.is_patchwork and len(one.trajectory.parts) > 1
+    for body in scene.bodies:
+        np.testing.assert_allclose(
+            one.position(body.name), table.position(body.name), rtol=1e-14, atol=1e-13, err_msg=body.name
+        )
 
 
 def test_times_outside_are_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:

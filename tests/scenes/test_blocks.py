@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from stickslip import (
     GROUND,
@@ -176,6 +177,17 @@ def test_python_control_and_scipy_systems_are_taken() -> None:
     system.dt = 0.1
     with pytest.raises(ValueError, match=r"block 'it': the system has a sample time of 0.1; give Sampled"):
         StateSpace("it", system, inputs=[1.0])
+
+
+def test_transfer_functions_are_taken() -> None:
+    lag = scipy.signal.TransferFunction([2.0], [0.01, 1.0])  # 2 / (0.01 s + 1)
+    assert StateSpace("it", lag, inputs=[1.0]) == StateSpace("it", -100.0, 1.0, 200.0, 0.0, inputs=[1.0])
+    with pytest.raises(ValueError, match=r"has a sample time of 0.1"):
+        StateSpace("it", scipy.signal.TransferFunction([1.0], [1.0, 0.5], dt=0.1), inputs=[1.0])
+    with pytest.raises(
+        TypeError, match=r"give the state space of the transfer function, control.ss\(system\)"
+    ):
+        StateSpace("it", SimpleNamespace(num=[1.0], den=[1.0, 1.0]), inputs=[1.0])
 
 
 def test_linear_blocks_are_data() -> None:

@@ -33,7 +33,7 @@ Motion = Literal["rotation", "translation"]
 
 
 class Element(metaclass=NamedArguments):
-    """A part of a scene."""
+    """A part of a scene; what its arguments cannot be is a TypeError or a ValueError that names element and value."""
 
     called: ClassVar[str] = ""
 

@@ -117,11 +117,6 @@ class Block(AnyBlock):
         ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
     outputs : int, optional
         How many outputs there are; by default as many as quantities read, at least one.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a state no number, or a function no function.
     """
 
     name: str
@@ -161,18 +156,14 @@ class StateSpace(AnyBlock):
     name : str
         Unique among blocks.
     A, B, C, D : array
-        ``A`` may also be a system of python-control or scipy.signal that has all four; without `D` it is 0.
+        ``A`` may also be a system of scipy.signal, a transfer function too, or a state space of python-control; without
+        `D` it is 0.
     inputs : sequence of Quantity, Signal or float
         u, in order.
     states : sequence of float, optional
         x at the start, by default 0.
     limits : sequence of (float, float), optional
         For each output the limits beyond which it is cut off; the corners are located like events.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
     """
 
     called = "state space"
@@ -190,8 +181,8 @@ class StateSpace(AnyBlock):
     def __post_init__(self) -> None:
         self._identifier("name")
         self._check_inputs()
-        if hasattr(self.A, "A") and self.B is None and self.C is None:
-            self._take(self.A)
+        if self.B is None and self.C is None:
+            self._take(self.A.to_ss() if hasattr(self.A, "to_ss") else self.A)
         n, columns = self._matrix("A", None, None).shape
         if columns != n:
             raise ValueError(f"{self.label}: A must be square, got {np.shape(self.A)}")
@@ -214,6 +205,13 @@ class StateSpace(AnyBlock):
             self._check_limits(p)
 
     def _take(self, system: Any) -> None:
+        """Take the matrices of a system of another package, if it is one."""
+        if not hasattr(system, "A"):
+            if hasattr(system, "num"):
+                raise TypeError(
+                    f"{self.label}: give the state space of the transfer function, control.ss(system)"
+                )
+            return
         if (dt := getattr(system, "dt", None)) not in (None, 0):
             raise ValueError(
                 f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time"
@@ -307,11 +305,6 @@ class Sampled(AnyBlock):
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float
         What the outputs are until the first sample, by default 0.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a number not finite, the period not positive, or a function no function.
     """
 
     called = "sampled block"

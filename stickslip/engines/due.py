@@ -1,0 +1,188 @@
+"""When the guards of a scene that is followed part by part are next due: bounds that cost little, then roots."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.parts import Parts
+from stickslip.engines.roots import earliest, first_root, first_touch
+from stickslip.engines.work import Work
+from stickslip.equations.polynomials import powers, shifted
+
+__all__ = ["Due"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+_DWELL_OVER = 40.0
+"""Dwell times after which a static coefficient has risen to the last bit."""
+
+_WORTH = 0.3
+"""Part of a dwell time for which the series of a rising level is followed."""
+
+_TERMS_WITH_DWELL = 20
+
+
+class Due:
+    """The times before which no guard of a row comes to 0.
+
+    Parameters
+    ----------
+    parts : Parts
+    work : Work
+
+    Attributes
+    ----------
+    when : array (m,)
+        No guard of a row comes to 0 before; does so then, where `is_root`.
+    is_root : array (m,) of bool
+    is_bounded : array (m,) of bool
+        Rows whose series hold to the end of those of the parts only, and not to the end of the stretch.
+    direction : array (m,) of int8
+        The side on which a held row is at its limit.
+    """
+
+    def __init__(self, parts: Parts, work: Work) -> None:
+        m = parts.forest.m
+        self._parts, self._work, self._system = parts, work, parts.system
+        self.when = np.full(m, math.inf)
+        self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
+        self.direction = np.zeros(m, dtype=np.int8)
+
+    def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
+        """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
+
+        Parameters
+        ----------
+        rows : array of int
+        t : float
+            From when on.
+        is_bounded : array of bool
+            Whether their series hold to the end of those of the parts only.
+        """
+        parts = self._parts
+        self.is_bounded[rows] = is_bounded
+        self.is_root[rows] = False
+        self.when[rows] = math.inf
+        if not rows.size or t >= parts.end:
+            return rows[:0]
+        is_held = parts.mode[rows] == 0
+        loose, held = rows[~is_held], rows[is_held]
+        g = np.concatenate([parts.label[loose, None] * self._moved(loose, t), self._held(held, t)])
+        which = np.concatenate([loose, held, held])
+        late = parts.started[loose].nonzero()[0]
+        if late.size:
+            # what starts from rest: the zero is divided out
+            g[late, :-1], g[late, -1] = g[late, 1:], 0.0
+        bad = which[g[:, 0] <= 0]
+        span = np.where(self.is_bounded[which], parts.end, parts.stop) - t
+        g *= powers(span / parts.unit, g.shape[1])
+        when = earliest(g)
+        soon = np.isfinite(when).nonzero()[0]
+        self._work.guards_excluded += when.size - soon.size
+        if soon.size:
+            np.minimum.at(self.when, which[soon], t + span[soon] * when[soon])
+        return bad
+
+    def _held(self, rows: Indices, t: float) -> Array:
+        """Return the guards of held rows as series about `t`, first all forward; levels that rise count as they are."""
+        parts = self._parts
+        force = self._moved(rows, t)
+        g = np.concatenate([-force, force])
+        for side, own in ((0, g[: rows.size]), (1, g[rows.size :])):
+            level, rate = parts.levels(rows, side, t)
+            own[:, 0] += level
+            own[:, 1] += parts.unit * rate
+        return g
+
+    def _moved(self, rows: Indices, t: float) -> Array:
+        """Return what rows watch as series about `t`."""
+        parts = self._parts
+        c, s = parts.watched[rows], (t - parts.row_origin[rows]) / parts.unit
+        return shifted(c, s) if s.any() else c
+
+    def refine(self, j: int) -> None:
+        """Find the first root of a row's guards from when it is due on."""
+        parts = self._parts
+        t, due = float(parts.row_origin[j]), float(self.when[j])
+        self.when[j] = math.inf
+        if t >= self._until(j):
+            return
+        if parts.mode[j] == 0:
+            self._refine_held(j, t, due)
+            return
+        span, mode = self._until(j) - t, int(parts.mode[j])
+        g = parts.label[j] * parts.watched[j]
+        if parts.started[j]:
+            g = np.append(g[1:], 0.0)
+        sticks = abs(mode) == 1 and bool(self._system.holds_more[0 if mode > 0 else 1, j])
+        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, sticks)
+
+    def _refine_held(self, j: int, t: float, due: float) -> None:
+        """Find the same of a held row; a level that rises is followed for as long as its series holds."""
+        parts, system = self._parts, self._system
+        until, dwell = self._until(j), float(system.dwell[j])
+        is_rising = False
+        if parts.dwells[j]:
+            # past the due time; there itself a guard may be 0
+            t = max(t, due - 0.1 * min(until - due, _WORTH * dwell))
+            is_rising = (t - parts.since[j]) / dwell < _DWELL_OVER
+        if is_rising:
+            until = min(until, t + _WORTH * dwell)
+        span = until - t
+        c = self._moved(np.array([j]), t)[0]
+        c *= (span / parts.unit) ** np.arange(c.size)
+        n0, n1 = (t - parts.t0) * parts.normal[j, 1] + parts.normal[j, 0], span * parts.normal[j, 1]
+        for side, sign in ((0, 1), (1, -1)):
+            g = -sign * c
+            g[0] += system.mu_s[side, j] * n0
+            g[1] += system.mu_s[side, j] * n1
+            if is_rising and system.rise[side, j]:
+                lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
+                g = _risen(g, lag, span / dwell, n0, n1)
+            if g[0] <= np.abs(g[1:]).sum():
+                self._enter(j, g, t, span, sign)
+        if is_rising and math.isinf(self.when[j]) and until < self._until(j):
+            # not up to there: look again with the level as it is then, for it never falls below that
+            self.is_root[j] = False
+            span = self._until(j) - until
+            g = self._held(np.array([j]), until) * powers(np.full(1, span / parts.unit), c.size)
+            self.when[j] = until + span * float(earliest(g).min())
+
+    def _until(self, j: int) -> float:
+        return self._parts.end if self.is_bounded[j] else self._parts.stop
+
+    def _enter(self, j: int, g: Array, t: float, span: float, side: int, may_touch: bool = False) -> None:
+        """Enter the first root of a guard, a polynomial in the time since `t` over `span`, if it is the first one."""
+        self._work.guards_isolated += 1
+        floor = self._floor(j, t)
+        root = first_touch(g, floor)[0] if may_touch else first_root(g, floor)
+        if root is not None and t + span * root < self.when[j]:
+            self.when[j], self.is_root[j], self.direction[j] = t + span * root, True, side
+
+    def _floor(self, j: int, t: float) -> float:
+        """Return what a guard has the roundoff of."""
+        parts = self._parts
+        forest = parts.forest
+        if parts.mode[j] == 0:
+            return float(parts.levels(np.array([j]), 0, t)[0][0])
+        total = float(parts.speed[forest.child[j]])
+        if forest.parent[j] >= 0:
+            total += float(parts.speed[forest.parent[j]])
+        elif forest.drive[j] >= 0:
+            total += abs(float(parts.drive[forest.drive[j], 0]))
+        return total
+
+
+def _risen(g: Array, lag: float, rate: float, n0: float, n1: float) -> Array:
+    """Return a guard less what its level lacks: ``lag exp(-rate s) (n0 + n1 s)``, more terms where needed."""
+    found = np.zeros(max(g.size, _TERMS_WITH_DWELL))
+    found[: g.size] = g
+    decay = lag * np.cumprod(np.append(1.0, -rate / np.arange(1.0, found.size)))
+    found -= n0 * decay
+    found[1:] -= n1 * decay[:-1]
+    return found
