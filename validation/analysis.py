@@ -43,7 +43,7 @@ from validation.rows import Array, Row, Tried, Wrong, worst
 from validation.tried import try_each
 
 SEED, STOP = 16000, 1.0
-_STEPS = (1e-3, 1e-4, 1e-2, 1e-5, 1e-6)
+_STEPS = (1e-3, 1e-4, 1e-2, 1e-5, 1e-6, 3e-2, 5e-2)
 """Steps of differences as parts of a parameter: the best of them counts, large ones bend and small ones are rough."""
 
 _TIGHT: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-14}
