@@ -28,17 +28,17 @@ from stickslip.plots.contact import (
 from stickslip.plots.fit import fit
 from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, body_names, modes, velocities, velocity_units
-from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import (
+    FINE,
     TIME,
-    beside,
     contact_names,
     look,
     many_axes,
     mark_events,
     new_figure,
     of_result,
+    over_time,
     own_axes,
 )
 from stickslip.plots.sweep_map import sweep_map
@@ -182,10 +182,7 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):
         ax.plot(ledger.t, value, label=label, **look(k))
-    ax.set(xlabel=TIME, ylabel="energy [J]")
     ax.set_title(
         f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small"
     )
-    ax.margins(x=0.01)
-    beside(ax)
-    return ax
+    return over_time(ax, "energy [J]")

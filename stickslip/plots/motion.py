@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
-from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
+    FINE,
     TIME,
     WITH_DOTS,
     beside,
     color_bar,
     contact_names,
     dots,
+    even_points,
     keep_names_inside,
     look,
     of_result,
@@ -72,7 +73,7 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
 
 
 def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: Any) -> None:
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     held = _bands(fine, names, ax)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
