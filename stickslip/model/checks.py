@@ -110,8 +110,11 @@ def whole(value: Any, what: str, least: int = 0) -> int:
 
 def limit(value: Any, none: float, what: str) -> float:
     """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
-    is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
-    return none if is_none else finite(value, what)
+    if isinstance(value, (str, int, float)) and value in (none, str(none)):
+        return none
+    if isinstance(value, float) and value == -none:
+        raise ValueError(f"{what} must be a number or {none:g}, got {value:g}; leave it out for no limit")
+    return finite(value, what)
 
 
 def in_order(values: Any, what: str, kind: str = "numbers") -> list[Any]:

@@ -128,7 +128,7 @@ class Block(AnyBlock):
     outputs: int | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
         self._check_code("derivative", outputs_are_states=True)
 
@@ -179,7 +179,7 @@ class StateSpace(AnyBlock):
     limits: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
         if self.B is None and self.C is None:
             self._take(self.A.to_ss() if hasattr(self.A, "to_ss") else self.A)
@@ -321,7 +321,7 @@ class Sampled(AnyBlock):
     held: Numbers = ()
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         if self._number("period") <= 0:
             raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")
         self._check_inputs()
