@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "NamedArguments",
+    "as_number",
     "check_entries",
     "check_name",
     "check_takes",
@@ -88,6 +89,14 @@ def finite(value: Any, what: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"{what} must be finite, got {number}")
     return number
+
+
+def as_number(value: Any) -> float:
+    """Return what a function of the user returned as a float, also an array of one number; NaN where it is none."""
+    try:
+        return math.nan if isinstance(value, (str, bytes)) else float(np.reshape(value, ()))
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
 
 
 def flag(value: Any, what: str) -> bool:

@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.checks import (
+    as_number,
     check_entries,
     check_name,
     check_takes,
@@ -64,9 +65,6 @@ Array = NDArray[np.float64]
 class Quantity(Load):
     """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
 
-    kind: ClassVar[str]
-    """What files call it."""
-
     def __add__(self, other: Load | float) -> Expression:
         return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
 
@@ -106,10 +104,6 @@ class Quantity(Load):
         yield self
         for part in self.inner():
             yield from part.walk()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the quantity as plain data."""
-        return {"type": self.kind, **vars(self)}
 
 
 @dataclass(frozen=True)
@@ -220,7 +214,10 @@ class Feedback(Quantity):
             found = self.function(*arguments)
         except Exception as error:
             raise ValueError(f"raised {error!r}") from error
-        return _number(found, "returned")
+        number = found if type(found) is float else as_number(found)
+        if not math.isfinite(number):
+            raise ValueError(f"returned {found!r}")
+        return number
 
     def slopes(self, arguments: Sequence[float]) -> Array:
         """Return the derivatives with respect to the arguments, as they are given."""
@@ -491,16 +488,3 @@ def _sum(*parts: Expression) -> Expression:
             factors[atom] = factors.get(atom, 0.0) + factor
         total = total + part.signal
     return Expression(tuple((atom, factor) for atom, factor in factors.items() if factor), total)
-
-
-def _number(value: Any, what: str) -> float:
-    if type(value) is float and math.isfinite(value):
-        return value
-    if not isinstance(value, str) and np.size(value) == 1:
-        try:
-            number = float(np.reshape(value, ()))
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if math.isfinite(number):
-            return number
-    raise ValueError(f"{what} {value!r}")
