@@ -47,7 +47,8 @@ from stickslip.simulation.showing import let_scenes_show_themselves as _let_scen
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.branches import Branch
 from stickslip.studies.cycles import Cycle
-from stickslip.studies.fits import Fit, fit
+from stickslip.studies.fits import Fit
+from stickslip.studies.fitting import fit
 from stickslip.studies.following import continue_cycle
 from stickslip.studies.limit_cycles import limit_cycle
 from stickslip.studies.linear_model import LinearModel, linearize

@@ -13,6 +13,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,10 +21,12 @@ import numpy as np
 
 from stickslip import __version__
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
+from stickslip.model.checks import whole
 from stickslip.model.scene import Scene
 from stickslip.results.files import save
 from stickslip.results.tables import to_csv, to_json
 from stickslip.results.units import units
+from stickslip.simulation.arguments import span as times
 from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.simulate import simulate
@@ -43,18 +46,6 @@ _ENGINES: tuple[dict[str, Any], ...] = (
 )
 _EVENTS_SHOWN = 40
 _DPI = 300
-_SIMULATION = (
-    "span",
-    "rtol",
-    "atol",
-    "method",
-    "formulation",
-    "step",
-    "points",
-    "velocity_margin",
-    "max_step",
-)
-
 
 Job = Callable[[argparse.Namespace], int]
 
@@ -109,6 +100,39 @@ _EXIT_CODES = """exit codes:
   130  interrupted (what was computed is written)"""
 
 
+_TOLERANCES = ("rtol", "atol")
+_OF_SIMULATE = ("span", "method", "formulation", "step", "max_step", "velocity_margin", *_TOLERANCES)
+_FLAGS: dict[str, dict[str, Any]] = {
+    "span": {"nargs": 2, "type": float, "metavar": ("T0", "T1"), "help": "start and end in s"},
+    "method": {
+        "metavar": "ENGINE",
+        "help": "auto (default), series, BDF or Adams; RK4 or Euler with --step",
+    },
+    "formulation": {"metavar": "KIND", "help": "contact-force (default), merged or multiplier"},
+    "step": {"type": float, "metavar": "S", "help": "step in s of RK4 and Euler"},
+    "max_step": {"type": float, "metavar": "S", "help": "longest step in s"},
+    "velocity_margin": {
+        "type": float,
+        "metavar": "W",
+        "help": "relative velocity below which contacts relax to rest",
+    },
+    "rtol": {"type": float, "help": "relative tolerance of the states"},
+    "atol": {"type": float, "help": "absolute tolerance of the states"},
+    "points": {"type": int, "metavar": "N", "help": "output at N even times instead of times fit for a plot"},
+    "progress": {"action": "store_true", "help": "progress bar even if stderr is not a terminal"},
+    "budget": {"type": float, "default": 60.0, "metavar": "S", "help": "wall time in s (default 60)"},
+    "workers": {"type": int, "metavar": "N", "help": "processes (default one per core)"},
+    "value": {"metavar": "NAME", "help": "what is drawn, such as 'stuck floor' (default events)"},
+    "vary": {
+        "action": "append",
+        "required": True,
+        "metavar": "FIELD=VALUES",
+        "help": "NAME.FIELD, or TABLE[NUMBER].FIELD where elements have no name; VALUES as 1,2,5 or START:STOP:COUNT "
+        "or START:STOP:COUNT:log",
+    },
+}
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m stickslip",
@@ -119,7 +143,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.set_defaults(job=_benchmark)
     parser.add_argument("--version", action="version", version=f"stickslip {__version__}")
-    _tolerances(parser)
+    _add(parser, _TOLERANCES)
     where = parser.add_mutually_exclusive_group()
     figure = "stickslip-benchmark.png"
     where.add_argument(
@@ -129,75 +153,36 @@ def _parser() -> argparse.ArgumentParser:
 
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     run = _command(commands, "run", _run, "simulate a scene file", "--plot run.png --csv run.csv")
-    _simulation(run)
-    run.add_argument(
-        "--points", type=int, metavar="N", help="output at N even times instead of times fit for a plot"
+    _add(
+        run,
+        (*_OF_SIMULATE, "points", "progress"),
+        plot="write a figure (png, svg, pdf)",
+        report="write a report of the run (html)",
+        csv="write motion, forces, modes, powers and energies over time",
+        json="write events, counts and the final state",
+        save="write everything without loss (npz)",
     )
-    for kind, what in (
-        ("plot", "a figure (png, svg, pdf)"),
-        ("report", "a report of the run (html)"),
-        ("csv", "motion, forces, modes, powers and energies over time"),
-        ("json", "events, counts and the final state"),
-        ("save", "everything without loss (npz)"),
-    ):
-        run.add_argument(f"--{kind}", metavar="FILE", help=f"write {what}")
-    run.add_argument("--progress", action="store_true", help="progress bar even if stderr is not a terminal")
-
-    explained = _command(
-        commands,
-        "explain",
-        _explain,
-        "say what a scene is compiled to, and which engine takes it",
-        "--span 0 10",
-    )
-    explained.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
-
+    what = "say what a scene is compiled to, and which engine takes it"
+    _add(_command(commands, "explain", _explain, what, "--span 0 10"), ("span",))
     draw = _command(commands, "draw", _draw_scene, "draw a scene file as a schematic", "--plot scene.svg")
-    draw.add_argument(
-        "--plot", metavar="FILE", help="where the figure goes (png, svg, pdf; default SCENE.png)"
-    )
-
-    measured = _command(
-        commands,
-        "tradeoff",
-        _tradeoff,
-        "measure what accuracy costs for a scene",
-        "--error 1e-6 --plot tradeoff.png",
-    )
-    measured.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
-    measured.add_argument(
-        "--budget", type=float, default=60.0, metavar="S", help="wall time in s (default 60)"
-    )
+    _add(draw, plot="where the figure goes (png, svg, pdf; default SCENE.png)")
+    what = "measure what accuracy costs for a scene"
+    measured = _command(commands, "tradeoff", _tradeoff, what, "--error 1e-6 --plot tradeoff.png")
+    _add(measured, ("span", "budget"), plot="write a figure of error against time")
     aim = measured.add_mutually_exclusive_group()
     aim.add_argument(
         "--error", type=float, help="recommend the fastest call with at most this velocity error"
     )
     aim.add_argument("--time", type=float, help="recommend the most accurate call within this wall time in s")
-    measured.add_argument("--plot", metavar="FILE", help="write a figure of error against time")
-
-    swept = _command(
-        commands,
-        "sweep",
-        _sweep,
-        "run a scene file over a grid of its numbers",
-        "--vary floor.normal=1,5,10 --vary springs[0].stiffness=1:100:9:log --plot map.png --value 'stuck floor'",
+    what = "run a scene file over a grid of its numbers"
+    vary = "--vary floor.normal=1,5,10 --vary springs[0].stiffness=1:100:9:log"
+    _add(
+        _command(commands, "sweep", _sweep, what, f"{vary} --plot map.png --value 'stuck floor'"),
+        ("vary", *_OF_SIMULATE, "value", "workers"),
+        csv="write a line for each point of the grid",
+        save="keep finished points, and go on from them",
+        plot="draw a map of --value over the two fields that vary",
     )
-    swept.add_argument(
-        "--vary",
-        action="append",
-        required=True,
-        metavar="FIELD=VALUES",
-        help="NAME.FIELD, or TABLE[NUMBER].FIELD where elements have no name; VALUES as 1,2,5 or START:STOP:COUNT "
-        "or START:STOP:COUNT:log",
-    )
-    _simulation(swept)
-    swept.add_argument("--csv", metavar="FILE", help="write a line for each point of the grid")
-    swept.add_argument("--save", metavar="FILE", help="keep finished points, and go on from them")
-    swept.add_argument("--plot", metavar="FILE", help="draw a map of --value over the two fields that vary")
-    swept.add_argument(
-        "--value", metavar="NAME", help="what is drawn, such as 'stuck floor' (default events)"
-    )
-    swept.add_argument("--workers", type=int, metavar="N", help="processes (default one per core)")
     return parser
 
 
@@ -216,27 +201,12 @@ def _command(commands: Any, name: str, job: Job, what: str, example: str) -> arg
     return parser
 
 
-def _simulation(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `simulate`."""
-    parser.add_argument("--span", nargs=2, type=float, metavar=("T0", "T1"), help="start and end in s")
-    parser.add_argument(
-        "--method", metavar="ENGINE", help="auto (default), series, BDF or Adams; RK4 or Euler with --step"
-    )
-    parser.add_argument("--formulation", metavar="KIND", help="contact-force (default), merged or multiplier")
-    parser.add_argument("--step", type=float, metavar="S", help="step in s of RK4 and Euler")
-    parser.add_argument("--max-step", type=float, metavar="S", help="longest step in s")
-    parser.add_argument(
-        "--velocity-margin",
-        type=float,
-        metavar="W",
-        help="relative velocity below which contacts relax to rest",
-    )
-    _tolerances(parser)
-
-
-def _tolerances(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--rtol", type=float, help="relative tolerance of the states")
-    parser.add_argument("--atol", type=float, help="absolute tolerance of the states")
+def _add(parser: argparse.ArgumentParser, flags: Sequence[str] = (), **files: str) -> None:
+    """Add flags, and those that name a file with what is written there."""
+    for flag in flags:
+        parser.add_argument(f"--{flag.replace('_', '-')}", **_FLAGS[flag])
+    for flag, what in files.items():
+        parser.add_argument(f"--{flag}", metavar="FILE", help=what)
 
 
 # -- the benchmark ----------------------------------------------------------------------------------------
@@ -296,11 +266,8 @@ def _print_engines(timed: Sequence[tuple[Result, list[float]]]) -> None:
 
 def _print_events(result: Result) -> None:
     print(f"{'event [s]':32}{'simulated':>18}{'exact':>18}{'error':>10}")
-    for i in range(max(len(result.events), len(EXACT_EVENTS))):
-        found = result.events[i] if i < len(result.events) else None
-        exact = EXACT_EVENTS[i] if i < len(EXACT_EVENTS) else None
+    for found, exact in zip_longest(result.events, EXACT_EVENTS):
         event = found or exact
-        assert event is not None
         text = f"{event.contact} {event.before.name} -> {event.after.name}"
         cells = ["missing" if e is None else f"{e.t:.15f}" for e in (found, exact)]
         error = "" if found is None or exact is None else f"{found.t - exact.t:.1e}"
@@ -318,9 +285,8 @@ def _same_story(result: Result) -> bool:
 def _run(chosen: argparse.Namespace) -> int:
     outputs = {kind: getattr(chosen, kind) for kind in ("plot", "report", "csv", "json", "save")}
     _check_folders(outputs)
-    data, given = _scene_file(chosen)
+    scene, given = _scene_file(chosen)
     options = _options(chosen, given)
-    scene = _scene(chosen.scene, data)
     span = options.pop("span")
     options["progress"] = chosen.progress or sys.stderr.isatty()
     code = _OK
@@ -340,15 +306,14 @@ def _run(chosen: argparse.Namespace) -> int:
 def _draw_scene(chosen: argparse.Namespace) -> int:
     target = chosen.plot or str(Path(chosen.scene).with_suffix(".png").name)
     _check_folders({"plot": target})
-    data, _ = _scene_file(chosen)
-    _save_figure(_scene(chosen.scene, data).draw, target)
+    scene, _ = _scene_file(chosen)
+    _save_figure(scene.draw, target)
     print(f"figure: {target}")
     return _OK
 
 
 def _explain(chosen: argparse.Namespace) -> int:
-    data, given = _scene_file(chosen)
-    scene = _scene(chosen.scene, data)
+    scene, given = _scene_file(chosen)
     span = chosen.span or (given.get("span") if isinstance(given, Mapping) else None)
     with _refusals():
         print(explain(scene, span))
@@ -357,8 +322,8 @@ def _explain(chosen: argparse.Namespace) -> int:
 
 def _tradeoff(chosen: argparse.Namespace) -> int:
     _check_folders({"plot": chosen.plot})
-    data, given = _scene_file(chosen)
-    scene, span = _scene(chosen.scene, data), _options(chosen, given)["span"]
+    scene, given = _scene_file(chosen)
+    span = _options(chosen, given)["span"]
     with _refusals():
         study = tradeoff(scene, span, budget=chosen.budget, progress=sys.stderr.isatty())
         print(study)
@@ -371,9 +336,9 @@ def _tradeoff(chosen: argparse.Namespace) -> int:
 
 def _sweep(chosen: argparse.Namespace) -> int:
     _check_folders({kind: getattr(chosen, kind) for kind in ("csv", "save", "plot")})
-    data, given = _scene_file(chosen)
+    scene, given = _scene_file(chosen)
     options = _options(chosen, given)
-    runs = SceneRuns(_scene(chosen.scene, data), options.pop("span"), options)
+    runs = SceneRuns(scene, options.pop("span"), options)
     grid: dict[str, list[float]] = {}
     for text in chosen.vary:
         path, equals, values = text.partition("=")
@@ -432,15 +397,12 @@ def _draw_map(runs: SceneRuns, found: SweepResult, varied: list[str], chosen: ar
     )
 
 
-def _scene_file(chosen: argparse.Namespace) -> tuple[dict[str, Any], Any]:
-    """Return a scene file as data, and its table 'simulation'."""
+def _scene_file(chosen: argparse.Namespace) -> tuple[Scene, Any]:
+    """Return the scene of a file, and its table 'simulation'."""
     data = _read(Path(chosen.scene))
-    return data, data.pop("simulation", {})
-
-
-def _scene(file: str, data: Mapping[str, Any]) -> Scene:
-    with _refusals(f"{file}: "):
-        return Scene.from_dict(data)
+    given = data.pop("simulation", {})
+    with _refusals(f"{chosen.scene}: "):
+        return Scene.from_dict(data), given
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -463,11 +425,13 @@ def _options(chosen: argparse.Namespace, given: Any) -> dict[str, Any]:
     """Return the arguments of `simulate`: those of the command line before those of the file."""
     if not isinstance(given, Mapping):
         raise _BadInput(f"{chosen.scene}: simulation must be a table, got {given!r}")
-    unknown = [name for name in given if name not in _SIMULATION]
+    known = (*_OF_SIMULATE, "points")
+    unknown = [name for name in given if name not in known]
     if unknown:
-        known = ", ".join(_SIMULATION)
-        raise _BadInput(f"{chosen.scene}: simulation: unknown entry {unknown[0]!r}; known are {known}")
-    typed = {name: value for name in _SIMULATION if (value := getattr(chosen, name, None)) is not None}
+        raise _BadInput(
+            f"{chosen.scene}: simulation: unknown entry {unknown[0]!r}; known are {', '.join(known)}"
+        )
+    typed = {name: value for name in known if (value := getattr(chosen, name, None)) is not None}
     options = {**given, **typed}
     if "span" not in options:
         raise _BadInput(
@@ -475,18 +439,9 @@ def _options(chosen: argparse.Namespace, given: Any) -> dict[str, Any]:
         )
     points = options.pop("points", None)
     if points is not None:
-        options["t_eval"] = _even_times(options["span"], points)
+        with _refusals():
+            options["t_eval"] = np.linspace(*times(options["span"], "simulation"), whole(points, "points", 2))
     return options
-
-
-def _even_times(span: Any, points: Any) -> Any:
-    if not isinstance(points, int) or isinstance(points, bool) or points < 2:
-        raise _BadInput(f"points must be a whole number from 2 on, got {points!r}")
-    try:
-        start, stop = map(float, span)
-        return np.linspace(start, stop, points)
-    except (TypeError, ValueError):
-        raise _BadInput(f"span must be two times [T0, T1], got {span!r}") from None
 
 
 def _simulated(scene: Scene, span: Any, options: Mapping[str, Any]) -> Result:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
-from stickslip.engines.replay import Replay, first_step
 from stickslip.engines.sundials import CVODE
-from stickslip.engines.work import SolverFailure, Work, failure_of, sound
+from stickslip.engines.through_points import path_through
+from stickslip.engines.work import Work, failure_of
 from stickslip.equations.floats import evaluate, forces
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
@@ -27,15 +27,14 @@ Array = NDArray[np.float64]
 _ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
 """The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
 
-_ROOTS_PER_SOLVER = 20
+_EVENTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
-
 
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 """First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there."""
 
-_NO_LIMIT = 1_000_000_000
-"""Steps that a solver may take between two values."""
+_FIRST = 1e-3
+"""Longest first step as a part of the time ahead."""
 
 _Steps = tuple[float, float]
 """Longest and first step in s."""
@@ -53,110 +52,99 @@ class Cvode:
 
     def __init__(self, task: Task, kind: str) -> None:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
+        self._tolerance = LOCAL * task.rtol, LOCAL * task.atol
         self.work = Work()
         self._linear_solver = LinearSolver()
-        self._solvers: dict[_Steps, tuple[Any, Any]] = {}
-        self._roots: dict[_Steps, int] = {}
-        self._replay = Replay(self._rate, self._jacobian)
+        self._solvers: dict[_Steps, Any] = {}
+        self._events: dict[_Steps, int] = {}
         self._motion: Selected
-        self._guards: Guards
+        self._lookout: Lookout
         self._progress: Progress
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
-        self._motion, self._guards = Selected(motion, self._order, self._task.merged), guards
+        self._motion = Selected(motion, self._order, self._task.merged)
+        self._lookout = Lookout(guards, self._task.interruption, self.work)
         return follow(motion, guards, horizon, self._solve, self._task.interruption)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, work, self._progress = self._motion, self.work, progress
-        key, pair = self._solver(selected.motion)
+        key, solver = self._solver(selected)
+        self._lookout.end = None
+        solution = solver.solve(np.array([0.0, tau]), selected.start)
+        taus, points = self._lookout.points_of(solution)
         work.starts += 1
-        taken = self._replay.take(*pair, tau, selected.start, self._kind, self._tolerance)
-        solution = taken.last
-        work.steps += taken.taus.size - 1
+        work.steps += taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        self._roots[key] = self._roots.get(key, 0) + (solution.status == 2)
-        path = selected.whole(taken.taus, taken.coefficients, taken.state, solution.status == 2)
-        if solution.status == _ERROR_TEST_FAILED and taken.taus.size > _SOME_STEPS:
+        self._events[key] += solution.status == 2
+        path = path_through(
+            selected.motion,
+            taus,
+            selected.whole(taus, points),
+            self._tolerance,
+            self._kind,
+            self._lookout.found,
+        )
+        if solution.status == _ERROR_TEST_FAILED and taus.size > _SOME_STEPS:
             # a kink that its long memory cannot pass: it goes on from there with a new one
             return path
         if solution.status < 0:
             raise failure_of(solution, path)
-        fine = np.isfinite(taken.coefficients).all(axis=(1, 2))
-        if not fine.all():
-            raise SolverFailure(
-                "the states have become infinite or not a number",
-                "look at the forces and laws of the scene there",
-                path.until(int(fine.argmin())),
-            )
         return path
 
-    @property
-    def _tolerance(self) -> tuple[float, Array]:
-        """Relative and absolute tolerances of the solver's steps."""
-        return LOCAL * self._task.rtol, self._motion.pick(LOCAL * self._task.atol)
-
-    def _solver(self, motion: Motion) -> tuple[_Steps, tuple[Any, Any]]:
+    def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
+        motion = selected.motion
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
-        selected = self._motion
         if self._linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
             self._solvers.clear()
-        bend = selected.pick(2.0 * motion.first.y[2])
-        first = first_step(bend, selected.start, self._tolerance, motion.horizon)
+        first = self._first_step(motion)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
         fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
         key = max_step, fit[0] if fit else _CAREFUL * first
-        if key not in self._solvers or self._roots.get(key, 0) >= _ROOTS_PER_SOLVER:
-            self._solvers[key], self._roots[key] = self._make(*key), 0
+        if key not in self._solvers or self._events[key] >= _EVENTS_PER_SOLVER:
+            self._solvers[key], self._events[key] = self._make(*key), 0
             self.work.solvers += 1
         return key, self._solvers[key]
 
-    # -- what the solver calls -------------------------------------------------------------------------------
+    def _first_step(self, motion: Motion) -> float:
+        """Return a length in s for the first step: over it the motion bends by a small part of its tolerance."""
+        rtol, atol = self._tolerance
+        with np.errstate(all="ignore"):
+            bend = np.abs(2.0 * motion.first.y[2]) / (rtol * np.abs(motion.y) + atol)
+        worst = min(float(bend.max(initial=0.0)), 1e300)
+        longest = _FIRST * motion.horizon
+        return min(longest, 0.1 / worst**0.5) if worst > 0 else longest
 
-    def _rate(self, tau: float, y: Array, out: Array) -> None:
-        self._progress.note(tau)
-        out[:] = self._motion.rate(tau, y)
-
-    def _jacobian(self, tau: float, y: Array, rate: Array, out: Array) -> None:
-        self._linear_solver.fill(self._motion.jacobian(tau, y), out)
-
-    def _make(self, max_step: float, first: float) -> tuple[Any, Any]:
-        """Return a solver that stops at guards, and one that takes the same steps again."""
-        replay = self._replay
+    def _make(self, max_step: float, first: float) -> Any:
+        """Return a solver; what it calls belongs to the motion that is followed at the time."""
 
         def rate(tau: float, y: Array, out: Array) -> None:
-            replay.rate(tau, y, out)
-
-        def known_rate(tau: float, y: Array, out: Array) -> None:
-            replay.known_rate(tau, y, out)
+            self._progress.note(tau)
+            out[:] = self._motion.rate(tau, y)
 
         def jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
-            self._jacobian(tau, y, rate, out)
-
-        def known_jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
-            replay.known_jacobian(tau, y, rate, out)
+            self._linear_solver.fill(self._motion.jacobian(tau, y), out)
 
         def smallest_guard(tau: float, y: Array, out: Array) -> None:
-            self.work.guard_calls += 1
-            # a guard that is found negative ends the motion
-            pressed = self._task.interruption.pressed
-            out[0] = -1.0 if pressed else sound(self._guards.smallest(tau, self._motion.expand(tau, y)), tau)
+            out[0] = self._lookout.at(tau, self._motion.expand(tau, y), y)
 
         rtol, atol = self._tolerance
-        options: dict[str, Any] = {
-            "method": self._kind,
-            "rtol": rtol,
-            "atol": _shortest(atol),
-            "max_step": max_step if np.isfinite(max_step) else 0.0,
-            "first_step": first,
-            **self._linear_solver.options(),
-        }
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
             warnings.simplefilter("ignore", UserWarning)
-            solver = CVODE(rate, eventsfn=smallest_guard, num_events=1, jacfn=jacobian, **options)
-            return solver, CVODE(known_rate, jacfn=known_jacobian, max_num_steps=_NO_LIMIT, **options)
+            return CVODE(
+                rate,
+                method=self._kind,
+                rtol=rtol,
+                atol=_shortest(self._motion.pick(atol)),
+                max_step=max_step if np.isfinite(max_step) else 0.0,
+                first_step=first,
+                jacfn=jacobian,
+                eventsfn=smallest_guard,
+                num_events=1,
+                **self._linear_solver.options(),
+            )
 
 
 class Selected:
@@ -190,14 +178,13 @@ class Selected:
         full[self._order] = y
         return self.motion.exact(tau, full) if self._is_part else full
 
-    def whole(self, taus: Array, coefficients: Array, last: Array, hit: bool) -> Path:
-        """Return a path with all states."""
-        if not self._is_all:
-            full = np.zeros((*coefficients.shape[:2], self.motion.y.size))
-            full[:, :, self._order] = coefficients
-            coefficients = full
-        state = self.expand(float(taus[-1]), last)
-        return Path(taus, coefficients, self.motion.exact(float(taus[-1]), state), hit, True)
+    def whole(self, taus: Array, points: Array) -> Array:
+        """Return points with all states."""
+        if self._is_all:
+            return points
+        full = np.zeros((taus.size, self.motion.y.size))
+        full[:, self._order] = points
+        return self.motion.exact(taus, full.T).T
 
     def rate(self, tau: float, y: Array) -> Array | list[float]:
         """Return the rates."""

@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip.engines.dips import first_dip
 from stickslip.engines.passing import back_to_zero
 from stickslip.engines.progress import Interruption, Progress
-from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
+from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 
-__all__ = ["LOCAL", "follow", "longest_step"]
+__all__ = ["LOCAL", "Lookout", "follow", "longest_step"]
+
+Array = NDArray[np.float64]
 
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
@@ -30,6 +34,47 @@ _SHORT = (0.9, 0.5, 0.25, 0.1)
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
     """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens."""
     return max_step if motion.stretch.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
+
+
+class Lookout:
+    """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
+
+    Attributes
+    ----------
+    end : (float, array) or None
+        That point: local time in s and unknowns.
+    """
+
+    def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
+        self._guards, self._interruption, self._work = guards, interruption, work
+        self.end: tuple[float, Array] | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether it has found a guard negative."""
+        return self.end is not None
+
+    def at(self, tau: float, y: Array, unknowns: Array) -> float:
+        """Return what the solver is told of the guards in a state, of which it knows `unknowns`."""
+        if self.end is not None:
+            # where the root is follows from the path: the solver need not look for it
+            return 0.0
+        self._work.guard_calls += 1
+        value = -1.0 if self._interruption.pressed else sound(self._guards.smallest(tau, y), tau)
+        if value <= 0 < tau:
+            self.end = tau, unknowns.copy()
+        return value
+
+    def points_of(self, solution: Any) -> tuple[Array, Array]:
+        """Return local times and unknowns at the ends of the steps that a solver has taken."""
+        taus, points = solution.t, solution.y
+        if solution.status < 0 and taus.size > 1:
+            # the last point has been returned twice
+            taus, points = taus[:-1], points[:-1]
+        if self.end is None:
+            return taus, points
+        before = int(taus.searchsorted(self.end[0]))
+        return np.append(taus[:before], self.end[0]), np.concatenate([points[:before], self.end[1][None]])
 
 
 def follow(
@@ -48,20 +93,16 @@ def follow(
     horizon : float
         Local time in s.
     solve : callable
-        ``solve(horizon, progress)`` advances to the first event that the solver notices.
+        ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
     interruption : Interruption
     """
-    while True:
-        path = _protected(motion, horizon, solve, interruption)
-        missed = first_dip(motion, guards, path)
-        if missed is None:
-            return back_to_zero(motion, guards, path)
-        if missed.touched is not None:
-            return replace(motion.until(path, missed.tau), touched=missed.touched)
-        if missed.tau >= path.taus[-1]:
-            # a root at the very end is none for the solver, however often it is sent there
-            return back_to_zero(motion, guards, replace(path, hit=True))
-        horizon = missed.tau
+    path = _protected(motion, horizon, solve, interruption)
+    missed = first_dip(motion, guards, path)
+    if missed is not None and missed.touched is not None:
+        return replace(motion.until(path, missed.tau), touched=missed.touched)
+    if missed is not None:
+        path = replace(motion.until(path, missed.tau) if missed.tau < path.taus[-1] else path, hit=True)
+    return back_to_zero(motion, guards, path)
 
 
 def _protected(

@@ -16,12 +16,12 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
 from stickslip.engines.linear_solver import sparsity_pattern
 from stickslip.engines.progress import Progress
-from stickslip.engines.steps import DEGREE, take_steps
 from stickslip.engines.sundials import IDA
-from stickslip.engines.work import Work, failure_of, sound
+from stickslip.engines.through_points import path_through
+from stickslip.engines.work import Work, failure_of
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
@@ -64,23 +64,15 @@ class Ida:
     def _solve(
         self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress
     ) -> Path:
-        size, work, reading = motion.y.size, self.work, False
+        size, work = motion.y.size, self.work
+        lookout = Lookout(guards, self._task.interruption, work)
 
         def residual(tau: float, u: Array, rate: Array, out: Array) -> None:
             progress.note(tau)
             equations.residual(tau, u, rate, out)
 
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
-            if reading:
-                out[0] = 1.0
-                return
-            work.guard_calls += 1
-            # a guard that is found negative ends the motion
-            out[0] = -1.0 if self._task.interruption.pressed else sound(guards.smallest(tau, u[:size]), tau)
-
-        def read(now: bool) -> None:
-            nonlocal reading
-            reading = now
+            out[0] = lookout.at(tau, u[:size], u)
 
         with warnings.catch_warnings():
             # giving the pattern together with the exact Jacobian is meant
@@ -91,16 +83,15 @@ class Ida:
                 num_events=1,
                 **self._options(motion, equations, horizon),
             )
-        solver.init_step(0.0, equations.start, equations.start_rate)
-        taken = take_steps(solver, horizon, equations.start, DEGREE["BDF"], read)
-        solution = taken.last
+        solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
+        taus, points = lookout.points_of(solution)
         work.solvers += 1
         work.starts += 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        work.steps += taken.taus.size - 1
-        last = motion.exact(float(taken.taus[-1]), taken.state[:size])
-        path = Path(taken.taus, taken.coefficients[:, :, :size].copy(), last, solution.status == 2, True)
+        work.steps += taus.size - 1
+        tolerance = self._rtol, self._atol
+        path = path_through(motion, taus, points[:, :size].copy(), tolerance, "BDF", lookout.found)
         if solution.status < 0:
             raise failure_of(solution, path)
         return path

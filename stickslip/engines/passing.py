@@ -1,8 +1,8 @@
-"""Where velocities have passed 0, told only once they are beyond what the tolerances leave uncertain.
+"""Where the guards have come to 0 that a path has left negative.
 
-A velocity that touches 0 and turns, as that of a body which a sine moves from rest and back, dips below it by the
-solver's errors. So the solver goes on until a velocity has passed 0 by more than these. Then the motion ends at the
-time at which it did.
+A solver stops behind the first point at which a guard is negative; the event is where that guard was 0. A velocity
+that touches 0 and turns, as that of a body which a sine moves from rest and back, dips below it by the solver's errors.
+So the solver goes on until a velocity has passed 0 by more than these.
 """
 
 from __future__ import annotations
@@ -30,20 +30,16 @@ _FEW = 4
 
 
 def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
-    """Return the path up to where the first of the velocities that have passed 0 at its end was 0."""
+    """Return the path up to where the first of the guards that are negative at its end was 0."""
     taus = path.taus
-    if not (guards.uncertain and path.hit and taus.size > 1):
+    if not path.hit or taus.size < 2:
         return path
 
     def values(taus: Array) -> Array:
         return guards.values(taus, motion.exact(taus, path.at(taus).T))
 
-    rows = guards.passing
-    rows = rows[
-        guards.values(float(taus[-1]), path.last, late=True)[rows] <= (1 - _FULLY) * guards.leeway[rows]
-    ]
-    if not rows.size:
-        return path
+    late = guards.values(float(taus[-1]), path.last, late=True)
+    rows = (late <= (1 - _FULLY) * guards.leeway).nonzero()[0]
     found = float(taus[-1])
     for row in rows.tolist():
         last = _last_before(row, taus, values)
@@ -54,8 +50,11 @@ def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
         def beyond(tau: float, row: int = row) -> float:
             return float(guards.values(tau, motion.exact(tau, path.state(tau)))[row])
 
-        if beyond(right) < 0:
-            found = min(found, root_between(beyond, left, right))
+        # at the ends of a step signs may be roundoff
+        if beyond(left) <= 0:
+            found = min(found, left)
+        else:
+            found = min(found, root_between(beyond, left, right) if beyond(right) < 0 else right)
     if not 0 < found < taus[-1]:
         return path
     return replace(motion.until(path, found), hit=True)

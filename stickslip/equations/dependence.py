@@ -264,23 +264,25 @@ class Dependence:
     ) -> Array:
         """Return the derivatives of the inputs with respect to the states `columns`."""
         found = np.zeros((q.size, self.columns.size))
-        for number, (node, part, own) in enumerate(
-            zip(self.nodes, self.arguments, self._ranges, strict=True)
-        ):
-            arguments = part.at(y, q)
-            if node.table is not None:
-                by_arguments = np.array([[self._line(number, arguments[0], regions)[1]]])
-            elif node.row < 0:
-                by_arguments = node.slopes(t, arguments)
-            else:
+        # what grows beyond all limits fails where it is a rate
+        with np.errstate(over="ignore", invalid="ignore"):
+            for number, (node, part, own) in enumerate(
+                zip(self.nodes, self.arguments, self._ranges, strict=True)
+            ):
+                arguments = part.at(y, q)
+                if node.table is not None:
+                    by_arguments = np.array([[self._line(number, arguments[0], regions)[1]]])
+                elif node.row < 0:
+                    by_arguments = node.slopes(t, arguments)
+                else:
 
-                def heat(x: Array, node: Node = node) -> Array:
-                    return np.array([_power(node, x, tau, y, friction)])
+                    def heat(x: Array, node: Node = node) -> Array:
+                        return np.array([_power(node, x, tau, y, friction)])
 
-                by_arguments = differences(heat, arguments, q[own])
-            found[own] = by_arguments @ part.slopes(self.columns, found)
-        if self.rows.size:
-            found[self.rows] += self._normals.slopes(self.columns, found)
+                    by_arguments = differences(heat, arguments, q[own])
+                found[own] = by_arguments @ part.slopes(self.columns, found)
+            if self.rows.size:
+                found[self.rows] += self._normals.slopes(self.columns, found)
         return found
 
 

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Key = tuple[str, int, int]
 """Kind of an input, its number, and for functions which of their values."""
 
-_STEP, _SMALL = 1e-7, 1e-3
+_STEP, _SMALL = 1e-5, 1e-3
 """Differences are this part of an argument, or of a small number."""
 
 _KEPT = 16
@@ -120,12 +120,17 @@ class Node:
 
 
 def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
-    """Return the derivatives of a function by forward differences, a line per value."""
+    """Return the derivatives of a function by differences of second order ahead, a line per value.
+
+    They look to one side only: a function may end at 0.
+    """
     found = np.empty((value.size, arguments.size))
     for k, x in enumerate(arguments.tolist()):
-        moved = arguments.copy()
-        moved[k] += _STEP * max(abs(x), _SMALL)
-        found[:, k] = (function(moved) - value) / (moved[k] - x)
+        near, far = arguments.copy(), arguments.copy()
+        near[k] += _STEP * max(abs(x), _SMALL)
+        h = near[k] - x
+        far[k] = x + 2 * h
+        found[:, k] = (4 * function(near) - function(far) - 3 * value) / (2 * h)
     return found
 
 

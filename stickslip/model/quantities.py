@@ -11,18 +11,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.checks import (
+    as_number,
     check_entries,
     check_name,
     check_takes,
     finite,
     in_order,
     limit,
+    name_of,
     sequence,
     whole,
 )
@@ -63,9 +65,6 @@ Array = NDArray[np.float64]
 class Quantity(Load):
     """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
 
-    kind: ClassVar[str]
-    """What files call it."""
-
     def __add__(self, other: Load | float) -> Expression:
         return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
 
@@ -105,10 +104,6 @@ class Quantity(Load):
         yield self
         for part in self.inner():
             yield from part.walk()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the quantity as plain data."""
-        return {"type": self.kind, **vars(self)}
 
 
 @dataclass(frozen=True)
@@ -201,7 +196,7 @@ class Feedback(Quantity):
     @property
     def label(self) -> str:
         """How messages name the function."""
-        return f"feedback function {getattr(self.function, '__qualname__', repr(self.function))}"
+        return f"feedback function {name_of(self.function)}"
 
     def inner(self) -> tuple[Quantity, ...]:
         """Return the arguments."""
@@ -219,7 +214,10 @@ class Feedback(Quantity):
             found = self.function(*arguments)
         except Exception as error:
             raise ValueError(f"raised {error!r}") from error
-        return _number(found, "returned")
+        number = found if type(found) is float else as_number(found)
+        if not math.isfinite(number):
+            raise ValueError(f"returned {found!r}")
+        return number
 
     def slopes(self, arguments: Sequence[float]) -> Array:
         """Return the derivatives with respect to the arguments, as they are given."""
@@ -270,116 +268,37 @@ class Table(Quantity):
 
 
 def position(body: str) -> Quantity:
-    """Return the position of a body or drive, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the position of a body or drive, in m or rad, as a quantity."""
     return Position(check_name(body, "position: body"))
 
 
 def velocity(body: str) -> Quantity:
-    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    body : str
-        Name of a body or drive, or GROUND.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity."""
     return Velocity(check_name(body, "velocity: body"))
 
 
 def relative_velocity(row: str) -> Quantity:
-    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another row, in m/s or rad/s, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another named row, in m/s or rad/s, as a quantity."""
     return RelativeVelocity(check_name(row, "relative_velocity: row"))
 
 
 def stretch(row: str) -> Quantity:
-    """Return ``radius_a x_a - radius_b x_b`` of a contact or another row, in m or rad, as a quantity.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact, tie or clutch.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return ``radius_a x_a - radius_b x_b`` of a contact or another named row, in m or rad, as a quantity."""
     return Stretch(check_name(row, "stretch: row"))
 
 
 def normal(contact: str) -> Quantity:
-    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
-
-    Parameters
-    ----------
-    contact : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the normal force of a contact in N, 0 where it is open, as a quantity."""
     return Normal(check_name(contact, "normal: contact"))
 
 
 def power(row: str) -> Quantity:
-    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
-
-    Parameters
-    ----------
-    row : str
-        Name of a contact.
-
-    Raises
-    ------
-    TypeError
-        If it is no name.
-    """
+    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none."""
     return Power(check_name(row, "power: row"))
 
 
 def output(block: str, index: int = 0) -> Quantity:
-    """Return an output of a block as a quantity.
-
-    Parameters
-    ----------
-    block : str
-        Name of a block.
-    index : int
-        Which output, from 0 on.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the name is no name, or the number no number from 0 on.
-    """
+    """Return an output of a block, counted from 0, as a quantity."""
     return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 
@@ -569,16 +488,3 @@ def _sum(*parts: Expression) -> Expression:
             factors[atom] = factors.get(atom, 0.0) + factor
         total = total + part.signal
     return Expression(tuple((atom, factor) for atom, factor in factors.items() if factor), total)
-
-
-def _number(value: Any, what: str) -> float:
-    if type(value) is float and math.isfinite(value):
-        return value
-    if not isinstance(value, str) and np.size(value) == 1:
-        try:
-            number = float(np.reshape(value, ()))
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if math.isfinite(number):
-            return number
-    raise ValueError(f"{what} {value!r}")

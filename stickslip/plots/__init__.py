@@ -1,4 +1,8 @@
-"""Drawings of results and studies. Everything draws on the axes given, or in a new figure of pyplot.
+"""Drawings of results and studies.
+
+Each takes a result, the names of what to draw of it, and `ax`, the axes of matplotlib to draw on: by default those of a
+new figure of pyplot. It returns the axes. A name that the scene does not know is a ValueError, what is no result or no
+axes a TypeError.
 
 This module and its parts are the only ones that load matplotlib.
 """
@@ -24,17 +28,17 @@ from stickslip.plots.contact import (
 from stickslip.plots.fit import fit
 from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, body_names, modes, velocities, velocity_units
-from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import (
+    FINE,
     TIME,
-    beside,
     contact_names,
     look,
     many_axes,
     mark_events,
     new_figure,
     of_result,
+    over_time,
     own_axes,
 )
 from stickslip.plots.sweep_map import sweep_map
@@ -159,16 +163,7 @@ def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
 def energy(result: Drawable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 
-    Parameters
-    ----------
-    result : Result
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If only the requested outputs were kept.
+    A ValueError says so where only the requested outputs were kept.
     """
     ledger = result.fit_for_plot(FINE).energy()
     ax = own_axes(ax)
@@ -187,10 +182,7 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):
         ax.plot(ledger.t, value, label=label, **look(k))
-    ax.set(xlabel=TIME, ylabel="energy [J]")
     ax.set_title(
         f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small"
     )
-    ax.margins(x=0.01)
-    beside(ax)
-    return ax
+    return over_time(ax, "energy [J]")

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.points import FINE
-from stickslip.plots.style import TIME, beside, look, of_result, own_axes
+from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = ["block"]
@@ -20,19 +19,6 @@ def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
     """Draw the outputs and states of a block over time and return the axes.
 
     States that are outputs as they stand are drawn once. Of many curves the first eight are drawn; the legend says so.
-
-    Parameters
-    ----------
-    result : Result
-    name : str
-        Of a block.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such block.
     """
     fine = result.fit_for_plot(FINE)
     outputs, states = (np.atleast_2d(found) for found in (fine.output(name), fine.state(name)))
@@ -46,10 +32,7 @@ def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
         ax.plot(fine.t, values, label=label, **look(k))
     if len(curves) > len(shown):
         ax.plot([], [], linestyle="none", label=f"and {len(curves) - len(shown)} more")
-    ax.set(xlabel=TIME, ylabel=name)
-    ax.margins(x=0.01)
-    beside(ax, title=f"block {name}", alignment="left")
-    return ax
+    return over_time(ax, name, f"block {name}")
 
 
 def _numbered(what: str, k: int, count: int) -> str:

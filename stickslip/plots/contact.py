@@ -14,8 +14,8 @@ from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
 from stickslip.model.signals import Constant
 from stickslip.plots.motion import MANY
-from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
+    FINE,
     NORMAL,
     TIME,
     WITH_DOTS,
@@ -23,8 +23,10 @@ from stickslip.plots.style import (
     color_bar,
     contact_names,
     dots,
+    even_points,
     look,
     of_result,
+    over_time,
     own_axes,
     raster,
     value_raster,
@@ -45,22 +47,9 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
     backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
-
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
     """
     element = _element(result, contact)
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     ax = own_axes(ax)
     # a tie holds any force, a one-way clutch or a stop any to one side: there is no level to draw
     upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
@@ -76,29 +65,12 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
-    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, element).force}]")
-    ax.margins(x=0.01)
-    beside(ax, title=f"{element.noun()} {contact}", alignment="left")
-    return ax
+    return over_time(ax, f"force [{units(result.scene, element).force}]", f"{element.noun()} {contact}")
 
 
 @of_result
 def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw ``|r| / B`` of many contacts over time as a raster with a colour bar, and return the axes.
-
-    Parameters
-    ----------
-    result : Result
-    contacts : sequence of str, optional
-        Names of contacts; by default all of them.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
-    """
+    """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes."""
     names = contact_names(result, contacts)
     coarse = even_points(result)
     ax = own_axes(ax)
@@ -121,21 +93,7 @@ def _ratio(force: Array, level: Array) -> Array:
 
 @of_result
 def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw normal forces over time and return the axes.
-
-    Parameters
-    ----------
-    result : Result
-    contacts : sequence of str, optional
-        Names of contacts; by default those whose normal force varies.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
-    """
+    """Draw normal forces over time, by default those that vary, and return the axes."""
     names = varying(result) if contacts is None else contact_names(result, contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
@@ -147,10 +105,7 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     fine = result.fit_for_plot(FINE)
     for k, name in enumerate(names):
         ax.plot(fine.t, fine.normal(name), label=name, **look(k))
-    ax.set(xlabel=TIME, ylabel=NORMAL)
-    ax.margins(x=0.01)
-    beside(ax)
-    return ax
+    return over_time(ax, NORMAL)
 
 
 def varying(result: Drawable) -> list[str]:
@@ -162,18 +117,7 @@ def varying(result: Drawable) -> list[str]:
 def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact, or positions were not kept.
+    A ValueError says so where positions were not kept.
     """
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
@@ -200,25 +144,12 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
     Where the normal force varies, both are divided by it.
-
-    Parameters
-    ----------
-    result : Result
-    contact : str
-        Name of the contact.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
     """
     element = _element(result, contact)
     if not isinstance(element, Contact):
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     ax = own_axes(ax, 6.0, 4.2)
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     divided = contact in varying(result)
     normal = float(np.nanmean(fine.normal(contact))) if fine.t.size else 0.0
     whole = normal if divided and normal > 0 else 1.0

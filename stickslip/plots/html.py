@@ -24,21 +24,15 @@ STYLE = """
 """
 
 
-def table(heads: Sequence[str], rows: Iterable[Sequence[Any]], more: str = "") -> str:
-    """Return a table; numbers stand to the right, with as many digits as help a reader.
+def table(heads: Sequence[str], rows: Iterable[Sequence[Any]], count: int = 0) -> str:
+    """Return a table of texts and numbers; numbers stand to the right, with as many digits as help a reader.
 
-    Parameters
-    ----------
-    heads : sequence of str
-    rows : iterable of sequences
-        Texts and numbers, one for each head.
-    more : str
-        A last line, over all columns.
+    Of `count` rows in all, the last line says how many are left out.
     """
     lines = ["<tr>" + "".join(f"<th>{escape(head)}</th>" for head in heads) + "</tr>"]
     lines += ["<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows]
-    if more:
-        lines.append(f'<tr><td colspan="{len(heads)}">{escape(more)}</td></tr>')
+    if (left := count + 1 - len(lines)) > 0:
+        lines.append(f'<tr><td colspan="{len(heads)}">and {left} more</td></tr>')
     return '<div class="wide"><table>' + "\n".join(lines) + "</table></div>"
 
 

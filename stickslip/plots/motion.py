@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
-from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
+    FINE,
     TIME,
     WITH_DOTS,
     beside,
     color_bar,
     contact_names,
     dots,
+    even_points,
     keep_names_inside,
     look,
     of_result,
@@ -53,24 +54,11 @@ _STRIPS: dict[int, dict[str, Any]] = {
 
 @of_result
 def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw velocities over time and return the axes.
+    """Draw velocities of bodies and drives, by default of all, over time and return the axes.
 
     Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
     ticks at the bottom where they are many, one in so many as the legend says; a broad grey line runs under a body
     while a contact with a normal force holds it. More than a dozen bodies become a raster with a colour bar.
-
-    Parameters
-    ----------
-    result : Result
-    bodies : sequence of str, optional
-        Names of bodies and drives; by default all of them.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such body.
     """
     names = body_names(result, bodies)
     shared, labels = _units(result, names)
@@ -88,7 +76,7 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
 
 
 def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: Any) -> None:
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     held = _bands(fine, names, ax)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
@@ -180,23 +168,10 @@ def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
 
 @of_result
 def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw the modes of contacts over time, a strip each, and return the axes.
+    """Draw the modes of contacts, by default of all, over time, a strip each, and return the axes.
 
     A strip is thin while the normal force is 0; the legend names the modes that occur. More than a dozen
     contacts become a raster.
-
-    Parameters
-    ----------
-    result : Result
-    contacts : sequence of str, optional
-        Names of contacts; by default all of them.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    ValueError
-        If there is no such contact.
     """
     names = contact_names(result, contacts)
     ax = own_axes(ax, height=1.2 + 0.25 * min(len(names), MANY))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from html import escape
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,14 +31,7 @@ __all__ = [
 
 _EVENTS = 12
 _ELEMENTS = 40
-
-
-class Study(Protocol):
-    """What is shown of a study: its text and its figure."""
-
-    def plot(self, ax: Any = None) -> Any:
-        """Draw the study and return the axes."""
-        ...
+_ENDS = ("a", "b", "body", "sun", "carrier", "ring")
 
 
 def _shown(*parts: str) -> str:
@@ -69,7 +62,7 @@ def result_html(result: Drawable) -> str:
     )
 
 
-def study_html(study: Study) -> str:
+def study_html(study: Any) -> str:
     """Return figure and table of a study."""
     ax = Figure(figsize=(7.5, 4.5), layout="constrained").subplots()
     study.plot(ax=ax)
@@ -90,16 +83,13 @@ def elements_table(scene: Scene) -> str:
     rows = []
     for element in scene.elements[:_ELEMENTS]:
         given = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
-        said = {one.name for one in fields(element) if given[one.name] is one.default}  # type: ignore[arg-type]
-        ends = [given[key] for key in ("a", "b", "body", "sun", "carrier", "ring") if key in given]
-        values = [
-            f"{key} {_brief(value)}"
-            for key, value in given.items()
-            if key not in ("name", "a", "b", "body", "sun", "carrier", "ring") and key not in said
-        ]
-        rows.append((element.noun(), given.get("name", ""), " – ".join(ends), ", ".join(values)))
-    left = len(scene.elements) - _ELEMENTS
-    return table(("element", "name", "joins", "values"), rows, f"and {left} more" if left > 0 else "")
+        for one in fields(element):  # type: ignore[arg-type]
+            if given[one.name] is one.default:
+                del given[one.name]
+        name = given.pop("name", "")
+        ends = " – ".join(given.pop(key) for key in _ENDS if key in given)
+        rows.append((element.noun(), name, ends, ", ".join(f"{key} {_brief(x)}" for key, x in given.items())))
+    return table(("element", "name", "joins", "values"), rows, len(scene.elements))
 
 
 def _brief(value: Any) -> str:
@@ -124,8 +114,7 @@ def events_table(events: list[Event], most: int) -> str:
     rows = [(e.t, e.contact, f"{e.before.name} → {e.after.name}", e.cause) for e in events[:most]]
     if not rows:
         return "<p>no events</p>"
-    left = len(events) - most
-    return table(("time [s]", "what", "change", "why"), rows, f"and {left} more" if left > 0 else "")
+    return table(("time [s]", "what", "change", "why"), rows, len(events))
 
 
 def final_table(result: Drawable) -> str:
@@ -136,7 +125,5 @@ def final_table(result: Drawable) -> str:
         for body in scene.bodies[:MOST]
         if np.isfinite(result.velocity(body.name)[-1])  # or the last of several runs does not have it
     ]
-    left = len(scene.bodies) - MOST
-    return table(
-        ("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, f"and {left} more" if left > 0 else ""
-    )
+    left = max(len(scene.bodies) - MOST, 0)
+    return table(("body", f"velocity at {result.t[-1]:.9g} s", "unit"), rows, len(rows) + left)

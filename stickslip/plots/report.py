@@ -126,8 +126,7 @@ def _shares(result: Drawable) -> str:
         for name, parts in shares.items()
     ]
     heads = ("what", *(mode.name for mode in modes))
-    left = len(names) - _ROWS
-    return table(heads, rows, f"and {left} more" if left > 0 else "")
+    return table(heads, rows, len(names))
 
 
 def _energy(result: Drawable) -> str:
@@ -148,12 +147,9 @@ def _energy(result: Drawable) -> str:
             *((f"impacts of {name}", taken) for name, taken in ledger.impacts.items() if taken.any()),
         )
     ]
-    left = len(rows) - _ROWS
-    listed = table(
-        ("energy [J]", "at the start", "at the end"), rows[:_ROWS], f"and {left} more" if left > 0 else ""
-    )
     picture = bitmap(energy(result).figure, "energies over time")
-    return _figure(picture) + listed
+    heads = ("energy [J]", "at the start", "at the end")
+    return _figure(picture) + table(heads, rows[:_ROWS], len(rows))
 
 
 def _accuracy(result: Drawable) -> str:

@@ -6,6 +6,7 @@ as a line behind the boxes that it passes. Lengths are inches of a drawing in it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -153,10 +154,9 @@ class _Drawing:
             lowest -= _GAP
         right = max(self.lefts[-1], *(self._sides(name)[1] for name in self.nodes))
         left = -0.1
-        for name, texts in self.pushes.items():
+        for name, text in self.pushes.items():
             if name in self.nodes:
-                reach = 0.45 + _LETTER * len(_short(", ".join(texts)))
-                left = min(left, self._sides(name)[0] - reach)
+                left = min(left, self._sides(name)[0] - 0.45 - _LETTER * len(text))
         note = self._note()
         right = max(right, left + _LETTER * len(note)) + 0.1
         self.below = lowest
@@ -200,7 +200,7 @@ class _Drawing:
                 text["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
             ax.text(0.5 * (left + right), self._top(row) - 0.5 * _BOX, self._text(name), **text)
             if name in self.pushes:
-                self._push(ax, left, self._top(row) - 0.5 * _BOX, _short(", ".join(self.pushes[name])))
+                self._push(ax, left, self._top(row) - 0.5 * _BOX, self.pushes[name])
         for k, link in enumerate(self.links):
             self._join(ax, k, link)
         for left, right, name in self.blocks:
@@ -287,39 +287,32 @@ def _link(element: Any, scene: Scene) -> _Link | None:
         ends |= {end: f"r = {radius:.4g}" for end, radius in at if radius != 1}
     name = (_short(element.name),) if hasattr(element, "name") else ()
     unit = units(scene, element)
+    symbol: symbols.Symbol = symbols.link
+    label: tuple[str, ...] = (element.noun(),)
     match element:
         case Contact():
             law = () if type(element.law) is DryFriction else (type(element.law).__name__,)
-            return _Link(ends, symbols.plates, (*name, _load("N", element.normal, "N"), *law))
-        case Spring() if element.damping:
-            stiffness, damping = (
-                f"k = {_with_unit(element.stiffness, unit.stiffness)}",
-                f"c = {_with_unit(element.damping, unit.damping)}",
-            )
-            return _Link(ends, symbols.spring_and_dashpot, (stiffness, damping))
+            symbol, label = symbols.plates, (_load("N", element.normal, "N"), *law)
         case Spring():
-            return _Link(ends, symbols.spring, (f"k = {_with_unit(element.stiffness, unit.stiffness)}",))
+            symbol = symbols.spring_and_dashpot if element.damping else symbols.spring
+            damping = (f"c = {_with_unit(element.damping, unit.damping)}",) if element.damping else ()
+            label = (f"k = {_with_unit(element.stiffness, unit.stiffness)}", *damping)
         case Damper():
-            return _Link(ends, symbols.dashpot, (f"c = {_with_unit(element.damping, unit.damping)}",))
+            symbol, label = symbols.dashpot, (f"c = {_with_unit(element.damping, unit.damping)}",)
         case Gear():
-            return _Link(
-                ends,
-                symbols.gears,
-                (*name, f"{_short(element.a)} = {element.ratio:.4g} ×", _short(element.b)),
-            )
+            symbol, label = symbols.gears, (f"{_short(element.a)} = {element.ratio:.4g} ×", _short(element.b))
         case OneWay():
-            return _Link(ends, symbols.one_way, (*name, f"{_short(element.a)} drives"))
+            symbol, label = symbols.one_way, (f"{_short(element.a)} drives",)
         case Planetary():
-            parts = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
-            return _Link(parts, symbols.planetary, (*name, f"ratio {element.ratio:.4g}"))
+            ends = {element.sun: "sun", element.carrier: "carrier", element.ring: "ring"}
+            symbol, label = symbols.planetary, (f"ratio {element.ratio:.4g}",)
         case Gap() | Stop():
             symbol = symbols.gap if isinstance(element, Gap) else symbols.stop
-            return _Link(ends, symbol, (*name, f"{element.lower:.3g} to {element.upper:.3g}"))
+            label = (f"{element.lower:.3g} to {element.upper:.3g}",)
         case Tie():
-            return _Link(
-                {end: f"× {c:.4g}" for end, c in element.coefficients.items()}, symbols.relation, name
-            )
-    return _Link(ends, symbols.link, (*name, element.noun()))
+            ends = {end: f"× {c:.4g}" for end, c in element.coefficients.items()}
+            symbol, label = symbols.relation, ()
+    return _Link(ends, symbol, (*name, *label))
 
 
 def _ends(element: Any) -> list[str]:
@@ -342,12 +335,15 @@ def _blocks(scene: Scene) -> list[tuple[float, float, str]]:
     return found
 
 
-def _pushes(scene: Scene) -> dict[str, list[str]]:
+def _pushes(scene: Scene) -> dict[str, str]:
     """Return what is written at the forces on each body."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, Counter[str]] = {}
     for force in scene.forces:
-        found.setdefault(force.body, []).append(_load("F", force.signal, units(scene, force).force))
-    return found
+        found.setdefault(force.body, Counter())[_load("F", force.signal, units(scene, force).force)] += 1
+    return {
+        body: _short(", ".join(text if n == 1 else f"{n} × {text}" for text, n in texts.items()))
+        for body, texts in found.items()
+    }
 
 
 def _load(symbol: str, load: Any, unit: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -50,10 +51,7 @@ def work_precision(table: Any, *, ax: Any = None) -> Any:
 
 def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> Any:
     """Draw the rows of a study; those at its floor at heights of their own, by id."""
-    families: dict[str, list[Any]] = {}
-    for row in table.rows:
-        if _drawable(row):
-            families.setdefault(row.family or row.name, []).append(row)
+    families = _by_family(row for row in table.rows if _drawable(row))
     for k, (family, rows) in enumerate(families.items()):
         _family(ax, k, family, rows, table, at_floor)
     front = [row for row in table.pareto() if _drawable(row)]
@@ -102,15 +100,21 @@ def tradeoff(study: Any, *, ax: Any = None) -> Any:
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
     """
-    floor = [row for row in study.work.rows if _drawable(row) and row.error <= study.limit]
-    families = list(dict.fromkeys(row.family or row.name for row in floor))
-    lower = {family: study.limit * 10 ** (-_APART * (k + 1)) for k, family in enumerate(families)}
-    heights = {id(row): lower[row.family or row.name] for row in floor}
+    families = _by_family(row for row in study.work.rows if _drawable(row) and row.error <= study.limit)
+    lower = [study.limit * 10 ** (-_APART * (k + 1)) for k in range(len(families))]
+    heights = {id(row): y for y, rows in zip(lower, families.values(), strict=True) for row in rows}
     ax = _errors_against_times(study.work, own_axes(ax, *STUDY), heights)
     ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
     ax.set_ylim(bottom=study.limit * 10 ** (-_APART * (len(families) + 1)))
     within_or_beside(ax)
     return ax
+
+
+def _by_family(rows: Iterable[Any]) -> dict[str, list[Any]]:
+    families: dict[str, list[Any]] = {}
+    for row in rows:
+        families.setdefault(row.family or row.name, []).append(row)
+    return families
 
 
 def _drawable(row: Any) -> bool:
@@ -124,11 +128,8 @@ def _reason(row: Any) -> str:
 
 def _notes(rows: list[Any]) -> list[str]:
     """Return a line for each family of which rows cannot be drawn, and why the first of them cannot."""
-    families: dict[str, list[Any]] = {}
-    for row in rows:
-        families.setdefault(row.family or row.name, []).append(row)
     lines = []
-    for name, some in families.items():
+    for name, some in _by_family(rows).items():
         counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else some[0].name
         lines.append(f"{counted}: {_reason(some[0])}")
     return lines

@@ -85,9 +85,13 @@ class EnergyLedger:
     @property
     def relative_error(self) -> float:
         """The largest balance error over the largest energy in the ledger, 0 where nothing ever moves."""
-        sizes = (self.stored, self.heat, self.loads, self.drives)
-        largest = max(float(np.abs(size).max(initial=0.0)) for size in sizes)
+        largest = self._largest
         return float(np.abs(self.error).max(initial=0.0)) / largest if largest > 0 else 0.0
+
+    @property
+    def _largest(self) -> float:
+        sizes = (self.stored, self.heat, self.loads, self.drives)
+        return max(float(np.abs(size).max(initial=0.0)) for size in sizes)
 
     def __str__(self) -> str:
         """Return the account at the last time as a table."""
@@ -102,7 +106,9 @@ class EnergyLedger:
             rows.append(("changes between runs", self.changes[-1]))
         rows.append(("balance error", self.error[-1]))
         wide = max(len(name) for name, _ in rows)
-        lines = [f"energy in J at {self.t[-1]:g} s (at the start {self.stored[0]:.9g} stored)"]
+        # velocities of roundoff at the start would store some 1e-56 J
+        stored = self.stored[0] if self.stored[0] > 1e-16 * self._largest else 0.0
+        lines = [f"energy in J at {self.t[-1]:g} s (at the start {stored:.9g} stored)"]
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
 
 

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 PART = 1e-3
 """Step of a difference as a part of what changes."""
 
+_FINE_PART = 1e-5
+"""The same where forces bend at rest: near by, a contact that has just begun to slip may slip the other way."""
+
 CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
 MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
@@ -74,7 +77,8 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         If the scene exists at no values near by, or has another structure there.
     """
     nominal, (start, stop, stepped) = trajectory.system, trajectory.span
-    h = PART * (abs(parameter.value) or 1.0)
+    bends = any(one.velocity_dependent for one in nominal.laws.characters)
+    h = (_FINE_PART if bends else PART) * (abs(parameter.value) or 1.0)
     refused: Exception | None = None
     differs = False
     near: list[tuple[float, System, Loads]] = []

@@ -32,6 +32,8 @@ _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
+_RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
+"""Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
 
 def limit_cycle(
@@ -161,7 +163,7 @@ def _returning(
     """Return a start near a cycle, and about its period, from a transient."""
     system = compiled(scene)
     span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
-    for trial in range(_TRIES):
+    for trial in range(_MOST_TRIES):
         result = simulated(scene, (0.0, span), **options)
         found = _return_of(result, guess)
         if found is not None:
@@ -173,9 +175,12 @@ def _returning(
             )
         if _has_ended(result):
             raise CycleError("no cycle was found: the motion comes to a state that does not change")
+        steps = sum(piece.path.taus.size for piece in result.trajectory.pieces if piece.path is not None)
+        if trial + 1 >= _TRIES and not (len(result.events) < _RARE and steps < _FEW_STEPS):
+            break
         span *= _LONGER
     raise CycleError(
-        f"no cycle was found: within {span / _LONGER:.6g} s the motion does not come back to where it was "
+        f"no cycle was found: within {span:.6g} s the motion does not come back to where it was "
         "(it may be chaotic or quasi-periodic, or approach its cycle slowly); give transient=... or guess=..."
     )
 

@@ -76,7 +76,7 @@ class Parameter:
             "phase": "rad",
             "normal": "N",
             "signal": own.force,
-            "rest": own.position,
+            **dict.fromkeys(("rest", "upper", "lower"), own.position),
             "stribeck_velocity": own.velocity,
         }
         return known.get(last) or str(getattr(own, last, ""))

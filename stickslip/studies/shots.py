@@ -26,6 +26,7 @@ _CLOSED = 1e-10
 much."""
 
 _ZERO = 1e-9
+_ROUNDOFF = 1e-13
 
 
 class CycleError(RuntimeError):
@@ -142,12 +143,16 @@ class Shot:
         sought = np.append(right / sizes, 0.0) if free else right / sizes
         if not count:
             return np.zeros(0), 0.0
-        found, *_ = np.linalg.lstsq(matrix, sought, rcond=1e-13)
+        # what the monodromy matrix has more than the unit matrix by roundoff only is no slope
+        left, parts, right_vectors = np.linalg.svd(matrix)
+        sure = parts > _ROUNDOFF * max(1.0, float(np.abs(self.monodromy * sizes / sizes[:, None]).max()))
+        found = right_vectors.T @ np.divide(left.T @ sought, parts, out=np.zeros(parts.size), where=sure)
         if not np.allclose(
             matrix @ found, sought, rtol=1e-6, atol=1e-9 * (1 + np.abs(sought).max(initial=0.0))
         ):
             raise CycleError(
-                "a multiplier is 1: cycles are no longer single there (a fold, or a family of them)"
+                "a multiplier is 1: cycles are no longer single there (a fold, or a family of them), or a load is "
+                "in resonance and there is none"
             )
         return found[:count] * sizes, float(found[count] * self.period) if free else 0.0
 

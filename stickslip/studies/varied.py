@@ -102,7 +102,7 @@ class VariedImpact:
         # only relative velocities count: what bodies have in common brings no more than its roundoff
         rigid = (~(system.is_friction | system.is_gap)).nonzero()[0]
         w = system.G[rigid] @ v + system.D[rigid] @ self.before
-        apart = np.linalg.lstsq(dense(system.G[rigid]), w)[0]
+        apart = np.linalg.lstsq(dense(system.G[rigid]), w, rcond=None)[0]
         jump = self.now - self.before
         speeds = np.abs(system.G @ v + system.D @ self.before)[self.hit]
         h = PART * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0))) / largest

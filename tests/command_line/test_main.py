@@ -287,7 +287,7 @@ def test_draw_makes_a_figure_of_the_scene(here, capsys):
         (SCENE.replace("span = [0, 4]", 'span = [0, 4]\nmethod = "LSODA"'), "unknown method 'LSODA'"),
         ("simulation = 3\n" + SCENE.replace("[simulation]\nspan = [0, 4]", ""), "simulation must be a table"),
         ("[[bodies]", "not valid TOML"),
-        ("", "no time span"),
+        ("", "there is no free body"),
     ],
 )
 def test_bad_scene_files_exit_with_2_and_say_what_to_change(here, capsys, text, message):

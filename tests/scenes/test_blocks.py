@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from stickslip import (
     GROUND,
@@ -178,13 +179,24 @@ def test_python_control_and_scipy_systems_are_taken() -> None:
         StateSpace("it", system, inputs=[1.0])
 
 
+def test_transfer_functions_are_taken() -> None:
+    lag = scipy.signal.TransferFunction([2.0], [0.01, 1.0])  # 2 / (0.01 s + 1)
+    assert StateSpace("it", lag, inputs=[1.0]) == StateSpace("it", -100.0, 1.0, 200.0, 0.0, inputs=[1.0])
+    with pytest.raises(ValueError, match=r"has a sample time of 0.1"):
+        StateSpace("it", scipy.signal.TransferFunction([1.0], [1.0, 0.5], dt=0.1), inputs=[1.0])
+    with pytest.raises(
+        TypeError, match=r"give the state space of the transfer function, control.ss\(system\)"
+    ):
+        StateSpace("it", SimpleNamespace(num=[1.0], den=[1.0, 1.0]), inputs=[1.0])
+
+
 def test_linear_blocks_are_data() -> None:
     scene = hunting()
     assert Scene.from_dict(scene.to_dict()) == scene
     limited = StateSpace("it", -1.0, 1.0, 1.0, inputs=[velocity("m")], limits=[(-1.0, math.inf)])
     scene = Scene(Body("m", inertia=1.0), limited, Force("m", output("it")))
     assert Scene.from_dict(scene.to_dict()) == scene
-    with pytest.raises(ValueError, match="block 'servo': a Sampled block is code, not data"):
+    with pytest.raises(ValueError, match="block 'servo': a sampled block is code, not data"):
         servo().to_dict()
 
 

@@ -265,6 +265,38 @@ def test_what_has_no_cycle() -> None:
         )
 
 
+@pytest.mark.parametrize("speed", [1e-4, 1e-6])
+def test_a_period_much_longer_than_a_turn(speed: float) -> None:
+    """The block slips for 2 s in 5000 s, or in 500 000 s."""
+    cycle = limit_cycle(belt(speed))
+    slip = (2 * math.pi - 2 * math.atan(0.5 / (speed * math.sqrt(2.0)))) / math.sqrt(2.0)
+    assert cycle.period == pytest.approx(0.5 / speed + slip, rel=1e-13)
+    assert list(cycle.multipliers) == [0.0]
+
+
+def test_a_load_in_resonance_has_no_cycle() -> None:
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Force("m", sine(1.0, 1 / (2 * math.pi))),
+    )
+    with pytest.raises(CycleError, match="resonance"):
+        limit_cycle(scene, period=2 * math.pi, transient=0)
+
+
+def test_a_curve_at_rest_bends_no_derivative() -> None:
+    """m = k = 1 on a belt; mu = 0.5 + 0.5 exp(-(w / 0.5)^2). Differences of the period by DOP853, located events."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.3),
+        Drive("b", velocity=0.3),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", "b", DryFriction(1.0, 0.5, stribeck_velocity=0.5), normal=1.0),
+    )
+    cycle = limit_cycle(scene)
+    assert cycle.period == pytest.approx(8.800997321321, abs=1e-9)
+    assert cycle.sensitivities(["b.velocity"])[0] == pytest.approx(-8.70680483, abs=1e-7)
+
+
 def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
     """A drive whose load repeats after 1 s, and a block that answers with another half its frequency."""
     scene = Scene(

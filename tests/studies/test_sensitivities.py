@@ -500,6 +500,24 @@ def test_gains_factors_of_feedback_and_levers_are_parameters() -> None:
     assert one == pytest.approx(3.0 * 4.0 / c**3 / (1.0 + 2.0 / c**2) ** 2, rel=1e-9)
 
 
+def test_a_function_without_derivatives_is_differenced_finely() -> None:
+    """m v' = -v^3: v = v_0 / q with q = sqrt(1 + 2 v_0^2 t / m), and dv/dv_0 = 1 / q^3."""
+    scene = Scene(
+        Body("m", inertia=2.0, velocity=1.5), Force("m", feedback(lambda v: -(v**3), velocity("m")))
+    )
+    found = sensitivities(scene, (0.0, 3.0), ["m.velocity", "m.inertia"])
+    q = math.sqrt(1 + 2 * 1.5**2 * 3.0 / 2.0)
+    assert np.allclose(found.velocity("m"), [q**-3, 1.5**3 * 3.0 / 2.0**2 / q**3], rtol=1e-9)
+
+
+def test_limits_have_the_unit_of_positions() -> None:
+    scene = Scene(
+        Body("m", inertia=1.0), Stop("wall", "m", GROUND, upper=1.0, restitution=0.5), motion="translation"
+    )
+    upper, restitution = named_parameters(scene, ["wall.upper", "wall.restitution"], "test")
+    assert upper.unit(scene) == "m" and restitution.unit(scene) == ""
+
+
 def test_what_is_no_parameter_is_refused() -> None:
     scene = block(
         Force("m", sine(1.0, 1.0)), Damper("m", GROUND, damping=1.0), Spring("m", GROUND, stiffness=0.0)

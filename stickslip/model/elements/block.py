@@ -49,7 +49,12 @@ class AnyBlock(Named):
     @property
     def output_count(self) -> int | None:
         """How many outputs it has; None where only its function tells."""
-        return None
+        count: int | None = getattr(self, "outputs", None)
+        return count
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: code is not data."""
+        raise ValueError(f"a {self.noun()} is code, not data; of blocks a file holds StateSpace only")
 
     def _check_inputs(self) -> None:
         given: Any = self.inputs
@@ -117,11 +122,6 @@ class Block(AnyBlock):
         ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
     outputs : int, optional
         How many outputs there are; by default as many as quantities read, at least one.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a state no number, or a function no function.
     """
 
     name: str
@@ -133,7 +133,7 @@ class Block(AnyBlock):
     outputs: int | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
         self._check_code("derivative", outputs_are_states=True)
 
@@ -147,10 +147,6 @@ class Block(AnyBlock):
         """Whether the outputs may depend on the inputs at the same instant; a function that never reads u does not."""
         return self.output is not None and _reads_inputs(self.output)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Refuse: code is not data."""
-        raise ValueError("a Block is code, not data; write a StateSpace for a file")
-
 
 @dataclass(frozen=True)
 class StateSpace(AnyBlock):
@@ -161,18 +157,14 @@ class StateSpace(AnyBlock):
     name : str
         Unique among blocks.
     A, B, C, D : array
-        ``A`` may also be a system of python-control or scipy.signal that has all four; without `D` it is 0.
+        ``A`` may also be a system of scipy.signal, a transfer function too, or a state space of python-control; without
+        `D` it is 0.
     inputs : sequence of Quantity, Signal or float
         u, in order.
     states : sequence of float, optional
         x at the start, by default 0.
     limits : sequence of (float, float), optional
         For each output the limits beyond which it is cut off; the corners are located like events.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
     """
 
     called = "state space"
@@ -188,10 +180,10 @@ class StateSpace(AnyBlock):
     limits: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
-        if hasattr(self.A, "A") and self.B is None and self.C is None:
-            self._take(self.A)
+        if self.B is None and self.C is None:
+            self._take(self.A.to_ss() if hasattr(self.A, "to_ss") else self.A)
         n, columns = self._matrix("A", None, None).shape
         if columns != n:
             raise ValueError(f"{self.label}: A must be square, got {np.shape(self.A)}")
@@ -214,6 +206,13 @@ class StateSpace(AnyBlock):
             self._check_limits(p)
 
     def _take(self, system: Any) -> None:
+        """Take the matrices of a system of another package, if it is one."""
+        if not hasattr(system, "A"):
+            if hasattr(system, "num"):
+                raise TypeError(
+                    f"{self.label}: give the state space of the transfer function, control.ss(system)"
+                )
+            return
         if (dt := getattr(system, "dt", None)) not in (None, 0):
             raise ValueError(
                 f"{self.label}: the system has a sample time of {dt}; give Sampled(...) for discrete time"
@@ -307,11 +306,6 @@ class Sampled(AnyBlock):
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float
         What the outputs are until the first sample, by default 0.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an input is no quantity, a number not finite, the period not positive, or a function no function.
     """
 
     called = "sampled block"
@@ -328,7 +322,7 @@ class Sampled(AnyBlock):
     held: Numbers = ()
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         if self._number("period") <= 0:
             raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")
         self._check_inputs()
@@ -340,15 +334,6 @@ class Sampled(AnyBlock):
             object.__setattr__(self, "outputs", len(self.held))
         if self.held and len(self.held) != self.outputs:
             raise ValueError(f"{self.label}: {len(self.held)} held outputs, but outputs = {self.outputs}")
-
-    @property
-    def output_count(self) -> int | None:
-        """How many outputs it has; None where only its function tells."""
-        return self.outputs
-
-    def to_dict(self) -> dict[str, Any]:
-        """Refuse: code is not data."""
-        raise ValueError("a Sampled block is code, not data; no file can hold it")
 
     def instants(self, start: float, stop: float) -> list[float]:
         """Return the sample times from `start` on and before `stop`.

@@ -24,11 +24,6 @@ class Damper(Radii):
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
         force in N into a torque in N m.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, a radius 0, or the damping negative or not finite.
     """
 
     a: str
@@ -39,9 +34,8 @@ class Damper(Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._two_ends()
+        super().__post_init__()
         self._not_negative("damping")
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a coupling without stiffness."""

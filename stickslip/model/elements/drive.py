@@ -24,11 +24,6 @@ class Drive(Moving):
         At the start, in m or rad.
     motion : "rotation" or "translation", optional
         How it moves, where that differs from what the scene says. It changes no number, only the units that are shown.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the velocity is not a signal, the position not finite, or the name that of the ground.
     """
 
     name: str
@@ -38,9 +33,8 @@ class Drive(Moving):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        self._check_name_and_motion()
+        super().__post_init__()
         object.__setattr__(self, "velocity", as_signal(self.velocity, f"{self.label}: velocity"))
-        self._number("position")
 
     def place(self, book: Book) -> None:
         """Enter a drive."""

@@ -23,11 +23,6 @@ class Gear(Row, Link):
         Names of bodies or drives, or GROUND.
     ratio : float
         Not 0; negative where the shafts turn against each other.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, or the ratio is 0 or not finite.
     """
 
     name: str
@@ -37,8 +32,7 @@ class Gear(Row, Link):
     ratio: float
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         self._not_zero("ratio", "a Tie with one member holds a body still")
 
     @property

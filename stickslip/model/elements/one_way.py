@@ -25,11 +25,6 @@ class OneWay(Row, Radii):
         Names of bodies or drives, or GROUND.
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, or a radius is 0 or not finite.
     """
 
     called = "one-way clutch"
@@ -40,11 +35,6 @@ class OneWay(Row, Radii):
     _: KW_ONLY
     radius_a: float = 1.0
     radius_b: float = 1.0
-
-    def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row that is held while its force is positive."""

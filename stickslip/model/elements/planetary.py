@@ -24,11 +24,6 @@ class Planetary(Row):
         Names of bodies or drives, or GROUND.
     ratio : float
         Teeth of the ring over teeth of the sun, positive.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If two members are the same, or the ratio is not a positive number.
     """
 
     name: str
@@ -39,7 +34,7 @@ class Planetary(Row):
     ratio: float
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         for part in ("sun", "carrier", "ring"):
             self._identifier(part)
         if len({self.sun, self.carrier, self.ring}) < 3:

@@ -37,12 +37,6 @@ class Stop(Row, Radii):
         e, from 0 (no rebound) to 1 (no loss).
     radius_a, radius_b : float
         What the positions of `a` and `b` are multiplied by; not 0.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If the ends are the same, the limits are equal, exchanged or both infinite, the restitution is not within
-        [0, 1], or a radius 0.
     """
 
     name: str
@@ -56,8 +50,7 @@ class Stop(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         self._check_limits()
         if self.lower == self.upper:
             raise ValueError(
@@ -66,7 +59,6 @@ class Stop(Row, Radii):
             )
         if not 0 <= self._number("restitution") <= 1:
             raise ValueError(f"{self.label}: restitution must be within [0, 1], got {self.restitution:g}")
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row, and regions that show on which side of its limits it is."""

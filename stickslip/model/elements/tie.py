@@ -25,18 +25,13 @@ class Tie(Row):
         Unique among the contacts, ties and clutches of the scene.
     coefficients : dict of str to float
         By name of the body or drive, or GROUND; none of them 0.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If there is no member, or a coefficient is 0 or not finite.
     """
 
     name: str
     coefficients: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         given = self.coefficients
         if not isinstance(given, Mapping):
             raise TypeError(

@@ -108,14 +108,9 @@ class LuGre(BristleLaw):
     stiffness : float
         sigma_0 in N/m or N m/rad, positive.
     damping : float
-        sigma_1 in N s/m or N m s/rad.
+        sigma_1 in N s/m or N m s/rad, not negative.
     viscous : float
-        sigma_2 in N s/m or N m s/rad.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If a parameter is negative or the stiffness not positive.
+        sigma_2 in N s/m or N m s/rad, not negative.
     """
 
     law: DryFriction

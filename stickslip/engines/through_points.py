@@ -1,0 +1,154 @@
+"""Polynomials through the points that a solver computed.
+
+A step passes the solver's error test where the polynomial through the points before it foresees its end as far as the
+tolerances allow. So polynomials through points keep what the tolerances promise between them, too, if each has the
+degree up to which its terms fall: points in a layer that has ended say nothing of what follows, and points behind a
+kink say nothing of what was before. Rates at the points would say less than the points do: they have the errors of the
+states times the Jacobian.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.engines.work import SolverFailure
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
+
+__all__ = ["path_through", "through_points"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_DEGREE = {"BDF": 6, "Adams": 12}
+"""Highest degree for the points of a method: about that of its own polynomials."""
+
+_NEGLIGIBLE = 1e-2
+"""Error, as a part of the tolerance, from which on a higher degree adds nothing but the errors of the points."""
+
+_AHEAD = 2
+"""Terms beyond a degree that tell its error: one alone may be small by chance."""
+
+
+def path_through(
+    motion: Motion, taus: Array, points: Array, tolerance: tuple[float, Any], method: str, hit: bool
+) -> Path:
+    """Return the path through the points of a solver.
+
+    Raises
+    ------
+    SolverFailure
+        If some of them are not finite.
+    """
+    fine = np.isfinite(points).all(axis=1)
+    count = taus.size if fine.all() else int(fine.argmin())
+    taus, points = taus[:count], points[:count]
+    coefficients = through_points(taus, points, tolerance, _DEGREE[method])
+    path = Path(taus, coefficients, motion.exact(float(taus[-1]), points[-1]), hit, True)
+    if count < fine.size:
+        raise SolverFailure(
+            "the states have become infinite or not a number",
+            "look at the forces and laws of the scene there",
+            path,
+        )
+    return path
+
+
+def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], degree: int) -> Array:
+    """Return Chebyshev coefficients (k, order + 1, size) of the states in each of the steps between `taus` (k + 1,).
+
+    In each step they are Newton's polynomial: through both its ends, and on to the points on that side on which the
+    next term stays smaller. Where that leaves more than the tolerance, it is tried on the points before the step alone.
+
+    Parameters
+    ----------
+    taus : array (k + 1,)
+        Local times in s, increasing.
+    points : array (k + 1, size)
+    tolerance : (float, float or array)
+        Relative and absolute, in which terms are measured.
+    degree : int
+        Highest degree.
+    """
+    if (count := taus.size - 1) == 0:
+        return np.empty((0, 1, points.shape[1]))
+    top, most = min(degree, count), min(degree + _AHEAD, count)
+    weight = 1.0 / (tolerance[0] * np.abs(points) + tolerance[1])
+    table, norms = [points], []
+    for k in range(1, most + 1):
+        table.append(np.diff(table[-1], axis=0) / (taus[k:] - taus[:-k])[:, None])
+        norms.append((np.abs(table[k]) * weight[:-k]).max(axis=1))
+    first, basis, best, error = _newton(taus, norms, np.arange(count), top, False)
+    rough = (error > 1.0).nonzero()[0]
+    if rough.size:
+        other = _newton(taus, norms, rough, top, True)
+        better = other[3] < error[rough]
+        worse = rough[better]
+        first[:, worse], basis[worse], best[worse] = other[0][:, better], other[1][better], other[2][better]
+    some = slice(int(best.max()) + 1)
+    terms = np.array([table[k][first[k]] for k in range(some.stop)])
+    terms[np.arange(some.stop)[:, None] > best] = 0.0
+    found: Array = (from_nodes(top)[some] @ basis[:, :, some]) @ terms.transpose(1, 0, 2)
+    return found
+
+
+def _newton(
+    taus: Array, norms: list[Array], steps: Indices, top: int, only_before: bool
+) -> tuple[Indices, Array, Indices, Array]:
+    """Choose points for the polynomials of some steps.
+
+    Parameters
+    ----------
+    taus : array (k + 1,)
+    norms : list of array
+        Sizes of the divided differences of order 1, 2, ... from each point on, in tolerances.
+    steps : array of int
+    top : int
+        Highest degree.
+    only_before : bool
+        Whether points behind a step are left out as long as there are others.
+
+    Returns
+    -------
+    array (top + 1, steps) of int
+        The first of the points of each degree.
+    array (steps, top + 1, top + 1)
+        Newton's polynomials at the Chebyshev points of a step.
+    array (steps,) of int
+        The best degree.
+    array (steps,)
+        About the error with it, in tolerances.
+    """
+    first, most = np.empty((top + 1, steps.size), dtype=np.intp), len(norms)
+    basis, sizes = np.empty((steps.size, top + 1, top + 1)), np.empty((most + _AHEAD, steps.size))
+    first[0], basis[:, :, 0] = steps, 1.0
+    left, start, latest = steps, taus[steps], taus[steps + 1]
+    middle = 0.5 * (start + latest)
+    product = (latest - start)[:, None] * chebyshev_nodes(top)
+    x = start[:, None] + product
+    padded = np.concatenate([taus[:1] - 1.0, taus, taus[-1:] + 1.0])
+    for k in range(1, most + 1):
+        if k <= top:
+            first[k], basis[:, :, k] = left, product
+        sizes[k - 1] = np.abs(product).max(axis=1) * norms[k - 1][left]
+        if k == most:
+            break
+        product = product * (x - latest[:, None])
+        before, after = padded[left], padded[left + k + 2]
+        if only_before:
+            goes_left = left > 0
+        else:
+            ahead = np.concatenate([[np.inf], norms[k], [np.inf]])
+            goes_left = ahead[left] * (middle - before) < ahead[left + 1] * (after - middle)
+        latest = np.where(goes_left, before, after)
+        left = left - goes_left
+    # what is not known beyond the last term counts as no smaller than that
+    sizes[most:] = sizes[most - 1]
+    errors = np.maximum(sizes[1 : 1 + top], sizes[2 : 2 + top])
+    enough = errors <= _NEGLIGIBLE
+    # else the degree with the smallest error, of equal ones the highest
+    best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))
+    return first, basis, best, errors[best - 1, np.arange(steps.size)]

@@ -1,0 +1,102 @@
+"""Polynomials through the points of a solver keep what its tolerances promise between them."""
+
+from __future__ import annotations
+
+from math import exp
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
+from stickslip.engines.sundials import CVODE
+from stickslip.engines.through_points import through_points
+
+Array = np.ndarray
+
+
+def between(taus: Array, coefficients: Array) -> tuple[Array, Array]:
+    """Return times within the steps, and what the polynomials say there."""
+    places = np.array([0.15, 0.5, 0.85])
+    values = np.polynomial.chebyshev.chebvander(2 * places - 1, coefficients.shape[1] - 1) @ coefficients
+    return (taus[:-1, None] + np.diff(taus)[:, None] * places).ravel(), values.reshape(-1, values.shape[2])
+
+
+@pytest.mark.parametrize(("method", "degree"), [("BDF", 6), ("Adams", 12)])
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-12])
+def test_between_the_points_of_cvode_the_error_is_that_of_the_points(
+    method: str, degree: int, rtol: float
+) -> None:
+    """``x'' = -4 x - x'^3 / 10``, beside an integration to roundoff."""
+
+    def rate(tau: float, y: Array, out: Array) -> None:
+        out[0], out[1] = y[1], -4.0 * y[0] - 0.1 * y[1] ** 3
+
+    tolerance = rtol, 1e-2 * rtol
+    found = CVODE(rate, method=method, rtol=rtol, atol=tolerance[1]).solve(
+        np.array([0.0, 6.0]), np.array([1.0, 0.0])
+    )
+    exact = scipy.integrate.solve_ivp(
+        lambda t, y: [y[1], -4.0 * y[0] - 0.1 * y[1] ** 3],
+        (0.0, 6.0),
+        [1.0, 0.0],
+        method="DOP853",
+        rtol=3e-14,
+        atol=1e-16,
+        dense_output=True,
+    ).sol
+    coefficients = through_points(found.t, found.y, tolerance, degree)
+    np.testing.assert_allclose(coefficients.sum(axis=1), found.y[1:], rtol=0, atol=1e-14)
+    times, values = between(found.t, coefficients)
+    at_points = np.abs(found.y - exact(found.t).T).max()
+    assert np.abs(values - exact(times).T).max() <= 1.1 * at_points + rtol
+
+
+def error(taus: Array, function: Any, rtol: float = 1e-8, degree: int = 6) -> Array:
+    """Return the largest errors in each step where the points are exact."""
+    times, values = between(taus, through_points(taus, function(taus)[:, None], (rtol, 1e-2 * rtol), degree))
+    return np.abs(values[:, 0] - function(times)).reshape(-1, 3).max(axis=1)
+
+
+def test_points_in_a_layer_that_has_ended_say_nothing_of_what_follows() -> None:
+    """``cos t + exp(-1e6 t)``: steps that follow the layer, then tenfold ones."""
+    layer = np.linspace(0.0, 2.5e-5, 600)
+    after = layer[-1] + np.cumsum(np.minimum(4e-8 * 10.0 ** np.arange(200), 0.02))
+    wrong = error(np.append(layer, after), lambda t: np.cos(t) + np.exp(-1e6 * t))
+    assert wrong.max() <= 2e-8
+    assert wrong[700:].max() <= 1e-10
+
+
+def test_points_behind_a_kink_say_nothing_of_what_was_before() -> None:
+    """``sin t`` up to 1, from there on a parabola is added: a kink in the second derivative."""
+    taus = np.linspace(0.0, 2.0, 81)
+    wrong = error(taus, lambda t: np.sin(t) + np.maximum(t - 1.0, 0.0) ** 2, degree=12)
+    assert wrong[taus[1:] <= 1.0].max() <= 1e-10
+
+
+def test_where_nothing_happens_two_points_are_enough() -> None:
+    taus = np.array([0.0, 1e-9, 1.0])
+    assert through_points(taus, np.ones((3, 2)), (1e-8, 1e-10), 6).shape == (2, 2, 2)
+    bent = through_points(taus, taus[:, None] ** 2, (1e-8, 1e-10), 6)
+    assert bent.shape == (2, 3, 1)
+    np.testing.assert_allclose(bent[1].sum(axis=0), 1.0)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+@pytest.mark.parametrize(
+    ("velocity", "stribeck", "normal", "stop"),
+    [(0.67, 0.0742, 23.3, 0.5), (0.22, 0.0053, 6.1, 0.233), (1.15, 0.0469, 48.6, 0.627)],
+)
+def test_a_block_that_slides_to_rest(
+    velocity: float, stribeck: float, normal: float, stop: float, method: str
+) -> None:
+    """1 kg comes to rest after the integral of dv / (0.2 + 0.2 exp(-(v/v_s)^2)) / N."""
+    law = DryFriction(0.4, 0.2, stribeck_velocity=stribeck)
+    scene = Scene(Body("b", inertia=1.0, velocity=velocity), Contact("c", "b", GROUND, law, normal=normal))
+    result = simulate(scene, (0.0, stop), method=method, rtol=1e-7, atol=1e-9)
+    exact = scipy.integrate.quad(
+        lambda v: 1 / (0.2 + 0.2 * exp(-((v / stribeck) ** 2))) / normal, 0.0, velocity
+    )[0]
+    assert [(e.contact, int(e.after)) for e in result.events] == [("c", 0)]
+    assert result.events[0].t == pytest.approx(exact, rel=1e-5)
