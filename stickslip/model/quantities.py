@@ -323,11 +323,6 @@ def feedback(
     derivatives : callable or sequence of callable, optional
         A function of the same arguments that returns all derivatives, or one function for each. They help the solver;
         without them differences are taken.
-
-    Raises
-    ------
-    TypeError
-        If `function` cannot be called with so many arguments, or an argument is no quantity.
     """
     if not callable(function) or isinstance(function, Load):
         raise TypeError(f"feedback: function must be callable, got {function!r}")
@@ -356,11 +351,6 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
     quantity : Quantity
     low, high : float
         The limits, in the unit of the quantity; -inf and inf for none.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
     lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
@@ -384,11 +374,6 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
         Values of the quantity, increasing.
     ys : sequence of float
         What is returned there, equally many.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the points are not in order or not equally many.
     """
     own = as_expression(quantity, "table: quantity")
     places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")
