@@ -29,7 +29,7 @@ from stickslip.model.checks import (
     whole,
 )
 from stickslip.model.signal_makers import signal_from_dict
-from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
+from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signal
 
 __all__ = [
     "TIME",
@@ -99,6 +99,9 @@ class Quantity(Load):
         """Return the quantities that this one is made of."""
         return ()
 
+    def __str__(self) -> str:
+        return f"{self.kind}({', '.join(map(str, self.inner() or vars(self).values()))})"
+
     def walk(self) -> Iterator[Quantity]:
         """Yield the quantity and all that it is made of."""
         yield self
@@ -117,6 +120,12 @@ class Expression(Quantity):
     def inner(self) -> tuple[Quantity, ...]:
         """Return the terms."""
         return tuple(atom for atom, _ in self.terms)
+
+    def __str__(self) -> str:
+        parts = [str(atom) if factor == 1 else f"{factor:.6g} {atom}" for atom, factor in self.terms]
+        if self.signal != ZERO or not parts:
+            parts.append(f"{self.signal.value:.6g}" if isinstance(self.signal, Constant) else "s(t)")
+        return " + ".join(parts).replace("+ -", "- ")
 
     def to_dict(self) -> dict[str, Any]:
         """Return terms and signal."""
@@ -189,6 +198,7 @@ class Output(Quantity):
 class Feedback(Quantity):
     """A smooth function of quantities."""
 
+    kind = "feedback"
     function: Callable[..., float]
     arguments: tuple[Expression, ...]
     derivatives: Callable[..., Any] | tuple[Callable[..., float], ...] | None = None

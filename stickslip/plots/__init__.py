@@ -85,8 +85,8 @@ def overview(
     This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
     More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out.
 
-    Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from top to bottom.
-    It returns the figure.
+    Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from the top. It
+    returns the figure.
     """
     names = contact_names(result, contacts)
     shown = None if t_span is None else numbers(t_span, "overview: t_span")
