@@ -34,7 +34,7 @@ class Planetary(Row):
     ratio: float
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         for part in ("sun", "carrier", "ring"):
             self._identifier(part)
         if len({self.sun, self.carrier, self.ring}) < 3:

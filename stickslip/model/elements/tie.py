@@ -31,7 +31,7 @@ class Tie(Row):
     coefficients: Mapping[str, float]
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         given = self.coefficients
         if not isinstance(given, Mapping):
             raise TypeError(
