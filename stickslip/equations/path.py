@@ -111,14 +111,14 @@ class Path:
         """Return the path up to local time `tau`, within it."""
         i = int(np.clip(np.searchsorted(self.taus, tau, side="left") - 1, 0, self.coefficients.shape[0] - 1))
         pieces = self.coefficients[: i + 1].copy()
-        last = self.at(np.array([tau]))[0]
+        part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])
+        order = pieces.shape[1] - 1
         if self.is_chebyshev:
-            order = pieces.shape[1] - 1
-            nodes = chebyshev_nodes(order)
-            pieces[i] = from_nodes(order) @ self.at(self.taus[i] + (tau - self.taus[i]) * nodes)
+            basis = chebvander(2 * part * chebyshev_nodes(order) - 1, order)
+            pieces[i] = from_nodes(order) @ basis @ pieces[i]
         else:
-            part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])
-            pieces[i] *= (part ** np.arange(pieces.shape[1]))[:, None]
+            pieces[i] *= (part ** np.arange(order + 1))[:, None]
+        last = self.at(np.array([tau]))[0]
         return Path(np.append(self.taus[: i + 1], tau), pieces, last, False, self.is_chebyshev)
 
 
