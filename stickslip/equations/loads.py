@@ -147,6 +147,8 @@ class Stretch:
         Entries that are not straight.
     regions : tuple of int or None
         The regions of tables in which motions begin.
+    waves : tuple of (int, float)
+        The entry, and the turn in rad/s, of each sine.
     """
 
     def __init__(
@@ -165,6 +167,7 @@ class Stretch:
         self.is_straight = not waves and not functions
         self._before_stop = math.nextafter(stop, -math.inf)
         self._functions, self._waves = functions, waves
+        self.waves: tuple[tuple[int, float], ...] = ()
         if waves:
             entries, amplitude, frequency, phase = zip(*waves, strict=True)
             self._entry = np.array(entries, dtype=np.intp)
@@ -172,6 +175,7 @@ class Stretch:
                 np.array(x) for x in (amplitude, frequency, phase)
             )
             self._turn = 2 * math.pi * self._frequency
+            self.waves = tuple(zip(entries, self._turn.tolist(), strict=True))
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
@@ -235,6 +239,11 @@ class Stretch:
                 np.add.at(part, self._entry, size * np.sin(angle))
                 angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
         return found
+
+    def swings(self, t: float) -> tuple[Array, Array]:
+        """Return the sines at `t` as they are, and a quarter of a turn later."""
+        angle = self._angle(t)
+        return self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)
 
     def magnitudes(self, t: float, order: int) -> Array:
         """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""

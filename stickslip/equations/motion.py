@@ -18,6 +18,7 @@ from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
+from stickslip.equations.taylor import TaylorMap
 
 __all__ = ["Expansion", "Motion"]
 
@@ -598,10 +599,11 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        if (not self.stretch.has_waves or (frozen and self.waves_rest)) and not self._rises_with_state:
-            taylor = equations.taylor(order, frozen, self.regions)
+        if not self._rises_with_state:
+            waves = () if frozen and self.waves_rest else self.stretch.waves
+            taylor = equations.taylor(order, frozen, self.regions, waves)
             if taylor is not None and taylor.reaches(scale):
-                y, z, g = taylor(self._extended(tau, y), scale)
+                y, z, g = taylor(self._extended(tau, y, taylor), scale)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
         linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
@@ -646,23 +648,31 @@ class Motion:
         self.dependence.add_linear(orders.T[: self.system.inputs], y.T, self.regions)
         return list(orders)
 
-    def _extended(self, tau: float, y: Array) -> Array:
-        """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
+    def _extended(self, tau: float, y: Array, taylor: TaylorMap) -> Array:
+        """Return states, inputs, their slopes, dwells, their slopes and sines at local time `tau`."""
         stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
         count = self._dwelling.size
-        x = np.zeros(size + 2 * inputs + 2 * count)
+        x = np.zeros(taylor.columns)
         x[:size] = y
         q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
         np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
         q += stretch.value
         slope[:] = stretch.slope
+        is_waving = taylor.columns > size + 2 * inputs + 2 * count
+        lag = np.zeros(count)
         if count and tau < self._over:
             rows = self._dwelling[self._rising]
             age = self._age + self._rate * tau
             factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
-            dwells = x[size + 2 * inputs :].reshape(2, count)
+            dwells = x[size + 2 * inputs : size + 2 * inputs + 2 * count].reshape(2, count)
             dwells[0, self._rising] = factor * q[rows]
             dwells[1, self._rising] = factor * slope[rows]
+            lag[self._rising] = factor
+        if is_waving:
+            swings = x[size + 2 * inputs + 2 * count :].reshape(2, -1)
+            for part, swing in zip(swings, stretch.swings(self.t + tau), strict=True):
+                part[: swing.size] = swing
+                part[swing.size :] = lag[taylor.dwell_of] * swing[taylor.on_dwells]
         return x
 
     def magnitudes(self, order: int) -> list[tuple[Array, Array]]:

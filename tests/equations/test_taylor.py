@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from stickslip import (
     Scene,
     Spring,
     piecewise_linear,
+    sine,
 )
 from stickslip.equations import mode_equations
 from stickslip.equations.guards import Guards
@@ -52,17 +54,31 @@ def pulled() -> Scene:
     )
 
 
+def swinging() -> Scene:
+    """The same with sines: on a body, of a drive, and on a contact whose static coefficient rises."""
+    return Scene(
+        Drive("belt", velocity=sine(0.2, 0.7) + 0.3),
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        Contact("lower", "a", "belt", DRY, normal=sine(1.0, 2.0, 0.3) + piecewise_linear([0, 2], [3, 5])),
+        Contact("upper", "b", "a", DRY, normal=sine(0.5, -1.0) + 2.0),
+        Spring("a", GROUND, stiffness=40.0, damping=0.3),
+        Force("b", sine(2.0, 3.0) + sine(1.0, 0.5)),
+    )
+
+
+@pytest.mark.parametrize("scene", [pulled, swinging])
 @pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
 @pytest.mark.parametrize("frozen", [False, True])
 @pytest.mark.parametrize("tau", [0.0, 0.2])
 def test_the_map_is_the_recursion(
-    modes: list[int], frozen: bool, tau: float, monkeypatch: pytest.MonkeyPatch
+    scene: Callable[[], Scene], modes: list[int], frozen: bool, tau: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    motion, guards = motion_of(pulled(), modes)
+    motion, guards = motion_of(scene(), modes)
     found = motion.expand(tau, motion.y, 12, 0.05, frozen)
     assert found.g is not None
     monkeypatch.setattr(mode_equations, "is_small", lambda *_: False)
-    slow, slow_guards = motion_of(pulled(), modes)
+    slow, slow_guards = motion_of(scene(), modes)
     expected = slow.expand(tau, slow.y, 12, 0.05, frozen)
     assert expected.g is None
     for a, b in (
