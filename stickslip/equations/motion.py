@@ -18,7 +18,6 @@ from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
-from stickslip.equations.taylor import TaylorMap
 
 __all__ = ["Expansion", "Motion"]
 
@@ -599,11 +598,14 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        if not self._rises_with_state:
-            waves = () if frozen and self.waves_rest else self.stretch.waves
-            taylor = equations.taylor(order, frozen, self.regions, waves)
+        swings = self.stretch.has_waves and not (frozen and self.waves_rest)
+        if not (self._rises_with_state or (swings and self._rises_with_waves)):
+            taylor = equations.taylor(order, frozen, self.regions, self.stretch.waves if swings else ((), ()))
             if taylor is not None and taylor.reaches(scale):
-                y, z, g = taylor(self._extended(tau, y, taylor), scale)
+                x = self._extended(tau, y)
+                if swings:
+                    x = np.concatenate([x, self.stretch.swings(self.t + tau)])
+                y, z, g = taylor(x, scale)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
         linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
@@ -638,6 +640,13 @@ class Motion:
             return False
         return bool(np.isin(self._dwelling[self._rising], self.dependence.rows).any())
 
+    @cached_property
+    def _rises_with_waves(self) -> bool:
+        """Whether a level rises to whose normal force sines are added."""
+        if not (self._dwelling.size and self._rising.size):
+            return False
+        return bool(np.isin(self._dwelling[self._rising], self.stretch.waves[0]).any())
+
     def _all_series(self, tau: float, y: Array, scale: float, frozen: bool) -> list[Array | None]:
         """Return the Taylor coefficients of inputs and dwells, from those of the states."""
         found = self._input_series(tau, y.shape[0] - 1, scale, frozen)
@@ -648,31 +657,23 @@ class Motion:
         self.dependence.add_linear(orders.T[: self.system.inputs], y.T, self.regions)
         return list(orders)
 
-    def _extended(self, tau: float, y: Array, taylor: TaylorMap) -> Array:
-        """Return states, inputs, their slopes, dwells, their slopes and sines at local time `tau`."""
+    def _extended(self, tau: float, y: Array) -> Array:
+        """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
         stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
         count = self._dwelling.size
-        x = np.zeros(taylor.columns)
+        x = np.zeros(size + 2 * inputs + 2 * count)
         x[:size] = y
         q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
         np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
         q += stretch.value
         slope[:] = stretch.slope
-        is_waving = taylor.columns > size + 2 * inputs + 2 * count
-        lag = np.zeros(count)
         if count and tau < self._over:
             rows = self._dwelling[self._rising]
             age = self._age + self._rate * tau
             factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
-            dwells = x[size + 2 * inputs : size + 2 * inputs + 2 * count].reshape(2, count)
+            dwells = x[size + 2 * inputs :].reshape(2, count)
             dwells[0, self._rising] = factor * q[rows]
             dwells[1, self._rising] = factor * slope[rows]
-            lag[self._rising] = factor
-        if is_waving:
-            swings = x[size + 2 * inputs + 2 * count :].reshape(2, -1)
-            for part, swing in zip(swings, stretch.swings(self.t + tau), strict=True):
-                part[: swing.size] = swing
-                part[swing.size :] = lag[taylor.dwell_of] * swing[taylor.on_dwells]
         return x
 
     def magnitudes(self, order: int) -> list[tuple[Array, Array]]:

@@ -29,7 +29,7 @@ from stickslip.model.checks import (
     whole,
 )
 from stickslip.model.signal_makers import signal_from_dict
-from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
+from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signal
 
 __all__ = [
     "TIME",
@@ -99,6 +99,9 @@ class Quantity(Load):
         """Return the quantities that this one is made of."""
         return ()
 
+    def __str__(self) -> str:
+        return f"{self.kind}({', '.join(map(str, self.inner() or vars(self).values()))})"
+
     def walk(self) -> Iterator[Quantity]:
         """Yield the quantity and all that it is made of."""
         yield self
@@ -117,6 +120,12 @@ class Expression(Quantity):
     def inner(self) -> tuple[Quantity, ...]:
         """Return the terms."""
         return tuple(atom for atom, _ in self.terms)
+
+    def __str__(self) -> str:
+        parts = [str(atom) if factor == 1 else f"{factor:.6g} {atom}" for atom, factor in self.terms]
+        if self.signal != ZERO or not parts:
+            parts.append(f"{self.signal.value:.6g}" if isinstance(self.signal, Constant) else "s(t)")
+        return " + ".join(parts).replace("+ -", "- ")
 
     def to_dict(self) -> dict[str, Any]:
         """Return terms and signal."""
@@ -189,6 +198,7 @@ class Output(Quantity):
 class Feedback(Quantity):
     """A smooth function of quantities."""
 
+    kind = "feedback"
     function: Callable[..., float]
     arguments: tuple[Expression, ...]
     derivatives: Callable[..., Any] | tuple[Callable[..., float], ...] | None = None
@@ -323,11 +333,6 @@ def feedback(
     derivatives : callable or sequence of callable, optional
         A function of the same arguments that returns all derivatives, or one function for each. They help the solver;
         without them differences are taken.
-
-    Raises
-    ------
-    TypeError
-        If `function` cannot be called with so many arguments, or an argument is no quantity.
     """
     if not callable(function) or isinstance(function, Load):
         raise TypeError(f"feedback: function must be callable, got {function!r}")
@@ -356,11 +361,6 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
     quantity : Quantity
     low, high : float
         The limits, in the unit of the quantity; -inf and inf for none.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
     lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
@@ -384,11 +384,6 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
         Values of the quantity, increasing.
     ys : sequence of float
         What is returned there, equally many.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the points are not in order or not equally many.
     """
     own = as_expression(quantity, "table: quantity")
     places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")

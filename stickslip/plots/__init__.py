@@ -83,27 +83,10 @@ def overview(
     """Draw velocities, modes, contact forces within breakaway levels, normal forces that vary, and blocks, over time.
 
     This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
-    More than four contacts share one raster of ``|r| / B``; panels with
-    nothing to show are left out.
+    More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out.
 
-    Parameters
-    ----------
-    result : Result
-    bodies, contacts : sequence of str, optional
-        What to draw; by default everything.
-    t_span : (float, float), optional
-        Times in s to show; by default all.
-    axes : sequence of matplotlib axes, optional
-        One per panel, from top to bottom; by default a new figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, or the number of axes is not that of the panels.
+    Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from the top. It
+    returns the figure.
     """
     names = contact_names(result, contacts)
     shown = None if t_span is None else numbers(t_span, "overview: t_span")

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Signal
 from stickslip.plots.html import STYLE, bitmap, table, vector
@@ -94,6 +95,8 @@ def elements_table(scene: Scene) -> str:
 
 def _brief(value: Any) -> str:
     """Return a value of a field, as short as it can be said."""
+    if isinstance(value, Quantity):
+        value = str(value)
     if isinstance(value, (Signal, Law)):
         try:
             value = value.to_dict()
