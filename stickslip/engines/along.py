@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, chebyshev_values
 from stickslip.model.crossings import root_between
 
 __all__ = ["Along"]
@@ -45,7 +44,7 @@ class Along:
         ends = path.taus
         step = np.clip(ends.searchsorted(taus, "right") - 1, 0, ends.size - 2)
         places = 2 * (taus - ends[step]) / (ends[step + 1] - ends[step]) - 1
-        basis = chebvander(places, self._coefficients.shape[2] - 1)
+        basis = chebyshev_values(places, self._coefficients.shape[2] - 1)
         found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])
         if late:
             found += guards.leeway[rows, None]

@@ -76,17 +76,20 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
     if (count := taus.size - 1) == 0:
         return np.empty((0, 1, points.shape[1]))
     differences = _Differences(taus, points, tolerance)
-    best, first, basis, error = _newton(differences, np.arange(count), degree, False)
+    best, first, nodes, error = _newton(differences, np.arange(count), degree, False)
     rough = (error > 1.0).nonzero()[0]
     if rough.size:
         other = _newton(differences, rough, degree, True)
         better = other[3] < error[rough]
         worse = rough[better]
-        best[worse], first[:, worse], basis[worse] = other[0][better], other[1][:, better], other[2][better]
-    some = slice(int(best.max()) + 1)
-    terms = np.array([differences.of(k)[0][first[k]] for k in range(some.stop)])
-    terms[np.arange(some.stop)[:, None] > best] = 0.0
-    found: Array = (from_nodes(basis.shape[1] - 1)[some] @ basis[:, :, some]) @ terms.transpose(1, 0, 2)
+        best[worse], first[:, worse], nodes[:, worse] = (x[..., better] for x in other[:3])
+    top = int(best.max())
+    terms = np.array([differences.of(k)[0][first[k]] for k in range(top + 1)])
+    terms[np.arange(top + 1)[:, None] > best] = 0.0
+    x = taus[:-1, None] + np.diff(taus)[:, None] * chebyshev_nodes(top)
+    basis = np.ones((count, top + 1, top + 1))
+    np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
+    found: Array = (from_nodes(top) @ basis) @ terms.transpose(1, 0, 2)
     return found
 
 
@@ -124,37 +127,35 @@ def _newton(
     -------
     array (steps,) of int
         The best degree.
-    array (top + 1, steps) of int
+    array (most + 1, steps) of int
         The first of the points of each degree.
-    array (steps, top + 1, top + 1)
-        Newton's polynomials at the Chebyshev points of a step.
+    array (most + 1, steps)
+        The points themselves, in the order in which they are added.
     array (steps,)
         About the error with the best degree, in tolerances.
     """
     taus = differences.taus
     top, most = min(degree, taus.size - 1), min(degree + _AHEAD, taus.size - 1)
-    first = np.zeros((top + 1, steps.size), dtype=np.intp)
-    basis, sizes = np.zeros((steps.size, top + 1, top + 1)), np.empty((most + _AHEAD, steps.size))
-    first[0], basis[:, :, 0] = steps, 1.0
-    left, start, latest = steps, taus[steps], taus[steps + 1]
-    middle = 0.5 * (start + latest)
-    product = (latest - start)[:, None] * chebyshev_nodes(top)
-    x = start[:, None] + product
+    left, start, end = steps, taus[steps], taus[steps + 1]
+    first, nodes = np.zeros((most + 1, steps.size), dtype=np.intp), np.zeros((most + 1, steps.size))
+    first[0], nodes[0], nodes[1] = steps, start, end
+    # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
+    largest, reach = end - start, 0.25 * (end - start)
+    sizes = np.empty((most + _AHEAD, steps.size))
     padded = np.concatenate([taus[:1] - 1.0, taus, taus[-1:] + 1.0])
     for k in range(1, most + 1):
-        if k <= top:
-            first[k], basis[:, :, k] = left, product
-        sizes[k - 1] = np.abs(product).max(axis=1) * differences.of(k)[1][left]
+        first[k], sizes[k - 1] = left, largest * differences.of(k)[1][left]
         if k == most or (k > _AHEAD and sizes[k - _AHEAD : k].max() <= _NEGLIGIBLE):
             break
-        product = product * (x - latest[:, None])
+        largest = largest * reach
         before, after = padded[left], padded[left + k + 2]
         if only_before:
             goes_left = left > 0
         else:
             ahead = np.concatenate([[np.inf], differences.of(k + 1)[1], [np.inf]])
-            goes_left = ahead[left] * (middle - before) < ahead[left + 1] * (after - middle)
-        latest = np.where(goes_left, before, after)
+            goes_left = ahead[left] * (end - before) < ahead[left + 1] * (after - start)
+        nodes[k + 1] = np.where(goes_left, before, after)
+        reach = np.where(goes_left, end - before, after - start)
         left = left - goes_left
     # what is not known beyond the last term counts as no smaller than that
     sizes[k:] = sizes[k - 1]
@@ -162,4 +163,4 @@ def _newton(
     enough = errors <= _NEGLIGIBLE
     # else the degree with the smallest error, of equal ones the highest
     best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))
-    return best, first, basis, errors[best - 1, np.arange(steps.size)]
+    return best, first, nodes, errors[best - 1, np.arange(steps.size)]

@@ -22,7 +22,7 @@ __all__ = ["TaylorMap", "is_small", "is_small_map"]
 
 Array = NDArray[np.float64]
 
-_MOST_ENTRIES = 30_000
+_MOST_ENTRIES = 100_000
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 

@@ -240,6 +240,7 @@ def keep_names_inside(ax: Any) -> None:
         paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         label.set(horizontalalignment="left", fontsize="x-small", bbox=paper)
     ax.tick_params(axis="y", pad=-4)
+    ax.set_axisbelow(False)  # or strips would hide the names
 
 
 def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:

@@ -422,6 +422,12 @@ def test_nothing_falls_outside_a_figure_that_makes_no_room(wheels, chain):
         assert whole.x0 >= 0 and whole.y0 >= 0 and whole.x1 <= 6.4 and whole.y1 <= 4.8
 
 
+def test_names_within_the_axes_stand_before_the_strips(wheels):
+    ax = plots.modes(wheels, ax=Figure().subplots())
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["interface", "brake"]
+    assert ax.yaxis.get_zorder() > max(strip.get_zorder() for strip in ax.collections)
+
+
 @pytest.mark.parametrize(
     ("motion", "velocity", "force"), [("rotation", "rad/s", "N m"), ("translation", "m/s", "N")]
 )
