@@ -42,7 +42,7 @@ class Along:
         if not self.is_exact(rows):
             return guards.values(taus, self.motion.exact(taus, path.at(taus).T), late)[rows]
         ends = path.taus
-        step = np.clip(ends.searchsorted(taus, "right") - 1, 0, ends.size - 2)
+        step = np.minimum(np.maximum(ends.searchsorted(taus, "right") - 1, 0), ends.size - 2)
         places = 2 * (taus - ends[step]) / (ends[step + 1] - ends[step]) - 1
         basis = chebyshev_values(places, self._coefficients.shape[2] - 1)
         found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])

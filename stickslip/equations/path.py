@@ -71,7 +71,7 @@ class Path:
         c = self.coefficients
         if not c.shape[0]:
             return np.repeat(self.last[None, :], taus.size, axis=0)
-        i = np.clip(np.searchsorted(self.taus, taus, side="right") - 1, 0, c.shape[0] - 1)
+        i = np.minimum(np.maximum(self.taus.searchsorted(taus, "right") - 1, 0), c.shape[0] - 1)
         h = self.taus[i + 1] - self.taus[i]
         s = np.divide(taus - self.taus[i], h, out=np.zeros(taus.size), where=h > 0)
         found = values(c, i, s, self.is_chebyshev)
@@ -112,7 +112,7 @@ class Path:
 
     def cut(self, tau: float) -> Path:
         """Return the path up to local time `tau`, within it."""
-        i = int(np.clip(np.searchsorted(self.taus, tau, side="left") - 1, 0, self.coefficients.shape[0] - 1))
+        i = min(max(int(self.taus.searchsorted(tau)) - 1, 0), self.coefficients.shape[0] - 1)
         pieces = self.coefficients[: i + 1].copy()
         part = (tau - self.taus[i]) / (self.taus[i + 1] - self.taus[i])
         order = pieces.shape[1] - 1
@@ -154,7 +154,9 @@ def chebyshev_values(x: Array, order: int) -> Array:
     if x.size * order > _FEW:
         return np.asarray(chebvander(x, order))
     # for a few places this takes a fourth of the time
-    return np.asarray(np.cos(np.multiply.outer(np.arccos(np.clip(x, -1.0, 1.0)), np.arange(order + 1))))
+    return np.asarray(
+        np.cos(np.multiply.outer(np.arccos(np.minimum(np.maximum(x, -1.0), 1.0)), np.arange(order + 1)))
+    )
 
 
 @lru_cache(maxsize=32)
