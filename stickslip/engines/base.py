@@ -38,6 +38,8 @@ class Task:
         Length of fixed steps in s.
     merged : bool
         Integrate the independent velocities only: the state shrinks and grows (Breedveld 2000, figs. 4 and 5).
+    exact_at_rest : bool
+        Whether CVODE leaves motions to the series in which all rows are held and all is linear.
     interruption : Interruption
     """
 
@@ -48,6 +50,7 @@ class Task:
     max_step: float = math.inf
     step: float = math.nan
     merged: bool = False
+    exact_at_rest: bool = False
     interruption: Interruption = field(default_factory=Interruption)
 
 

@@ -12,6 +12,7 @@ from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
+from stickslip.engines.series import Series
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.through_points import path_through
 from stickslip.engines.work import Work, failure_of
@@ -54,6 +55,10 @@ class Cvode:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
         self._tolerance = LOCAL * task.rtol, LOCAL * task.atol
         self.work = Work()
+        self._series: Series | None = None
+        if task.exact_at_rest:
+            self._series = Series(task)
+            self._series.work = self.work
         self._linear_solver = LinearSolver()
         self._solvers: dict[_Steps, Any] = {}
         self._events: dict[_Steps, int] = {}
@@ -63,6 +68,8 @@ class Cvode:
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
+        if self._series is not None and motion.is_linear and not guards.is_velocity.any():
+            return self._series.advance(motion, guards, horizon)
         self._motion = Selected(motion, self._order, self._task.merged)
         self._lookout = Lookout(guards, self._task.interruption, self.work)
         return follow(motion, guards, horizon, self._solve, self._task.interruption)

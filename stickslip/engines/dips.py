@@ -15,9 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.guards import Guards
-from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path
+from stickslip.engines.along import Along
 
 __all__ = ["Dip", "first_dip"]
 
@@ -43,16 +41,17 @@ class Dip(NamedTuple):
     touched: int | None = None
 
 
-def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
+def first_dip(along: Along) -> Dip | None:
     """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
-    taus = path.taus
-    if not guards.size or taus.size < 2:
-        return None
+    motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
     touch = np.where(guards.stick_at_touch, _TOUCHES * guards.uncertain, 0.0)
-    low = guards.lower_bounds(path)
-    some = np.asarray((low <= touch[:, None]).any(axis=0))
-    if not some.any():
+    close = low <= touch[:, None]
+    rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
+    if not rows.size:
         return None
+    if not along.is_exact(rows):
+        rows = np.arange(guards.size)
+    low, touch = low[rows], touch[rows]
     # a turn shows beside its neighbours
     some[:-1] |= some[1:]
     some[1:] |= some[:-1]
@@ -60,13 +59,13 @@ def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
     if motion.dwell_times.size and np.isinf(low).any():
         extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if path.hit and some[-1]:
+    if along.path.hit and some[-1]:
         looks = looks[:-1]
     if not looks.size:
         return None
 
     def values(tau: Array, late: bool = True) -> Array:
-        return guards.values(tau, motion.exact(tau, path.at(tau).T), late)
+        return along.values(rows, tau, late)
 
     ends = values(looks)
     touch[np.maximum(ends.max(axis=1), low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
@@ -79,7 +78,9 @@ def first_dip(motion: Motion, guards: Guards, path: Path) -> Dip | None:
     # by as much as is uncertain the place of the minimum is, too, where a zero is divided out
     place = int(looks.searchsorted(tau))
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
-    return Dip(_lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[row]))
+    return Dip(
+        _lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]])
+    )
 
 
 def _first_negative(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.engines.along import Along
 from stickslip.engines.dips import first_dip
 from stickslip.engines.passing import back_to_zero
 from stickslip.engines.progress import Interruption, Progress
@@ -97,12 +98,15 @@ def follow(
     interruption : Interruption
     """
     path = _protected(motion, horizon, solve, interruption)
-    missed = first_dip(motion, guards, path)
+    if not guards.size or path.taus.size < 2:
+        return path
+    along = Along(motion, guards, path)
+    missed = first_dip(along)
     if missed is not None and missed.touched is not None:
         return replace(motion.until(path, missed.tau), touched=missed.touched)
     if missed is not None:
-        path = replace(motion.until(path, missed.tau) if missed.tau < path.taus[-1] else path, hit=True)
-    return back_to_zero(motion, guards, path)
+        return back_to_zero(along, missed.tau)
+    return back_to_zero(along, float(path.taus[-1])) if path.hit else path
 
 
 def _protected(

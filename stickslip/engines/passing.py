@@ -7,20 +7,14 @@ So the solver goes on until a velocity has passed 0 by more than these.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.equations.guards import Guards
-from stickslip.equations.motion import Motion
+from stickslip.engines.along import Along
 from stickslip.equations.path import Path
-from stickslip.model.crossings import root_between
 
 __all__ = ["back_to_zero"]
-
-Array = NDArray[np.float64]
 
 _FULLY = 0.999
 """Part of what is uncertain by which a velocity that was found beyond 0 has passed it at least."""
@@ -29,44 +23,27 @@ _FEW = 4
 """Points that are looked at together, the last first: a velocity is not beyond 0 for long."""
 
 
-def back_to_zero(motion: Motion, guards: Guards, path: Path) -> Path:
-    """Return the path up to where the first of the guards that are negative at its end was 0."""
-    taus = path.taus
-    if not path.hit or taus.size < 2:
-        return path
-
-    def values(taus: Array) -> Array:
-        return guards.values(taus, motion.exact(taus, path.at(taus).T))
-
-    late = guards.values(float(taus[-1]), path.last, late=True)
-    rows = (late <= (1 - _FULLY) * guards.leeway).nonzero()[0]
-    found = float(taus[-1])
-    for row in rows.tolist():
-        last = _last_before(row, taus, values)
-        if last is None:
-            continue
-        left, right = (float(taus[last + k]) for k in (0, 1))
-
-        def beyond(tau: float, row: int = row) -> float:
-            return float(guards.values(tau, motion.exact(tau, path.state(tau)))[row])
-
-        # at the ends of a step signs may be roundoff
-        if beyond(left) <= 0:
-            found = min(found, left)
-        else:
-            found = min(found, root_between(beyond, left, right) if beyond(right) < 0 else right)
-    if not 0 < found < taus[-1]:
-        return path
-    return replace(motion.until(path, found), hit=True)
+def back_to_zero(along: Along, end: float) -> Path:
+    """Return the path up to where the first of the guards was 0 that are negative at local time `end`."""
+    guards, path, found = along.guards, along.path, end
+    late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
+    for row in (late <= (1 - _FULLY) * guards.leeway).nonzero()[0].tolist():
+        step = _last_before(along, row, end)
+        if step is not None:
+            found = min(found, along.root(row, step, min(float(path.taus[step + 1]), end)))
+    if found <= 0:
+        found = end
+    return replace(path if found >= path.taus[-1] else along.motion.until(path, found), hit=True)
 
 
-def _last_before(row: int, taus: Array, values: Callable[[Array], Array]) -> int | None:
-    """Return the last point but one at which a guard is not beyond 0, None where it was so from the start."""
-    end, count = taus.size - 1, _FEW
-    while end:
-        first = max(end - count, 0)
-        before = (values(taus[first:end])[row] >= 0).nonzero()[0]
+def _last_before(along: Along, row: int, end: float) -> int | None:
+    """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
+    taus, rows = along.path.taus, np.array([row])
+    last, count = int(taus.searchsorted(end)), _FEW
+    while last:
+        first = max(last - count, 0)
+        before = (along.values(rows, taus[first:last])[0] >= 0).nonzero()[0]
         if before.size:
             return first + int(before[-1])
-        end, count = first, 2 * count
+        last, count = first, 2 * count
     return None

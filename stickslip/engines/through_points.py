@@ -75,80 +75,92 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
     """
     if (count := taus.size - 1) == 0:
         return np.empty((0, 1, points.shape[1]))
-    top, most = min(degree, count), min(degree + _AHEAD, count)
-    weight = 1.0 / (tolerance[0] * np.abs(points) + tolerance[1])
-    table, norms = [points], []
-    for k in range(1, most + 1):
-        table.append(np.diff(table[-1], axis=0) / (taus[k:] - taus[:-k])[:, None])
-        norms.append((np.abs(table[k]) * weight[:-k]).max(axis=1))
-    first, basis, best, error = _newton(taus, norms, np.arange(count), top, False)
+    differences = _Differences(taus, points, tolerance)
+    best, first, nodes, error = _newton(differences, np.arange(count), degree, False)
     rough = (error > 1.0).nonzero()[0]
     if rough.size:
-        other = _newton(taus, norms, rough, top, True)
+        other = _newton(differences, rough, degree, True)
         better = other[3] < error[rough]
         worse = rough[better]
-        first[:, worse], basis[worse], best[worse] = other[0][:, better], other[1][better], other[2][better]
-    some = slice(int(best.max()) + 1)
-    terms = np.array([table[k][first[k]] for k in range(some.stop)])
-    terms[np.arange(some.stop)[:, None] > best] = 0.0
-    found: Array = (from_nodes(top)[some] @ basis[:, :, some]) @ terms.transpose(1, 0, 2)
+        best[worse], first[:, worse], nodes[:, worse] = (x[..., better] for x in other[:3])
+    top = int(best.max())
+    terms = np.array([differences.of(k)[0][first[k]] for k in range(top + 1)])
+    terms[np.arange(top + 1)[:, None] > best] = 0.0
+    x = taus[:-1, None] + np.diff(taus)[:, None] * chebyshev_nodes(top)
+    basis = np.ones((count, top + 1, top + 1))
+    np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
+    found: Array = (from_nodes(top) @ basis) @ terms.transpose(1, 0, 2)
     return found
 
 
+class _Differences:
+    """Divided differences of points, from each of them on, and their sizes in tolerances."""
+
+    def __init__(self, taus: Array, points: Array, tolerance: tuple[float, Any]) -> None:
+        self.taus, self._known = taus, [(points, np.empty(0))]
+        self._weight = 1.0 / (tolerance[0] * np.abs(points) + tolerance[1])
+
+    def of(self, order: int) -> tuple[Array, Array]:
+        """Return those of an order, and their sizes."""
+        for k in range(len(self._known), order + 1):
+            before = self._known[-1][0]
+            found = (before[1:] - before[:-1]) / (self.taus[k:] - self.taus[:-k])[:, None]
+            self._known.append((found, (np.abs(found) * self._weight[:-k]).max(axis=1)))
+        return self._known[order]
+
+
 def _newton(
-    taus: Array, norms: list[Array], steps: Indices, top: int, only_before: bool
-) -> tuple[Indices, Array, Indices, Array]:
+    differences: _Differences, steps: Indices, degree: int, only_before: bool
+) -> tuple[Indices, Indices, Array, Array]:
     """Choose points for the polynomials of some steps.
 
     Parameters
     ----------
-    taus : array (k + 1,)
-    norms : list of array
-        Sizes of the divided differences of order 1, 2, ... from each point on, in tolerances.
+    differences : _Differences
     steps : array of int
-    top : int
+    degree : int
         Highest degree.
     only_before : bool
         Whether points behind a step are left out as long as there are others.
 
     Returns
     -------
-    array (top + 1, steps) of int
-        The first of the points of each degree.
-    array (steps, top + 1, top + 1)
-        Newton's polynomials at the Chebyshev points of a step.
     array (steps,) of int
         The best degree.
+    array (most + 1, steps) of int
+        The first of the points of each degree.
+    array (most + 1, steps)
+        The points themselves, in the order in which they are added.
     array (steps,)
-        About the error with it, in tolerances.
+        About the error with the best degree, in tolerances.
     """
-    first, most = np.empty((top + 1, steps.size), dtype=np.intp), len(norms)
-    basis, sizes = np.empty((steps.size, top + 1, top + 1)), np.empty((most + _AHEAD, steps.size))
-    first[0], basis[:, :, 0] = steps, 1.0
-    left, start, latest = steps, taus[steps], taus[steps + 1]
-    middle = 0.5 * (start + latest)
-    product = (latest - start)[:, None] * chebyshev_nodes(top)
-    x = start[:, None] + product
+    taus = differences.taus
+    top, most = min(degree, taus.size - 1), min(degree + _AHEAD, taus.size - 1)
+    left, start, end = steps, taus[steps], taus[steps + 1]
+    first, nodes = np.zeros((most + 1, steps.size), dtype=np.intp), np.zeros((most + 1, steps.size))
+    first[0], nodes[0], nodes[1] = steps, start, end
+    # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
+    largest, reach = end - start, 0.25 * (end - start)
+    sizes = np.empty((most + _AHEAD, steps.size))
     padded = np.concatenate([taus[:1] - 1.0, taus, taus[-1:] + 1.0])
     for k in range(1, most + 1):
-        if k <= top:
-            first[k], basis[:, :, k] = left, product
-        sizes[k - 1] = np.abs(product).max(axis=1) * norms[k - 1][left]
-        if k == most:
+        first[k], sizes[k - 1] = left, largest * differences.of(k)[1][left]
+        if k == most or (k > _AHEAD and sizes[k - _AHEAD : k].max() <= _NEGLIGIBLE):
             break
-        product = product * (x - latest[:, None])
+        largest = largest * reach
         before, after = padded[left], padded[left + k + 2]
         if only_before:
             goes_left = left > 0
         else:
-            ahead = np.concatenate([[np.inf], norms[k], [np.inf]])
-            goes_left = ahead[left] * (middle - before) < ahead[left + 1] * (after - middle)
-        latest = np.where(goes_left, before, after)
+            ahead = np.concatenate([[np.inf], differences.of(k + 1)[1], [np.inf]])
+            goes_left = ahead[left] * (end - before) < ahead[left + 1] * (after - start)
+        nodes[k + 1] = np.where(goes_left, before, after)
+        reach = np.where(goes_left, end - before, after - start)
         left = left - goes_left
     # what is not known beyond the last term counts as no smaller than that
-    sizes[most:] = sizes[most - 1]
+    sizes[k:] = sizes[k - 1]
     errors = np.maximum(sizes[1 : 1 + top], sizes[2 : 2 + top])
     enough = errors <= _NEGLIGIBLE
     # else the degree with the smallest error, of equal ones the highest
     best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))
-    return first, basis, best, errors[best - 1, np.arange(steps.size)]
+    return best, first, nodes, errors[best - 1, np.arange(steps.size)]

@@ -454,12 +454,14 @@ class Guards:
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 
-    def lower_bounds(self, path: Path) -> Array:
-        """Return what no guard goes below in each step of a path, one column each; -inf where that is not known.
+    def along(self, path: Path) -> tuple[Array, Mask, Array]:
+        """Return Chebyshev coefficients (guards, k, order) of the guards in each step of a path.
 
-        What is linear in states and time is a polynomial like the path, and no Chebyshev polynomial is beyond 1. A
-        level that rises with its dwell is not below what it would be without rising from the start of a step on. Zeros
-        at the start are not divided out; velocities have passed 0 once they are beyond what is uncertain.
+        What is linear in states and time is a polynomial like the path. What a guard is at the start where it leaves 0
+        is subtracted, not divided out. Returned are also which guards are these polynomials, and what no guard goes
+        below in each step (guards, k), -inf where that is not known: no Chebyshev polynomial is beyond 1, and a level
+        that rises with its dwell is not below what it would be without rising from the start of a step on. Velocities
+        have passed 0 there once they are beyond what is uncertain.
         """
         motion, system, equations = self.motion, self.motion.system, self.motion.equations
         k, order, size = path.coefficients.shape
@@ -472,7 +474,7 @@ class Guards:
             # velocities are states all the same, unless drives give them
             unknown |= ~self.is_velocity | bool(system.drives)
         if not path.is_chebyshev or order < 2 or unknown.all():
-            return np.full((self.size, k), -math.inf)
+            return np.zeros((self.size, k, order)), ~np.ones_like(unknown), np.full((self.size, k), -math.inf)
         g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
         middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
@@ -482,19 +484,35 @@ class Guards:
             if is_rising:
                 q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
             g[:, :, j] += self.rows.of_inputs(q)
-        low = g[:, :, 0] + self._constant[:, None] - np.abs(g[:, :, 1:]).sum(axis=2)
+        if self._has_constant:
+            g[:, :, 0] += self._constant[:, None]
+        if not self.is_plain:
+            self._subtract_start(g, path.taus[:-1] + half, half)
+        low = g[:, :, 0] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.uncertain:
             low += self.leeway[:, None]
-        if self._offset is not None:
-            low += self._offset[:, None]
         low[unknown] = -math.inf
-        return np.asarray(low)
+        is_exact = ~unknown
+        if is_rising:
+            is_exact[self.rows.rising] = False
+        return g, is_exact, low
+
+    def _subtract_start(self, g: Array, middle: Array, half: Array) -> None:
+        """Subtract what guards are at the start that leave 0 there, in place, and add how far others may stray."""
+        if self._offset is not None:
+            g[:, :, 0] += self._offset[:, None]
+        first = (self.order == 1).nonzero()[0]
+        g[first, :, 0] -= self.first[0, first, None]
+        if self._bent.size:
+            start = self.start[:, self._bent, None]
+            g[self._bent, :, 0] -= start[0] + start[1] * middle
+            g[self._bent, :, 1] -= start[1] * half
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
         if not self.size:
             return math.inf
-        if tau <= self._told:
+        if tau <= self.told:
             return float(self.values(tau, y, late=True).min())
         # no zero of the start is near: its order does not change a sign
         motion, q = self.motion, None
@@ -551,7 +569,7 @@ class Guards:
         return self.rows.by_state
 
     @cached_property
-    def _told(self) -> float:
+    def told(self) -> float:
         """Until when the sign of some guard that leaves 0 is roundoff."""
         leaves = (self.order > 0) & (self.order < NEVER)
         return float(self._roundoff[0][leaves].max()) if leaves.any() else -1.0

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
 
-__all__ = ["Loads", "Stretch"]
+__all__ = ["Loads", "Stretch", "Waves"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+Waves = tuple[tuple[int, ...], tuple[float, ...]]
+"""The entries to which sines are added, and how fast these turn in rad/s."""
 
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
@@ -147,6 +149,8 @@ class Stretch:
         Entries that are not straight.
     regions : tuple of int or None
         The regions of tables in which motions begin.
+    waves : Waves
+        The entries of sines, and how fast these turn.
     """
 
     def __init__(
@@ -165,6 +169,7 @@ class Stretch:
         self.is_straight = not waves and not functions
         self._before_stop = math.nextafter(stop, -math.inf)
         self._functions, self._waves = functions, waves
+        self.waves: Waves = (), ()
         if waves:
             entries, amplitude, frequency, phase = zip(*waves, strict=True)
             self._entry = np.array(entries, dtype=np.intp)
@@ -172,6 +177,7 @@ class Stretch:
                 np.array(x) for x in (amplitude, frequency, phase)
             )
             self._turn = 2 * math.pi * self._frequency
+            self.waves = entries, tuple(self._turn.tolist())
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
@@ -227,14 +233,18 @@ class Stretch:
         found.append(None if self.is_steady else scale * self.slope)
         found += [None] * (order - 1)
         if self.has_waves and waves:
-            angle, size = self._angle(t), self._amplitude
-            for k in range(order + 1):
-                part = found[k]
-                if part is None:
-                    part = found[k] = np.zeros(self.value.size)
-                np.add.at(part, self._entry, size * np.sin(angle))
-                angle, size = angle + 0.5 * math.pi, size * (self._turn * scale / (k + 1))
+            all_orders = np.array([np.zeros(self.value.size) if part is None else part for part in found])
+            orders = np.arange(order + 1.0)[:, None]
+            factors = np.where(orders > 0, self._turn * scale / np.maximum(orders, 1.0), self._amplitude)
+            waving = np.cumprod(factors, axis=0) * np.sin(self._angle(t) + 0.5 * math.pi * orders)
+            np.add.at(all_orders.T, self._entry, waving.T)
+            found = list(all_orders)
         return found
+
+    def swings(self, t: float) -> Array:
+        """Return the sines at `t`, and after them the cosines with the same amplitudes."""
+        angle = self._angle(t)
+        return np.concatenate([self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)])
 
     def magnitudes(self, t: float, order: int) -> Array:
         """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.equations.guard_rows import GuardRows
+from stickslip.equations.loads import Waves
 from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
@@ -102,7 +103,7 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._maps: dict[tuple[int, bool, tuple[int, ...] | None], TaylorMap | None] = {}
+        self._maps: dict[tuple[int, bool, tuple[int, ...] | None, Waves], TaylorMap | None] = {}
         if not system.sparse:
             self._assemble()
 
@@ -206,20 +207,22 @@ class ModeEquations:
         self._of_states_all = np.vstack([self._AE, self.guards.by_state])
         self._of_inputs_all = np.vstack([self._BH, self.guards.by_input])
 
-    def taylor(self, order: int, frozen: bool, lines: tuple[int, ...] | None) -> TaylorMap | None:
+    def taylor(
+        self, order: int, frozen: bool, lines: tuple[int, ...] | None, waves: Waves
+    ) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order, None where it would be large.
 
         Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
-        key = order, frozen, lines
+        key = order, frozen, lines, waves
         if key not in self._maps:
             found, system = None, self.system
-            if is_small(system, system.size + self.rows + self.guards.size, order):
+            if is_small(system, system.size + self.rows + self.guards.size, order, len(waves[0])):
                 of, link = system.dependence, None
                 if of is not None:
                     link = partial(of.add_linear, regions=lines)
                 maps = self._of_states_all, self._of_inputs_all
-                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link)
+                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link, waves)
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found

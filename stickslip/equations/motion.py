@@ -598,10 +598,14 @@ class Motion:
         """
         equations, system = self.equations, self.system
         size, n = system.size, system.n
-        if (not self.stretch.has_waves or (frozen and self.waves_rest)) and not self._rises_with_state:
-            taylor = equations.taylor(order, frozen, self.regions)
+        swings = self.stretch.has_waves and not (frozen and self.waves_rest)
+        if not (self._rises_with_state or (swings and self._rises_with_waves)):
+            taylor = equations.taylor(order, frozen, self.regions, self.stretch.waves if swings else ((), ()))
             if taylor is not None and taylor.reaches(scale):
-                y, z, g = taylor(self._extended(tau, y), scale)
+                x = self._extended(tau, y)
+                if swings:
+                    x = np.concatenate([x, self.stretch.swings(self.t + tau)])
+                y, z, g = taylor(x, scale)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
         linked = _Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
@@ -635,6 +639,13 @@ class Motion:
         if self.dependence is None or not (self._dwelling.size and self._rising.size):
             return False
         return bool(np.isin(self._dwelling[self._rising], self.dependence.rows).any())
+
+    @cached_property
+    def _rises_with_waves(self) -> bool:
+        """Whether a level rises to whose normal force sines are added."""
+        if not (self._dwelling.size and self._rising.size):
+            return False
+        return bool(np.isin(self._dwelling[self._rising], self.stretch.waves[0]).any())
 
     def _all_series(self, tau: float, y: Array, scale: float, frozen: bool) -> list[Array | None]:
         """Return the Taylor coefficients of inputs and dwells, from those of the states."""

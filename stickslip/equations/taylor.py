@@ -1,8 +1,8 @@
 """The Taylor coefficients of a small linear motion from one product.
 
-Between two breaks the inputs are lines, and dwells are exponentials times lines. Together with the states,
+Between two breaks the inputs are lines and sines, and dwells are exponentials times lines. Together with the states,
 
-    x = (y, q, q', e, e'),    y' = A y + B (q, e),    e = exp(-age / dwell) N,
+    x = (y, q, q', e, e', s, c),    y' = A y + B (q + s, e),    e = exp(-age / dwell) N,    s' = omega c,
 
 they obey ``x' = N x`` with a constant matrix N. The coefficient of order k is ``N^k x / k!``: one matrix gives all of
 them, for every motion in the same modes. Inputs that depend linearly on the state are part of N.
@@ -15,20 +15,21 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 
 __all__ = ["TaylorMap", "is_small", "is_small_map"]
 
 Array = NDArray[np.float64]
 
-_MOST_ENTRIES = 30_000
+_MOST_ENTRIES = 100_000
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 
 
-def is_small(system: System, rows: int, order: int) -> bool:
+def is_small(system: System, rows: int, order: int, waves: int) -> bool:
     """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
-    columns = system.size + 2 * system.inputs + 2 * system.dwelling.size
+    columns = system.size + 2 * (system.inputs + system.dwelling.size + waves)
     return is_small_map(system, columns, rows * (order + 1))
 
 
@@ -55,6 +56,8 @@ class TaylorMap:
         Whether static coefficients keep their values.
     link : callable or None
         Enters the inputs that depend linearly on the state into columns of inputs, from columns of states.
+    waves : Waves
+        The sines.
     """
 
     def __init__(
@@ -67,6 +70,7 @@ class TaylorMap:
         order: int,
         frozen: bool,
         link: Callable[[Array, Array], None] | None,
+        waves: Waves,
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
         dwells = dwelling.size
@@ -80,17 +84,21 @@ class TaylorMap:
         fastest = float(np.abs(rates).sum(axis=1).max(initial=0.0))
         if dwells and not frozen:
             fastest = max(fastest, float((1.0 / system.dwell[dwelling]).max()))
+        entries, turns = (np.array(x, dtype=kind) for x, kind in zip(waves, (np.intp, float), strict=True))
+        fastest = max(fastest, float(np.abs(turns).max(initial=0.0)))
         self._pace = fastest if fastest > 0 else 1.0
         fall = np.zeros(dwells) if frozen else -1.0 / (system.dwell[dwelling] * self._pace)
-        columns = size + 2 * inputs + 2 * dwells
+        columns = size + 2 * (inputs + dwells + entries.size)
         value, slope = size, size + inputs
         dwell, dwell_slope = (
             size + 2 * inputs + np.arange(dwells),
             size + 2 * inputs + dwells + np.arange(dwells),
         )
         place = inputs + np.arange(dwells)
+        wave, number = size + 2 * (inputs + dwells) + np.arange(entries.size), entries.size
         y = np.eye(size, columns)
         decay, before = np.ones(dwells), np.zeros(dwells)
+        swing = np.ones(number)
         blocks = []
         for k in range(order + 1):
             q = np.zeros((inputs + dwells, columns))
@@ -99,6 +107,9 @@ class TaylorMap:
             elif k == 1:
                 q[:inputs, slope : slope + inputs] = np.eye(inputs) / self._pace
             q[place, dwell], q[place, dwell_slope] = decay, before / self._pace
+            # sine, cosine, -sine, -cosine
+            q[entries, wave + number * (k % 2)] = swing * (-1.0) ** (k // 2)
+            swing = swing * turns / ((k + 1) * self._pace)
             if k:
                 y = consistent(y, system.drive_velocities(q))
             if link is not None:

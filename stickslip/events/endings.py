@@ -294,13 +294,19 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     rows = equations.slip[system.hard[equations.slip]]
     if margin <= 0 or not rows.size or path.taus.size < 2:
         return path, []
-    count = path.taus.size - (1 if path.hit else 0)
+    count = path.taus.size - path.has_event
     points = path.points[:count].T
     w = _signed(motion, path.taus[:count], points, rows)
     near = (w <= margin) & (w > 0)
     if not np.count_nonzero(near):
         return path, []
+    # what has left rest only grows: no rates are needed to tell
+    falls = w[:, 1:] <= w[:, :-1]
+    edge = np.zeros((rows.size, 1), dtype=bool)
+    near &= np.concatenate([falls, edge], axis=1) | np.concatenate([edge, falls], axis=1)
     some = np.flatnonzero(near.any(axis=0))
+    if not some.size:
+        return path, []
     near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
     found: tuple[float, list[int]] | None = None
     for k in np.flatnonzero(near.any(axis=1)).tolist():

@@ -183,7 +183,7 @@ class Search:
             seen.add(self._regions.tobytes())
             if not equations.borders.size:
                 return motion, guards
-            over = (guards.violated & guards.is_border)[guards.is_border]
+            over = guards.violated[guards.is_border]
             over &= ~functions.is_stop[functions.owner[equations.borders]]
             if not over.any():
                 return motion, guards
@@ -233,7 +233,7 @@ class Search:
     def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return modes in which stops are closed that would pass their limit, None if there are none."""
         functions, borders = self._system.piecewise, motion.equations.borders
-        over = (guards.violated & guards.is_border)[guards.is_border]
+        over = guards.violated[guards.is_border]
         over &= functions.is_stop[functions.owner[borders]]
         if not over.any():
             return None
@@ -253,7 +253,7 @@ class Search:
         equations = motion.equations
         largest = np.full(rows.size, ratio.max())
         no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
-        if rows.size > 1 and no_loops and equations.is_held[rows].all():
+        if rows.size > 1 and no_loops:
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
             each = np.zeros(number.max() + 1)
             np.maximum.at(each, number, ratio)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "NamedArguments",
+    "as_number",
     "check_entries",
     "check_name",
     "check_takes",
@@ -90,6 +91,14 @@ def finite(value: Any, what: str) -> float:
     return number
 
 
+def as_number(value: Any) -> float:
+    """Return what a function of the user returned as a float, also an array of one number; NaN where it is none."""
+    try:
+        return math.nan if isinstance(value, (str, bytes)) else float(np.reshape(value, ()))
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
 def flag(value: Any, what: str) -> bool:
     """Return True or False; refuse what is neither with a message that begins with `what`."""
     if not isinstance(value, (bool, np.bool_)):
@@ -110,8 +119,11 @@ def whole(value: Any, what: str, least: int = 0) -> int:
 
 def limit(value: Any, none: float, what: str) -> float:
     """Return a finite number, or the infinite one that stands for no limit; files write that as a string."""
-    is_none = isinstance(value, (str, int, float)) and value in (none, str(none))
-    return none if is_none else finite(value, what)
+    if isinstance(value, (str, int, float)) and value in (none, str(none)):
+        return none
+    if isinstance(value, float) and value == -none:
+        raise ValueError(f"{what} must be a number or {none:g}, got {value:g}; leave it out for no limit")
+    return finite(value, what)
 
 
 def in_order(values: Any, what: str, kind: str = "numbers") -> list[Any]:

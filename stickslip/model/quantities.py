@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.checks import (
+    as_number,
     check_entries,
     check_name,
     check_takes,
@@ -28,7 +29,7 @@ from stickslip.model.checks import (
     whole,
 )
 from stickslip.model.signal_makers import signal_from_dict
-from stickslip.model.signals import ZERO, Line, Load, Signal, as_signal
+from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signal
 
 __all__ = [
     "TIME",
@@ -64,9 +65,6 @@ Array = NDArray[np.float64]
 class Quantity(Load):
     """What depends on the motion; ``+`` and ``-`` add quantities, signals and numbers, ``*`` scales by a number."""
 
-    kind: ClassVar[str]
-    """What files call it."""
-
     def __add__(self, other: Load | float) -> Expression:
         return _sum(as_expression(self), as_expression(other, "a quantity's summand"))
 
@@ -101,15 +99,14 @@ class Quantity(Load):
         """Return the quantities that this one is made of."""
         return ()
 
+    def __str__(self) -> str:
+        return f"{self.kind}({', '.join(map(str, self.inner() or vars(self).values()))})"
+
     def walk(self) -> Iterator[Quantity]:
         """Yield the quantity and all that it is made of."""
         yield self
         for part in self.inner():
             yield from part.walk()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the quantity as plain data."""
-        return {"type": self.kind, **vars(self)}
 
 
 @dataclass(frozen=True)
@@ -123,6 +120,12 @@ class Expression(Quantity):
     def inner(self) -> tuple[Quantity, ...]:
         """Return the terms."""
         return tuple(atom for atom, _ in self.terms)
+
+    def __str__(self) -> str:
+        parts = [str(atom) if factor == 1 else f"{factor:.6g} {atom}" for atom, factor in self.terms]
+        if self.signal != ZERO or not parts:
+            parts.append(f"{self.signal.value:.6g}" if isinstance(self.signal, Constant) else "s(t)")
+        return " + ".join(parts).replace("+ -", "- ")
 
     def to_dict(self) -> dict[str, Any]:
         """Return terms and signal."""
@@ -195,6 +198,7 @@ class Output(Quantity):
 class Feedback(Quantity):
     """A smooth function of quantities."""
 
+    kind = "feedback"
     function: Callable[..., float]
     arguments: tuple[Expression, ...]
     derivatives: Callable[..., Any] | tuple[Callable[..., float], ...] | None = None
@@ -220,7 +224,10 @@ class Feedback(Quantity):
             found = self.function(*arguments)
         except Exception as error:
             raise ValueError(f"raised {error!r}") from error
-        return _number(found, "returned")
+        number = found if type(found) is float else as_number(found)
+        if not math.isfinite(number):
+            raise ValueError(f"returned {found!r}")
+        return number
 
     def slopes(self, arguments: Sequence[float]) -> Array:
         """Return the derivatives with respect to the arguments, as they are given."""
@@ -326,11 +333,6 @@ def feedback(
     derivatives : callable or sequence of callable, optional
         A function of the same arguments that returns all derivatives, or one function for each. They help the solver;
         without them differences are taken.
-
-    Raises
-    ------
-    TypeError
-        If `function` cannot be called with so many arguments, or an argument is no quantity.
     """
     if not callable(function) or isinstance(function, Load):
         raise TypeError(f"feedback: function must be callable, got {function!r}")
@@ -359,11 +361,6 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
     quantity : Quantity
     low, high : float
         The limits, in the unit of the quantity; -inf and inf for none.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
     lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
@@ -387,11 +384,6 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
         Values of the quantity, increasing.
     ys : sequence of float
         What is returned there, equally many.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no quantity, or the points are not in order or not equally many.
     """
     own = as_expression(quantity, "table: quantity")
     places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")
@@ -491,16 +483,3 @@ def _sum(*parts: Expression) -> Expression:
             factors[atom] = factors.get(atom, 0.0) + factor
         total = total + part.signal
     return Expression(tuple((atom, factor) for atom, factor in factors.items() if factor), total)
-
-
-def _number(value: Any, what: str) -> float:
-    if type(value) is float and math.isfinite(value):
-        return value
-    if not isinstance(value, str) and np.size(value) == 1:
-        try:
-            number = float(np.reshape(value, ()))
-        except (TypeError, ValueError, OverflowError):
-            number = math.nan
-        if math.isfinite(number):
-            return number
-    raise ValueError(f"{what} {value!r}")

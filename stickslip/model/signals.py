@@ -11,12 +11,12 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite, name_of
+from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 __all__ = [
@@ -45,9 +45,15 @@ class Load:
     __array_ufunc__ = None
     """NumPy's numbers leave ``+`` and ``*`` to the load."""
 
+    kind: ClassVar[str] = ""
+    """What files call it; empty where it is not data."""
+
     def to_dict(self) -> Any:
         """Return the load as plain data."""
-        raise NotImplementedError
+        if not self.kind:
+            raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
+        fields = {name: list(x) if isinstance(x, tuple) else x for name, x in vars(self).items()}
+        return {"type": self.kind} | fields
 
     def __pow__(self, exponent: Any) -> Any:
         raise TypeError(self._not_linear(f"x**{exponent!r}"))
@@ -117,10 +123,6 @@ class Signal(Load):
     def within(self, start: float, stop: float) -> Signal:
         """Return the signal for one time span: functions are called within it only."""
         return self
-
-    def to_dict(self) -> Any:
-        """Return the signal as plain data."""
-        raise TypeError(f"a {type(self).__name__} signal is not data; write the signal it was made from")
 
     def scaled(self, factor: float) -> Signal:
         """Return the signal times a number that is not 0."""
@@ -199,6 +201,7 @@ ZERO = Constant(0.0)
 class Line(Signal):
     """A straight line for all times: ``offset + rise t``."""
 
+    kind = "line"
     rise: float
     offset: float = 0.0
 
@@ -218,15 +221,12 @@ class Line(Signal):
         """Return the line times a number."""
         return Line(factor * self.rise, factor * self.offset)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the parameters."""
-        return {"type": "line", **vars(self)}
-
 
 @dataclass(frozen=True)
 class PiecewiseLinear(Signal):
     """Straight lines between points; the end values are held and a repeated time is a jump."""
 
+    kind = "piecewise_linear"
     times: tuple[float, ...]
     values: tuple[float, ...]
 
@@ -285,15 +285,12 @@ class PiecewiseLinear(Signal):
         """Return the lines through the scaled values."""
         return PiecewiseLinear(self.times, tuple(factor * v for v in self.values))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the points."""
-        return {"type": "piecewise_linear", "times": list(self.times), "values": list(self.values)}
-
 
 @dataclass(frozen=True)
 class Sine(Signal):
     """``offset + amplitude sin(2 pi frequency t + phase)``."""
 
+    kind = "sine"
     amplitude: float
     frequency: float
     phase: float = 0.0
@@ -320,10 +317,6 @@ class Sine(Signal):
         """Return the sine with its amplitude and offset scaled."""
         return Sine(factor * self.amplitude, self.frequency, self.phase, factor * self.offset)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the parameters."""
-        return {"type": "sine", **vars(self)}
-
 
 @dataclass(frozen=True)
 class Function(Signal):
@@ -344,10 +337,10 @@ class Function(Signal):
             value = self.function(t)
         except Exception as error:
             raise ValueError(f"{self._label} raised {error!r} at t={t:g}; return a finite number") from error
-        if type(value) is not float:
-            value = self._number(value, t)
-        if not math.isfinite(value):
-            raise ValueError(f"{self._label} returned {value} at t={t:g}; return a finite number")
+        if type(value) is not float or not math.isfinite(value):
+            if not math.isfinite(number := as_number(value)):
+                raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
+            value = number
         return self.factor * value
 
     def _beyond(self, t: float, limit: float) -> float:
@@ -355,14 +348,6 @@ class Function(Signal):
         half = 0.5 * (self.limits[1] - self.limits[0])
         d = max(-half, min(t - limit, half))
         return 3 * self(limit) - 3 * self(limit - d) + self(limit - 2 * d)
-
-    def _number(self, value: Any, t: float) -> float:
-        if not isinstance(value, str) and np.ndim(value) == 0:
-            try:
-                return float(value)
-            except (TypeError, ValueError, OverflowError):
-                pass
-        raise ValueError(f"{self._label} returned {value!r} at t={t:g}; return one finite number")
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order that looks across no break and no limit."""

@@ -28,11 +28,6 @@ class When(metaclass=NamedArguments):
         +1 for crossings upward only, -1 for those downward, 0 for both.
     stop : bool
         Whether the simulation ends there.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the name is no name, the quantity no quantity or a constant, or the direction none of these.
     """
 
     name: str

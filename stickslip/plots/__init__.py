@@ -28,17 +28,17 @@ from stickslip.plots.contact import (
 from stickslip.plots.fit import fit
 from stickslip.plots.limits import has_limits, stretch
 from stickslip.plots.motion import MANY, body_names, modes, velocities, velocity_units
-from stickslip.plots.points import FINE
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import (
+    FINE,
     TIME,
-    beside,
     contact_names,
     look,
     many_axes,
     mark_events,
     new_figure,
     of_result,
+    over_time,
     own_axes,
 )
 from stickslip.plots.sweep_map import sweep_map
@@ -83,27 +83,10 @@ def overview(
     """Draw velocities, modes, contact forces within breakaway levels, normal forces that vary, and blocks, over time.
 
     This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
-    More than four contacts share one raster of ``|r| / B``; panels with
-    nothing to show are left out.
+    More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out.
 
-    Parameters
-    ----------
-    result : Result
-    bodies, contacts : sequence of str, optional
-        What to draw; by default everything.
-    t_span : (float, float), optional
-        Times in s to show; by default all.
-    axes : sequence of matplotlib axes, optional
-        One per panel, from top to bottom; by default a new figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown, or the number of axes is not that of the panels.
+    Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from the top. It
+    returns the figure.
     """
     names = contact_names(result, contacts)
     shown = None if t_span is None else numbers(t_span, "overview: t_span")
@@ -182,10 +165,7 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):
         ax.plot(ledger.t, value, label=label, **look(k))
-    ax.set(xlabel=TIME, ylabel="energy [J]")
     ax.set_title(
         f"balance error {ledger.relative_error:.1e} of the largest energy", loc="left", fontsize="small"
     )
-    ax.margins(x=0.01)
-    beside(ax)
-    return ax
+    return over_time(ax, "energy [J]")

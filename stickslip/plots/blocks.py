@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.points import FINE
-from stickslip.plots.style import TIME, beside, look, of_result, own_axes
+from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.outcome import Drawable
 
 __all__ = ["block"]
@@ -33,10 +32,7 @@ def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
         ax.plot(fine.t, values, label=label, **look(k))
     if len(curves) > len(shown):
         ax.plot([], [], linestyle="none", label=f"and {len(curves) - len(shown)} more")
-    ax.set(xlabel=TIME, ylabel=name)
-    ax.margins(x=0.01)
-    beside(ax, title=f"block {name}", alignment="left")
-    return ax
+    return over_time(ax, name, f"block {name}")
 
 
 def _numbered(what: str, k: int, count: int) -> str:

@@ -14,8 +14,8 @@ from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
 from stickslip.model.signals import Constant
 from stickslip.plots.motion import MANY
-from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
+    FINE,
     NORMAL,
     TIME,
     WITH_DOTS,
@@ -23,8 +23,10 @@ from stickslip.plots.style import (
     color_bar,
     contact_names,
     dots,
+    even_points,
     look,
     of_result,
+    over_time,
     own_axes,
     raster,
     value_raster,
@@ -47,7 +49,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
     """
     element = _element(result, contact)
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     ax = own_axes(ax)
     # a tie holds any force, a one-way clutch or a stop any to one side: there is no level to draw
     upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
@@ -63,10 +65,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
-    ax.set(xlabel=TIME, ylabel=f"force [{units(result.scene, element).force}]")
-    ax.margins(x=0.01)
-    beside(ax, title=f"{element.noun()} {contact}", alignment="left")
-    return ax
+    return over_time(ax, f"force [{units(result.scene, element).force}]", f"{element.noun()} {contact}")
 
 
 @of_result
@@ -106,10 +105,7 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     fine = result.fit_for_plot(FINE)
     for k, name in enumerate(names):
         ax.plot(fine.t, fine.normal(name), label=name, **look(k))
-    ax.set(xlabel=TIME, ylabel=NORMAL)
-    ax.margins(x=0.01)
-    beside(ax)
-    return ax
+    return over_time(ax, NORMAL)
 
 
 def varying(result: Drawable) -> list[str]:
@@ -153,7 +149,7 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     if not isinstance(element, Contact):
         raise ValueError(f"characteristic: {element.label} has no friction law; name a contact")
     ax = own_axes(ax, 6.0, 4.2)
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     divided = contact in varying(result)
     normal = float(np.nanmean(fine.normal(contact))) if fine.t.size else 0.0
     whole = normal if divided and normal > 0 else 1.0

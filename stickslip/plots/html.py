@@ -14,9 +14,10 @@ from matplotlib import rc_context
 __all__ = ["STYLE", "bitmap", "table", "vector"]
 
 STYLE = """
-<style scoped>
+<style>
 .stickslip table { border-collapse: collapse; font-size: 0.9em; margin: 0.4em 0; }
-.stickslip th, .stickslip td { text-align: left; padding: 0.15em 0.7em; border-bottom: 1px solid #ccc; }
+.stickslip th, .stickslip td { text-align: left; vertical-align: top; padding: 0.15em 0.7em;
+  border-bottom: 1px solid #ccc; }
 .stickslip td.number { text-align: right; font-variant-numeric: tabular-nums; }
 .stickslip img, .stickslip svg { max-width: 100%; height: auto; background: white; }
 .stickslip .wide { overflow-x: auto; }

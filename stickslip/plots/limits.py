@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.points import FINE
-from stickslip.plots.style import TIME, beside, look, of_result, own_axes
+from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
@@ -44,7 +43,5 @@ def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
             ax.axhspan(min(limit, end), max(limit, end), color="0.88", linewidth=0, zorder=0)
             ax.axhline(limit, color="0.45", linestyle="--", linewidth=1.0, zorder=1)
     ax.plot([], [], color="0.45", linestyle="--", linewidth=1.0, label="limit")
-    ax.set(xlabel=TIME, ylabel=f"stretch [{units(result.scene, element).position}]", ylim=(low, high))
-    ax.margins(x=0.01)
-    beside(ax, title=f"{element.noun()} {row}", alignment="left")
-    return ax
+    ax.set_ylim(low, high)
+    return over_time(ax, f"stretch [{units(result.scene, element).position}]", f"{element.noun()} {row}")

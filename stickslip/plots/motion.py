@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
-from stickslip.plots.points import FINE, computed_points, even_points
 from stickslip.plots.style import (
+    FINE,
     TIME,
     WITH_DOTS,
     beside,
     color_bar,
     contact_names,
     dots,
+    even_points,
     keep_names_inside,
     look,
     of_result,
@@ -40,6 +41,9 @@ _TICKS = 200
 _UNKNOWN = 99
 """Stands for the mode where a run does not have the contact."""
 _BAND: dict[str, Any] = {"color": "0.82", "linewidth": 8, "solid_capstyle": "projecting"}
+_CROWDED = 500
+"""Bars of one kind in a strip beyond which none has an edge or a hatch."""
+
 _STRIPS: dict[int, dict[str, Any]] = {
     Mode.FORWARD: {"facecolor": "white", "hatch": "////"},
     Mode.STUCK: {"facecolor": "0.35"},
@@ -72,7 +76,7 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
 
 
 def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: Any) -> None:
-    fine, computed = result.fit_for_plot(FINE), computed_points(result)
+    fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     held = _bands(fine, names, ax)
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
@@ -133,8 +137,9 @@ def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
         if not spans:
             continue
         # both limits stand at an event, and only one of them is stuck
-        holds = fine.mode(contact.name) == Mode.STUCK
-        holds &= np.any([(fine.t >= start) & (fine.t <= stop) for start, stop in spans], axis=0)
+        starts, stops = np.array(spans).T
+        place = np.searchsorted(starts, fine.t, side="right") - 1
+        holds = (fine.mode(contact.name) == Mode.STUCK) & (place >= 0) & (fine.t <= stops[place])
         for name in sorted({contact.a, contact.b} & set(names)):
             (band,) = ax.plot(fine.t, np.where(holds, fine.velocity(name), np.nan), zorder=1, **_BAND)
             # the ends of so broad a line reach beyond its times; cut them off there
@@ -145,8 +150,9 @@ def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
 
 def _stripes(spans: list[tuple[float, float]]) -> Path:
     """Return upright stripes from bottom (0) to top (1), one for each span of times."""
-    boxes = [Path([(a, 0), (b, 0), (b, 1), (a, 1), (a, 0)], closed=True) for a, b in spans]
-    return Path.make_compound_path(*boxes)
+    corners = [((a, 0), (b, 0), (b, 1), (a, 1), (a, 0)) for a, b in spans]
+    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(spans)
+    return Path(np.array(corners, dtype=float).reshape(-1, 2), codes)
 
 
 def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
@@ -180,12 +186,18 @@ def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = 
 def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     is_open, occurring = False, set()
     for place, name in enumerate(names):
+        alike: dict[tuple[int, bool], list[tuple[float, float]]] = {}
         for mode, idle, start, stop in _runs(fine, name):
+            alike.setdefault((mode, idle), []).append((start, stop - start))
+        for (mode, idle), bars in alike.items():
             height = 0.2 if idle else 0.7
             is_open |= idle
             occurring.add(mode)
-            bar = {"edgecolor": "black", "linewidth": 0.5, "zorder": 2} | _STRIPS[mode]
-            ax.broken_barh([(start, stop - start)], (place - height / 2, height), **bar)
+            look = {"edgecolor": "black", "linewidth": 0.5, "zorder": 2} | _STRIPS[mode]
+            if len(bars) > _CROWDED:
+                # edges and hatches would cover all of it
+                look |= {"linewidth": 0.0, "hatch": None, "snap": False}
+            ax.broken_barh(bars, (place - height / 2, height), **look)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)

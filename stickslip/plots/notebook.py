@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields
 from html import escape
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Signal
 from stickslip.plots.html import STYLE, bitmap, table, vector
@@ -32,14 +33,6 @@ __all__ = [
 _EVENTS = 12
 _ELEMENTS = 40
 _ENDS = ("a", "b", "body", "sun", "carrier", "ring")
-
-
-class Study(Protocol):
-    """What is shown of a study: its text and its figure."""
-
-    def plot(self, ax: Any = None) -> Any:
-        """Draw the study and return the axes."""
-        ...
 
 
 def _shown(*parts: str) -> str:
@@ -70,7 +63,7 @@ def result_html(result: Drawable) -> str:
     )
 
 
-def study_html(study: Study) -> str:
+def study_html(study: Any) -> str:
     """Return figure and table of a study."""
     ax = Figure(figsize=(7.5, 4.5), layout="constrained").subplots()
     study.plot(ax=ax)
@@ -102,6 +95,8 @@ def elements_table(scene: Scene) -> str:
 
 def _brief(value: Any) -> str:
     """Return a value of a field, as short as it can be said."""
+    if isinstance(value, Quantity):
+        value = str(value)
     if isinstance(value, (Signal, Law)):
         try:
             value = value.to_dict()

@@ -6,7 +6,7 @@ from html import escape
 from typing import Any
 
 from stickslip.model.modes import Mode
-from stickslip.plots.html import bitmap, table, vector
+from stickslip.plots.html import STYLE, bitmap, table, vector
 from stickslip.plots.notebook import elements_table, events_table, final_table
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import apart_from_pyplot
@@ -31,16 +31,12 @@ _PAGE = """<!DOCTYPE html>
 body {{ font-family: system-ui, sans-serif; line-height: 1.45; color: #111; background: white;
         max-width: 60rem; margin: 0 auto; padding: 0.5rem 1rem 3rem; }}
 h1 {{ font-size: 1.5rem; }} h2 {{ font-size: 1.15rem; margin-top: 2rem; border-bottom: 2px solid #111; }}
-img, svg {{ max-width: 100%; height: auto; }}
-.wide {{ overflow-x: auto; }}
 .figure img, .figure svg {{ min-width: 36rem; }}
-table {{ border-collapse: collapse; font-size: 0.9rem; }}
-th, td {{ text-align: left; vertical-align: top; padding: 0.2rem 0.6rem; border-bottom: 1px solid #ccc; }}
-td.number {{ text-align: right; font-variant-numeric: tabular-nums; }}
 pre {{ white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.8rem; background: #f3f3f3; padding: 0.6rem; }}
 </style>
+{style}
 </head>
-<body>
+<body class="stickslip">
 {body}
 </body>
 </html>
@@ -74,7 +70,9 @@ def report(result: Drawable, title: str) -> str:
 
 def _page(title: str, sections: list[tuple[str, str]]) -> str:
     parts = [f"<section><h2>{escape(heading)}</h2>{content}</section>" for heading, content in sections]
-    return _PAGE.format(title=escape(title), body="\n".join([f"<h1>{escape(title)}</h1>", *parts]))
+    return _PAGE.format(
+        title=escape(title), style=STYLE, body="\n".join([f"<h1>{escape(title)}</h1>", *parts])
+    )
 
 
 def _spans(result: Drawable) -> list[str]:

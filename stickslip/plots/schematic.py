@@ -59,19 +59,7 @@ class _Link:
 
 
 def schematic(scene: Scene, *, ax: Any = None) -> Any:
-    """Draw a scene as a schematic and return the axes.
-
-    Parameters
-    ----------
-    scene : Scene
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure as large as the scene needs. Letters shrink with the axes.
-
-    Raises
-    ------
-    TypeError
-        If `scene` is something else.
-    """
+    """Draw a scene as a schematic and return the axes; letters shrink with axes of your own."""
     if not isinstance(scene, Scene):
         raise TypeError(f"schematic: expected a Scene, got {type(scene).__name__}")
     return _Drawing(scene).on(ax)

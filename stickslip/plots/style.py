@@ -18,6 +18,7 @@ from stickslip.results.outcome import Drawable, check_result
 
 __all__ = [
     "COLOURS",
+    "FINE",
     "NORMAL",
     "TIME",
     "WITH_DOTS",
@@ -27,6 +28,7 @@ __all__ = [
     "contact_names",
     "dots",
     "edges",
+    "even_points",
     "keep_names_inside",
     "look",
     "makes_room",
@@ -34,6 +36,7 @@ __all__ = [
     "mark_events",
     "new_figure",
     "of_result",
+    "over_time",
     "own_axes",
     "raster",
     "robust",
@@ -41,6 +44,10 @@ __all__ = [
 ]
 
 TIME = "time [s]"
+FINE = 1500
+"""About how many evenly spaced points curves have besides those fit for a plot."""
+
+_COLUMNS = 800
 STUDY = (9.0, 5.0)
 """Width and height in inches of a figure of a study."""
 NORMAL = "normal force [N]"
@@ -98,6 +105,7 @@ def apart_from_pyplot() -> Iterator[None]:
 
 P = ParamSpec("P")
 T = TypeVar("T")
+SomeResult = TypeVar("SomeResult", bound=Drawable)
 
 
 def of_result(draw: Callable[P, T]) -> Callable[P, T]:
@@ -167,6 +175,19 @@ def makes_room(ax: Any) -> bool:
     return ax.figure.get_layout_engine() is not None
 
 
+def over_time(ax: Any, ylabel: str, title: str = "") -> Any:
+    """Name axes of time, and the curves beside them; return the axes."""
+    ax.set(xlabel=TIME, ylabel=ylabel)
+    ax.margins(x=0.01)
+    beside(ax, **({"title": title, "alignment": "left"} if title else {}))
+    return ax
+
+
+def even_points(result: SomeResult) -> SomeResult:
+    """Return the result at evenly spaced times, enough for the columns of a picture."""
+    return result.sample(_COLUMNS) if result.is_dense else result
+
+
 def mark_events(ax: Any, result: Drawable) -> None:
     """Draw a fine line at each event, unless there are too many to tell apart."""
     times = sorted({event.t for event in result.events})
@@ -219,6 +240,7 @@ def keep_names_inside(ax: Any) -> None:
         paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
         label.set(horizontalalignment="left", fontsize="x-small", bbox=paper)
     ax.tick_params(axis="y", pad=-4)
+    ax.set_axisbelow(False)  # or strips would hide the names
 
 
 def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -31,18 +32,6 @@ def work_precision(table: Any, *, ax: Any = None) -> Any:
     Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
     rows that no other row of the family beats: to join all would draw the noise of the clock. Rings mark the
     rows that nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
-
-    Parameters
-    ----------
-    table : WorkPrecision
-        What `work_precision` measured.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
-
-    Raises
-    ------
-    TypeError
-        If `table` is something else.
     """
     check_is(table, "WorkPrecision", "work_precision plot")
     return _errors_against_times(table, own_axes(ax, *STUDY), {})
@@ -50,10 +39,7 @@ def work_precision(table: Any, *, ax: Any = None) -> Any:
 
 def _errors_against_times(table: Any, ax: Any, at_floor: dict[int, float]) -> Any:
     """Draw the rows of a study; those at its floor at heights of their own, by id."""
-    families: dict[str, list[Any]] = {}
-    for row in table.rows:
-        if _drawable(row):
-            families.setdefault(row.family or row.name, []).append(row)
+    families = _by_family(row for row in table.rows if _drawable(row))
     for k, (family, rows) in enumerate(families.items()):
         _family(ax, k, family, rows, table, at_floor)
     front = [row for row in table.pareto() if _drawable(row)]
@@ -94,23 +80,22 @@ def tradeoff(study: Any, *, ax: Any = None) -> Any:
     """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
 
     Calls whose errors are below that stand in the grey band, each family at a height of its own that says nothing.
-
-    Parameters
-    ----------
-    study : Tradeoff
-        What `tradeoff` measured.
-    ax : matplotlib axes, optional
-        Where to draw; by default a new figure.
     """
-    floor = [row for row in study.work.rows if _drawable(row) and row.error <= study.limit]
-    families = list(dict.fromkeys(row.family or row.name for row in floor))
-    lower = {family: study.limit * 10 ** (-_APART * (k + 1)) for k, family in enumerate(families)}
-    heights = {id(row): lower[row.family or row.name] for row in floor}
+    families = _by_family(row for row in study.work.rows if _drawable(row) and row.error <= study.limit)
+    lower = [study.limit * 10 ** (-_APART * (k + 1)) for k in range(len(families))]
+    heights = {id(row): y for y, rows in zip(lower, families.values(), strict=True) for row in rows}
     ax = _errors_against_times(study.work, own_axes(ax, *STUDY), heights)
     ax.axhspan(0, study.limit, color="0.85", zorder=0, label="below what the reference can tell")
     ax.set_ylim(bottom=study.limit * 10 ** (-_APART * (len(families) + 1)))
     within_or_beside(ax)
     return ax
+
+
+def _by_family(rows: Iterable[Any]) -> dict[str, list[Any]]:
+    families: dict[str, list[Any]] = {}
+    for row in rows:
+        families.setdefault(row.family or row.name, []).append(row)
+    return families
 
 
 def _drawable(row: Any) -> bool:
@@ -124,11 +109,8 @@ def _reason(row: Any) -> str:
 
 def _notes(rows: list[Any]) -> list[str]:
     """Return a line for each family of which rows cannot be drawn, and why the first of them cannot."""
-    families: dict[str, list[Any]] = {}
-    for row in rows:
-        families.setdefault(row.family or row.name, []).append(row)
     lines = []
-    for name, some in families.items():
+    for name, some in _by_family(rows).items():
         counted = f"{name}, {len(some)} of its calls" if len(some) > 1 else some[0].name
         lines.append(f"{counted}: {_reason(some[0])}")
     return lines

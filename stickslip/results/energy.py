@@ -54,6 +54,12 @@ class EnergyLedger:
     impacts: dict[str, Array] = field(repr=False)
     changes: Array = field(repr=False)
 
+    def __post_init__(self) -> None:
+        named = (self.contacts, self.dampers, self.impacts)
+        single = (self.kinetic, self.spring, self.loads, self.drives, self.changes)
+        for one in (*single, *(array for arrays in named for array in arrays.values())):
+            one.flags.writeable = False
+
     @property
     def stored(self) -> Array:
         """Kinetic energy and energy of the springs."""
@@ -197,8 +203,10 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     rows = (system.is_stop | system.is_one_way).nonzero()[0]
     given = np.zeros(len(trajectory.pieces))
     taken = np.zeros((rows.size, given.size))
-    # impulses at the very start come before all that is counted
-    struck = [k for k, piece in enumerate(trajectory.pieces) if k and piece.impulses is not None]
+    struck: list[int] = []
+    if not (system.is_friction | system.is_gap).all():
+        # impulses at the very start come before all that is counted
+        struck = [k for k, piece in enumerate(trajectory.pieces) if k and piece.impulses is not None]
     if struck:
         numbers = np.array(struck, dtype=np.intp)
         ends = np.array([trajectory.pieces[k - 1].end for k in struck])

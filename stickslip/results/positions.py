@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.path import Path, gauss_nodes
+from stickslip.equations.path import gauss_nodes
 from stickslip.results.trajectory import Trajectory
 
 __all__ = ["of_bodies", "of_drives"]
@@ -43,7 +43,7 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
     before = np.arange(int(piece_of.max()))
     numbers = np.concatenate([before, piece_of])
     local = np.concatenate([trajectory.ends[before], taus])
-    steps = trajectory.evaluated(numbers, local, _integrated)
+    steps = trajectory.evaluated(numbers, local, integrated=True)
     held = list(trajectory.by_held(numbers))
     driven = None
     if system.drives and held:
@@ -54,34 +54,6 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
     base = np.zeros((system.n, before.size + 1))
     np.cumsum(steps[:, : before.size], axis=1, out=base[:, 1:])
     return np.asarray(base[:, piece_of] + steps[:, before.size :])[bodies]
-
-
-def _integrated(path: Path, n: int) -> Path:
-    """Return the integrals of the first `n` states of a path from its start."""
-    c = path.coefficients[:, :, :n]
-    steps, terms = c.shape[:2]
-    out = np.zeros((steps, terms + 1, n))
-    if not steps:
-        return Path(path.taus, out, np.zeros(n), False, path.is_chebyshev)
-    h = np.diff(path.taus)[:, None]
-    if path.is_chebyshev:
-        # the integral of T_j(x) is T_(j+1)/(2 (j + 1)) - T_(j-1)/(2 (j - 1)), and dx = 2 ds
-        sign = 1.0
-        for k in range(1, terms + 1):
-            term = c[:, k - 1] * (2.0 if k == 1 else 1.0)
-            if k + 1 < terms:
-                term = term - c[:, k + 1]
-            out[:, k] = h * term / (4.0 * k)
-            out[:, 0] += sign * out[:, k]
-            sign = -sign
-        whole = 2 * out[:, 1::2].sum(axis=1)
-    else:
-        for k in range(terms):
-            out[:, k + 1] = h * c[:, k] / (k + 1.0)
-        whole = out.sum(axis=1)
-    sums = np.cumsum(whole, axis=0)
-    out[1:, 0] += sums[:-1]
-    return Path(path.taus, out, sums[-1], False, path.is_chebyshev)
 
 
 def of_drives(trajectory: Trajectory, times: Array) -> Array:

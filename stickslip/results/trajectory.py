@@ -330,9 +330,7 @@ class Trajectory:
         self._tie(piece_of, taus, found)
         return found
 
-    def evaluated(
-        self, piece_of: Indices, taus: Array, change: Callable[[Path, int], Path] | None = None
-    ) -> Array:
+    def evaluated(self, piece_of: Indices, taus: Array, integrated: bool = False) -> Array:
         """Return the polynomials of the steps at local times of pieces, one column each.
 
         Parameters
@@ -341,33 +339,30 @@ class Trajectory:
             The piece of each time.
         taus : array (k,)
             Times in s since its start.
-        change : callable, optional
-            What to make of a path first, and of the number of velocities: integrals of these.
+        integrated : bool
+            Whether the velocities are integrated from the start of each piece.
         """
-        n = self.system.n
-        found = np.empty((self.system.size if change is None else n, taus.size))
+        found = np.empty((self.system.n if integrated else self.system.size, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
         entries: dict[tuple[int, bool], int] = {}
         for part, some, own in self.by_part(piece_of):
             times, begins = part.starts[own] + taus[some], part.starts[own]
             found[:, some] = (
-                part.states(own, times)
-                if change is None
-                else part.positions(own, times) - part.positions(own, begins)
+                part.positions(own, times) - part.positions(own, begins)
+                if integrated
+                else part.states(own, times)
             )
         for number, chosen in self.whole(piece_of):
             path = self.pieces[number].path
             assert path is not None
-            if change is not None:
-                path = change(path, n)
             kind = kind_of(path)
             blocks.setdefault(kind, []).append((path, chosen))
             entries[kind] = entries.get(kind, 0) + path.coefficients.size
             if entries[kind] > _AT_ONCE:
-                _evaluate(blocks.pop(kind), taus, found)
+                _evaluate(blocks.pop(kind), taus, found, integrated)
                 entries[kind] = 0
         for block in blocks.values():
-            _evaluate(block, taus, found)
+            _evaluate(block, taus, found, integrated)
         return found
 
     def moved(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
@@ -515,33 +510,34 @@ def kind_of(path: Path) -> tuple[int, bool]:
     return (path.coefficients.shape[1] if path.taus.size > 1 else 0), path.is_chebyshev
 
 
-def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array) -> None:
-    """Write the states of paths of the same kind at local times, all polynomials at once."""
-    steps, places, first = [], [], 0
-    for path, chosen in block:
-        local, ends = taus[chosen], path.taus
-        count = ends.size - 1
-        if not count:
-            out[:, chosen] = path.last[:, None]
-            continue
-        if count == 1 and ends[1] > 0:
-            places.append(local / ends[1])
-            steps.append(np.full(local.size, first))
-        else:
-            step = np.clip(ends.searchsorted(local, side="right") - 1, 0, count - 1)
-            h = ends[step + 1] - ends[step]
-            places.append(np.divide(local - ends[step], h, out=np.zeros(local.size), where=h > 0))
-            steps.append(step + first)
-        first += count
-    if not steps:
+def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array, integrated: bool) -> None:
+    """Write the states of paths of the same kind at local times, or integrals, all polynomials at once."""
+    terms, is_chebyshev = kind_of(block[0][0])
+    if not terms:
+        for path, chosen in block:
+            out[:, chosen] = 0.0 if integrated else path.last[:, None]
         return
-    moving = [(path, chosen) for path, chosen in block if path.taus.size > 1]
-    coefficients = np.concatenate([path.coefficients for path, _ in moving])
-    found = values(coefficients, np.concatenate(steps), np.concatenate(places), block[0][0].is_chebyshev)
-    first = 0
-    for path, chosen in moving:
-        local = taus[chosen]
-        own = found[first : first + local.size]
-        own[local >= path.taus[-1]] = path.last
+    local = [taus[chosen] for _, chosen in block]
+    path_of = np.repeat(np.arange(len(block)), [own.size for own in local])
+    t, ends = np.concatenate(local), np.concatenate([path.taus for path, _ in block])
+    firsts = np.cumsum([0, *(path.taus.size for path, _ in block)])
+    lasts = firsts[1:] - 1
+    passed = [path.taus.searchsorted(own, "right") for (path, _), own in zip(block, local, strict=True)]
+    begin = np.minimum(firsts[path_of] + np.concatenate(passed), lasts[path_of]) - 1
+    h = ends[begin + 1] - ends[begin]
+    s = np.divide(t - ends[begin], h, out=np.zeros(t.size), where=h > 0)
+    # each path has one end more than steps
+    step = begin - path_of
+    coefficients = np.concatenate([path.coefficients[:, :, : out.shape[0]] for path, _ in block])
+    found = values(coefficients, step, s, is_chebyshev, integrated)
+    if integrated:
+        lengths = np.delete(np.diff(ends), lasts[:-1])[:, None]
+        every = np.arange(lengths.size)
+        whole = lengths * values(coefficients, every, np.ones(every.size), is_chebyshev, integrated)
+        before = np.cumsum(whole, axis=0) - whole
+        found = before[step] - before[firsts[path_of] - path_of] + h[:, None] * found
+    else:
+        at_end = (t >= ends[lasts[path_of]]).nonzero()[0]
+        found[at_end] = np.array([path.last for path, _ in block])[path_of[at_end]]
+    for (_, chosen), own in zip(block, np.split(found, np.cumsum([own.size for own in local])), strict=False):
         out[:, chosen] = own.T
-        first += local.size

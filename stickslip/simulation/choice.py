@@ -10,7 +10,7 @@ from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 
-__all__ = ["choose"]
+__all__ = ["choose", "why_stiff"]
 
 _STIFF, _LONG = 100.0, 1e4
 """A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method."""
@@ -37,13 +37,13 @@ def choose(
         if (reason := METHODS[method].why_not(system, loads)) is not None:
             raise ValueError(f"simulate: method {method!r} does not apply: {reason}; use 'auto' or 'BDF'")
         return method, "asked for"
-    reason = METHODS["series"].why_not(system, loads) or _why_stiff(system, duration)
+    reason = METHODS["series"].why_not(system, loads) or why_stiff(system, duration)
     if reason is not None:
         return "BDF", reason
     return "series", "loads and laws are linear between events, so that the motion has exact Taylor series"
 
 
-def _why_stiff(system: System, duration: float) -> str | None:
+def why_stiff(system: System, duration: float) -> str | None:
     """Return that a scene is stiff, from the dampers, springs, tables and normal forces at each body."""
     heavy = (system.inertia > 0).nonzero()[0]
     widest = system.piecewise.widest(system.C)

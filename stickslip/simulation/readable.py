@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -216,6 +217,10 @@ class Readable(Drawable):
         ValueError
             If only the requested outputs were kept.
         """
+        return self._ledger
+
+    @cached_property
+    def _ledger(self) -> EnergyLedger:
         return energy(self)
 
     def explain(self) -> str:

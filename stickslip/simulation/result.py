@@ -188,8 +188,15 @@ class Result(Readable):
         whole(points, "fit_for_plot: points")
         if not self.trajectory.is_dense:
             return self
-        at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)
-        return replace(self, _at=at)
+        if points not in self._fit:
+            at = refined(self.trajectory, points) if points else fit_for_plot(self.trajectory)
+            self._fit[points] = replace(self, _at=at)
+        return self._fit[points]
+
+    @cached_property
+    def _fit(self) -> dict[int, Result]:
+        """What was found fit for a plot, by the number of times: all panels of a figure ask for the same."""
+        return {}
 
     def final_scene(self) -> Scene:
         """Return the scene at the end of the motion, from which `simulate` goes on.

@@ -21,7 +21,7 @@ from stickslip.model.scene import Scene
 from stickslip.model.when import When
 from stickslip.simulation import arguments
 from stickslip.simulation.arguments import Formulation, Times
-from stickslip.simulation.choice import choose
+from stickslip.simulation.choice import choose, why_stiff
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
@@ -66,9 +66,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         structure, stuck bodies become one inertia and the state shrinks (figs. 4 and 5). "multiplier": the contact
         forces are unknowns of an index-1 DAE (figs. 2 and 3), solved by IDA.
     method : str
-        "auto": Taylor series where loads and laws are linear between events, else CVODE's BDF; `explain` says which
-        and why. "series": exact to roundoff, whatever the tolerances. "BDF" or "Adams": CVODE. "RK4" or "Euler":
-        fixed steps, mode changes at step ends.
+        "auto": Taylor series where loads and laws are linear between events, else CVODE's BDF, but for times in which
+        all is held; `explain` says which and why. "series": exact to roundoff, whatever the tolerances. "BDF" or
+        "Adams": CVODE. "RK4" or "Euler": fixed steps, mode changes at step ends.
     step : float, optional
         Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
         names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
@@ -125,7 +125,16 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
     if system.dependence is not None:
         system.dependence.forget()
-    task = Task(system, loads, wanted.rtol, wanted.atol, max_step, math.nan if step is None else step, merged)
+    task = Task(
+        system,
+        loads,
+        wanted.rtol,
+        wanted.atol,
+        max_step,
+        math.nan if step is None else step,
+        merged,
+        exact_at_rest=method == "auto" and not merged and why_stiff(system, stop - start) is None,
+    )
     recorder = Recorder(system, span, outputs, dense_output)
     engine = chosen.make(task)
     run = Run(system, loads, engine, recorder, (start, stop), wanted)

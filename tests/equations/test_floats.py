@@ -70,7 +70,7 @@ def test_no_guard_goes_below_its_bound(law: DryFriction, modes: tuple[int, int])
     taus = np.append(0.0, np.sort(random.uniform(0.0, 0.1, steps)))
     values = motion.y + random.normal(scale=0.1, size=(steps, order + 1, motion.y.size))
     path = Path(taus, from_nodes(order) @ values, values[-1, -1], False, True)
-    low = guards.lower_bounds(path)
+    low = guards.along(path)[2]
     s = np.linspace(0.0, 1.0, 50)[:-1]
     for k in range(steps):
         at = taus[k] + s * (taus[k + 1] - taus[k])
@@ -92,4 +92,4 @@ def test_a_bound_is_sharp_where_a_guard_hardly_changes() -> None:
     path = Path(
         np.array([0.0, 0.1]), from_nodes(5) @ (motion.y + 0 * nodes[:, None])[None], motion.y, False, True
     )
-    np.testing.assert_allclose(guards.lower_bounds(path)[:, 0], [0.3, 0.1], rtol=1e-13)
+    np.testing.assert_allclose(guards.along(path)[2][:, 0], [0.3, 0.1], rtol=1e-13)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from stickslip import (
     Scene,
     Spring,
     piecewise_linear,
+    sine,
 )
 from stickslip.equations import mode_equations
 from stickslip.equations.guards import Guards
@@ -52,17 +54,31 @@ def pulled() -> Scene:
     )
 
 
+def swung() -> Scene:
+    """Sines of several frequencies move a drive, push a body and press a contact whose level does not rise."""
+    return Scene(
+        Drive("belt", velocity=sine(0.2, 3.0, offset=0.4) + sine(0.1, 0.7)),
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        Contact("lower", "a", "belt", DRY, normal=piecewise_linear([0, 2], [3, 5])),
+        Contact("upper", "b", "a", DryFriction(0.3, 0.2), normal=sine(0.5, 2.0, 0.3, offset=2.0)),
+        Spring("a", GROUND, stiffness=40.0, damping=0.3),
+        Force("b", piecewise_linear([0, 2], [0, 1]) + sine(3.0, 5.0, 1.0)),
+    )
+
+
+@pytest.mark.parametrize("made", [pulled, swung])
 @pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
 @pytest.mark.parametrize("frozen", [False, True])
 @pytest.mark.parametrize("tau", [0.0, 0.2])
 def test_the_map_is_the_recursion(
-    modes: list[int], frozen: bool, tau: float, monkeypatch: pytest.MonkeyPatch
+    made: Callable[[], Scene], modes: list[int], frozen: bool, tau: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    motion, guards = motion_of(pulled(), modes)
+    motion, guards = motion_of(made(), modes)
     found = motion.expand(tau, motion.y, 12, 0.05, frozen)
     assert found.g is not None
     monkeypatch.setattr(mode_equations, "is_small", lambda *_: False)
-    slow, slow_guards = motion_of(pulled(), modes)
+    slow, slow_guards = motion_of(made(), modes)
     expected = slow.expand(tau, slow.y, 12, 0.05, frozen)
     assert expected.g is None
     for a, b in (

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear, simulate
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, Stop, piecewise_linear, simulate
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
@@ -24,3 +24,20 @@ def test_the_contact_that_is_at_its_level_at_the_end_lets_go(options: dict[str, 
     (event,) = simulate(scene, (0.0, 5.0), **options).events
     assert (event.contact, event.cause) == ("fast", "breakaway")
     assert event.t == pytest.approx(3.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
+def test_nothing_is_struck_where_another_contact_has_its_event(options: dict[str, Any]) -> None:
+    """A ball falls 1 m at 2 m/s2 and strikes after 1 s; a block at 1 m/s on friction of 2 N stops after 0.5 s."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+        Force("ball", -2.0),
+        Body("block", inertia=1.0, velocity=1.0),
+        Contact("c", "block", GROUND, DryFriction(0.2, 0.2), normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.5), **options)
+    assert [event.contact for event in result.events] == ["c", "floor"]
+    assert [event.t for event in result.events] == pytest.approx([0.5, 1.0], abs=1e-6)
+    struck = [piece.t for piece in result.trajectory.pieces if piece.impulses is not None]
+    assert struck == [result.events[1].t]

@@ -176,3 +176,11 @@ def test_files_that_describe_no_quantity(data: Any, message: str) -> None:
         Scene.from_dict(
             {"bodies": [{"name": "a", "inertia": 1.0}], "forces": [{"body": "a", "signal": data}]}
         )
+
+
+def test_quantities_are_printed_as_they_are_written() -> None:
+    error = 0.1 - position("slide")
+    assert str(100 * error - 10 * velocity("slide")) == "-100 position(slide) - 10 velocity(slide) + 10"
+    assert str(error + sine(1.0, 2.0)) == "-1 position(slide) + s(t)"
+    assert str(feedback(math.sin, position("bob"))) == "feedback(position(bob))"
+    assert str(error - error) == "0"

@@ -220,9 +220,10 @@ def test_mode_strips_are_the_modes(wheels):
     ax = plots.modes(wheels)
     assert labels(ax) == ["FORWARD", "STUCK", "BACKWARD", "thin: normal force 0"]
     bars = {0: [], 1: []}
-    for bar in ax.collections:
-        box = bar.get_paths()[0].get_extents()
-        bars[round(0.5 * (box.y0 + box.y1))].append((box.x0, box.x1, box.height > 0.5, bar.get_hatch()))
+    for alike in ax.collections:
+        for box in (path.get_extents() for path in alike.get_paths()):
+            bars[round(0.5 * (box.y0 + box.y1))].append((box.x0, box.x1, box.height > 0.5, alike.get_hatch()))
+    bars = {place: sorted(found, key=lambda bar: bar[0]) for place, found in bars.items()}
     times = [event.t for event in wheels.events if event.contact == "interface"]
     assert [bar[0] for bar in bars[0]] == pytest.approx([0.0, *times])
     assert [bar[3] for bar in bars[0]] == ["....", None, "....", None]
@@ -419,6 +420,12 @@ def test_nothing_falls_outside_a_figure_that_makes_no_room(wheels, chain):
         draw(ax)
         whole = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())
         assert whole.x0 >= 0 and whole.y0 >= 0 and whole.x1 <= 6.4 and whole.y1 <= 4.8
+
+
+def test_names_within_the_axes_stand_before_the_strips(wheels):
+    ax = plots.modes(wheels, ax=Figure().subplots())
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["interface", "brake"]
+    assert ax.yaxis.get_zorder() > max(strip.get_zorder() for strip in ax.collections)
 
 
 @pytest.mark.parametrize(

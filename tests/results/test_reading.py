@@ -15,8 +15,22 @@ import numpy as np
 import pytest
 
 import stickslip
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Force, Result, Scene, Spring, simulate, sine
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Result,
+    Scene,
+    Spring,
+    plots,
+    simulate,
+    sine,
+)
 from stickslip.benchmark import flywheel_chain
+from stickslip.results.trajectory import Piece
 
 PACKAGE = str(Path(stickslip.__file__).parent)
 
@@ -138,6 +152,33 @@ def test_drawing_many_blocks_asks_for_each_segment_only_a_few_times() -> None:
     # twice as many blocks that do about twice as many things: the work for each stays within its share of events
     growth = len(many.events) / len(few.events)
     assert work[1] < 1.5 * growth * work[0], (work, growth)
+
+
+def test_energies_of_large_scenes_are_summed_without_putting_segments_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = simulate(blocks(20), (0.0, 30.0))
+    assert len(result.events) > 20
+    put_together: list[int] = []
+    whole = Piece.of.__func__  # type: ignore[attr-defined]
+    monkeypatch.setattr(Piece, "of", classmethod(lambda cls, *a: put_together.append(1) or whole(cls, *a)))
+    assert result.energy().relative_error < 1e-12
+    assert not put_together
+    # integrated once, for plots and reports, too; so no one may write to it
+    assert result.energy() is result.energy()
+    with pytest.raises(ValueError, match="read-only"):
+        result.energy().kinetic[0] = 1.0
+
+
+def test_strips_of_modes_are_drawn_mode_by_mode_not_bar_by_bar() -> None:
+    # an eccentric load that turns over again and again
+    load = Force("a", sine(5.0, 1.0))
+    scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, DryFriction(0.2, 0.1), normal=10.0), load)
+    result = simulate(scene, (0.0, 10.0))
+    assert len(result.events) > 10
+    drawn = plots.modes(result).collections
+    assert len(drawn) == 3
+    assert sum(len(alike.get_paths()) for alike in drawn) == len(result.events) + 1
 
 
 def test_explaining_reads_each_contact_once() -> None:

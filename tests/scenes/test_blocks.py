@@ -196,7 +196,7 @@ def test_linear_blocks_are_data() -> None:
     limited = StateSpace("it", -1.0, 1.0, 1.0, inputs=[velocity("m")], limits=[(-1.0, math.inf)])
     scene = Scene(Body("m", inertia=1.0), limited, Force("m", output("it")))
     assert Scene.from_dict(scene.to_dict()) == scene
-    with pytest.raises(ValueError, match="block 'servo': a Sampled block is code, not data"):
+    with pytest.raises(ValueError, match="block 'servo': a sampled block is code, not data"):
         servo().to_dict()
 
 

@@ -497,3 +497,23 @@ def test_outputs_before_a_break_do_not_see_the_loads_behind_it(formulation: str)
     t = np.linspace(0, 1, 401)
     result = simulate(scene, (0.0, 2.0), t_eval=t, rtol=1e-10, atol=1e-13, formulation=formulation)
     np.testing.assert_allclose(result.velocity("w"), 20 - 10 * (t - t * t / 2), atol=2e-9)
+
+
+def test_what_rests_goes_on_by_series_where_the_engine_is_chosen() -> None:
+    """While a block rides on the belt ``x = x_s + 0.2 (t - t_s)``; it lets go where the spring pulls with 1 N."""
+    law = DryFriction(1.0, 1.0, kinetic=lambda v: 1.0 / (1.0 + 3.0 * abs(v)))
+    scene = Scene(
+        Drive("belt", velocity=0.2),
+        Body("block", inertia=1.0),
+        Contact("friction", "block", "belt", law, normal=1.0),
+        Spring("block", GROUND, stiffness=1.0),
+    )
+    chosen, asked = (simulate(scene, (0.0, 40.0), method=method) for method in ("auto", "BDF"))
+    assert changes(chosen) == changes(asked)
+    assert chosen.stats["engine"] == asked.stats["engine"] == "CVODE BDF"
+    assert chosen.stats["steps"] < asked.stats["steps"]
+    sticks, breaks = (
+        np.array([e.t for e in chosen.events if (e.before == 0) is goes]) for goes in (False, True)
+    )
+    sticks = sticks[: breaks.size]
+    np.testing.assert_allclose(breaks, sticks + (1.0 - chosen(sticks)[1]) / 0.2, rtol=0, atol=1e-14)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any, ClassVar, Literal, get_args
 
-from stickslip.model.checks import NamedArguments, check_name, finite
+from stickslip.model.checks import NamedArguments, check_name, finite, limit
 from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
@@ -56,6 +56,9 @@ class Element(metaclass=NamedArguments):
                 data[field.name] = value.to_dict() if isinstance(value, (Load, Law)) else value
         return data
 
+    def __post_init__(self) -> None:
+        """Check the fields."""
+
     def place(self, book: Book) -> None:
         """Enter the element in a book."""
         raise NotImplementedError
@@ -70,6 +73,8 @@ class Element(metaclass=NamedArguments):
 
         `free` are the names of the free bodies, `known` those of drives and the ground, too.
         """
+        if coefficients := getattr(self, "coefficients", None):
+            check_members(self.label, coefficients, free, known)
 
     def _number(self, name: str) -> float:
         number = finite(getattr(self, name), f"{self.label}: {name}")
@@ -97,6 +102,11 @@ class Named(Element):
 
     name: str
 
+    def __post_init__(self) -> None:
+        """Check the name."""
+        self._identifier("name")
+        super().__post_init__()
+
     @property
     def label(self) -> str:
         """How messages name the element."""
@@ -106,17 +116,19 @@ class Named(Element):
 class Moving(Named):
     """A body or a drive: it has a velocity and a position, and may say how it moves."""
 
+    position: float
     motion: Motion | None
 
-    def _check_name_and_motion(self) -> None:
+    def __post_init__(self) -> None:
         """Check what a body and a drive have in common; a contact may be called what it likes."""
-        self._identifier("name")
+        super().__post_init__()
         if self.name == GROUND:
             raise ValueError(
                 f"{type(self).__name__}: the name {GROUND!r} is taken by the ground, which is always there; "
                 f"rename {self.label}, or leave it out and join to GROUND"
             )
         check_motion(self.motion, self.label, "for what the scene says")
+        self._number("position")
 
 
 class Link(Element):
@@ -130,7 +142,8 @@ class Link(Element):
         """How messages name the element."""
         return f"{self.noun()} {self.a!r}-{self.b!r}"
 
-    def _two_ends(self) -> None:
+    def __post_init__(self) -> None:
+        """Check the ends."""
         self._identifier("a")
         self._identifier("b")
         if self.a == self.b:
@@ -166,14 +179,12 @@ class Radii(Link):
 
     def _check_limits(self) -> None:
         """Check the limits of a stretch: in order, and at least one of them finite."""
-        lower, upper = (getattr(self, name) for name in ("lower", "upper"))
-        for name, limit, none in (("lower", lower, -math.inf), ("upper", upper, math.inf)):
-            if isinstance(limit, (int, float)) and limit == -none:
-                raise ValueError(
-                    f"{self.label}: {name} must be a number or {none:g}, got {limit:g}; leave it out for no limit"
-                )
-            if not (isinstance(limit, (int, float)) and limit == none):
-                self._number(name)
+        lower, upper = (
+            limit(getattr(self, name), none, f"{self.label}: {name}")
+            for name, none in (("lower", -math.inf), ("upper", math.inf))
+        )
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
         if lower == -math.inf and upper == math.inf:
             raise ValueError(
                 f"{self.label}: neither lower nor upper is given; give at least one of the limits"
@@ -183,7 +194,9 @@ class Radii(Link):
                 f"{self.label}: lower must not be above upper, got {lower:g} and {upper:g}; exchange them"
             )
 
-    def _check_radii(self) -> None:
+    def __post_init__(self) -> None:
+        """Check ends and radii."""
+        super().__post_init__()
         for name in ("radius_a", "radius_b"):
             self._not_zero(name, "an end at radius 0 transmits no force; use 1 for the body's own velocity")
 

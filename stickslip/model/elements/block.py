@@ -49,7 +49,12 @@ class AnyBlock(Named):
     @property
     def output_count(self) -> int | None:
         """How many outputs it has; None where only its function tells."""
-        return None
+        count: int | None = getattr(self, "outputs", None)
+        return count
+
+    def to_dict(self) -> dict[str, Any]:
+        """Refuse: code is not data."""
+        raise ValueError(f"a {self.noun()} is code, not data; of blocks a file holds StateSpace only")
 
     def _check_inputs(self) -> None:
         given: Any = self.inputs
@@ -128,7 +133,7 @@ class Block(AnyBlock):
     outputs: int | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
         self._check_code("derivative", outputs_are_states=True)
 
@@ -141,10 +146,6 @@ class Block(AnyBlock):
     def feeds_through(self) -> bool:
         """Whether the outputs may depend on the inputs at the same instant; a function that never reads u does not."""
         return self.output is not None and _reads_inputs(self.output)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Refuse: code is not data."""
-        raise ValueError("a Block is code, not data; write a StateSpace for a file")
 
 
 @dataclass(frozen=True)
@@ -179,7 +180,7 @@ class StateSpace(AnyBlock):
     limits: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         self._check_inputs()
         if self.B is None and self.C is None:
             self._take(self.A.to_ss() if hasattr(self.A, "to_ss") else self.A)
@@ -321,7 +322,7 @@ class Sampled(AnyBlock):
     held: Numbers = ()
 
     def __post_init__(self) -> None:
-        self._identifier("name")
+        super().__post_init__()
         if self._number("period") <= 0:
             raise ValueError(f"{self.label}: period must be positive, got {self.period:g}")
         self._check_inputs()
@@ -333,15 +334,6 @@ class Sampled(AnyBlock):
             object.__setattr__(self, "outputs", len(self.held))
         if self.held and len(self.held) != self.outputs:
             raise ValueError(f"{self.label}: {len(self.held)} held outputs, but outputs = {self.outputs}")
-
-    @property
-    def output_count(self) -> int | None:
-        """How many outputs it has; None where only its function tells."""
-        return self.outputs
-
-    def to_dict(self) -> dict[str, Any]:
-        """Refuse: code is not data."""
-        raise ValueError("a Sampled block is code, not data; no file can hold it")
 
     def instants(self, start: float, stop: float) -> list[float]:
         """Return the sample times from `start` on and before `stop`.

@@ -37,14 +37,13 @@ class Body(Moving):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        self._check_name_and_motion()
+        super().__post_init__()
         if (inertia := self._number("inertia")) < _LEAST and inertia != 0:
             raise ValueError(
                 f"{self.label}: inertia must be positive, got {inertia:g}; "
                 "use a Drive for a body of prescribed velocity and GROUND for one at rest"
             )
         self._number("velocity")
-        self._number("position")
 
     def place(self, book: Book) -> None:
         """Enter a body."""

@@ -54,8 +54,7 @@ class Contact(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         if not isinstance(self.law, Law) or not isinstance(getattr(self.law, "law", self.law), DryFriction):
             raise TypeError(
                 f"{self.label}: law must be a friction law such as DryFriction(0.2, 0.1), got {self.law!r}"
@@ -64,7 +63,6 @@ class Contact(Row, Radii):
         self._not_negative("rested")
         self._number("deflection")
         object.__setattr__(self, "slipping", flag(self.slipping, f"{self.label}: slipping"))
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row of dry friction."""

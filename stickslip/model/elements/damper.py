@@ -34,9 +34,8 @@ class Damper(Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._two_ends()
+        super().__post_init__()
         self._not_negative("damping")
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a coupling without stiffness."""

@@ -33,9 +33,8 @@ class Drive(Moving):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        self._check_name_and_motion()
+        super().__post_init__()
         object.__setattr__(self, "velocity", as_signal(self.velocity, f"{self.label}: velocity"))
-        self._number("position")
 
     def place(self, book: Book) -> None:
         """Enter a drive."""

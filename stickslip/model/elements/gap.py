@@ -53,15 +53,13 @@ class Gap(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         self._check_limits()
         if self._number("stiffness") <= 0:
             raise ValueError(
                 f"{self.label}: stiffness must be positive, got {self.stiffness:g}; use a Stop for a rigid limit"
             )
         self._not_negative("damping")
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""

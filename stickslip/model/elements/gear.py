@@ -32,8 +32,7 @@ class Gear(Row, Link):
     ratio: float
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         self._not_zero("ratio", "a Tie with one member holds a body still")
 
     @property

@@ -36,11 +36,6 @@ class OneWay(Row, Radii):
     radius_a: float = 1.0
     radius_b: float = 1.0
 
-    def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
-        self._check_radii()
-
     def place(self, book: Book) -> None:
         """Enter a row that is held while its force is positive."""
         book.row(self.name, self.coefficients, kind="one-way")

@@ -50,8 +50,7 @@ class Stop(Row, Radii):
     radius_b: float = 1.0
 
     def __post_init__(self) -> None:
-        self._identifier("name")
-        self._two_ends()
+        super().__post_init__()
         self._check_limits()
         if self.lower == self.upper:
             raise ValueError(
@@ -60,7 +59,6 @@ class Stop(Row, Radii):
             )
         if not 0 <= self._number("restitution") <= 1:
             raise ValueError(f"{self.label}: restitution must be within [0, 1], got {self.restitution:g}")
-        self._check_radii()
 
     def place(self, book: Book) -> None:
         """Enter a row, and regions that show on which side of its limits it is."""

@@ -85,6 +85,8 @@ class ActingForces:
 
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the forces (k,) or (k, times); the arguments are those of `Kernel`, `z` the states of the bristles."""
+        if len(self._parts) == 1:
+            return self._parts[0][2].forces(w, normal, lag, z)
         r = np.empty_like(w)
         for rows, own, kernel in self._parts:
             r[rows] = kernel.forces(w[rows], normal[rows], lag[rows], z[own])

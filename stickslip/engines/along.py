@@ -1,0 +1,82 @@
+"""The guards along a path: polynomials where they are linear in states and time, computed from the states else."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stickslip.equations.guards import Guards
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path, chebyshev_values
+from stickslip.model.crossings import root_between
+
+__all__ = ["Along"]
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+class Along:
+    """The guards of a motion along its path.
+
+    Attributes
+    ----------
+    low : array (guards, steps)
+        What no guard goes below in each step, -inf where that is not known.
+    """
+
+    def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:
+        self.motion, self.guards, self.path = motion, guards, path
+        self._coefficients, self._is_exact, self.low = guards.along(path)
+
+    def is_exact(self, rows: Indices) -> bool:
+        """Tell whether some guards are polynomials."""
+        return bool(self._is_exact[rows].all())
+
+    def values(self, rows: Indices, taus: Array, late: bool = False) -> Array:
+        """Return some guards at local times, one row each; where they are polynomials, those that leave 0 undivided.
+
+        If `late`, velocities have passed 0 once they are beyond what is uncertain.
+        """
+        path, guards = self.path, self.guards
+        if not self.is_exact(rows):
+            return guards.values(taus, self.motion.exact(taus, path.at(taus).T), late)[rows]
+        ends = path.taus
+        step = np.minimum(np.maximum(ends.searchsorted(taus, "right") - 1, 0), ends.size - 2)
+        places = 2 * (taus - ends[step]) / (ends[step + 1] - ends[step]) - 1
+        basis = chebyshev_values(places, self._coefficients.shape[2] - 1)
+        found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])
+        if late:
+            found += guards.leeway[rows, None]
+        if guards.told >= 0:
+            # up to there the sign of what leaves 0 is roundoff
+            found[:, taus <= guards.told] = np.inf
+        return found
+
+    def root(self, row: int, step: int, right: float) -> float:
+        """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
+        left, end = (float(self.path.taus[step + k]) for k in (0, 1))
+        rows = np.array([row])
+        if self._is_exact[row] and left > self.guards.told:
+            coefficients = self._coefficients[row, step].tolist()
+
+            def value(tau: float) -> float:
+                return _clenshaw(coefficients, 2 * (tau - left) / (end - left) - 1)
+
+        else:
+
+            def value(tau: float) -> float:
+                return float(self.values(rows, np.array([tau]))[0, 0])
+
+        # at both ends signs may be roundoff
+        if value(left) <= 0:
+            return left
+        return root_between(value, left, right) if value(right) < 0 else right
+
+
+def _clenshaw(coefficients: list[float], x: float) -> float:
+    """Return the value of a Chebyshev series."""
+    now = later = 0.0
+    for c in coefficients[:0:-1]:
+        now, later = c + 2 * x * now - later, now
+    return coefficients[0] + x * now - later
