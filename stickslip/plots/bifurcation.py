@@ -14,6 +14,9 @@ __all__ = ["bifurcation"]
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
 """What marks each kind of point on a branch."""
 
+_ROOM = 0.8
+"""Part of the width from which on what is said of a point stands to its left."""
+
 
 def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     """Draw the bifurcation diagram of a branch: amplitudes of a body, by default periods; return the axes.
@@ -24,6 +27,7 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
     check_is(branch, "Branch", "bifurcation")
     parts = _parts(branch, body)
     ax = own_axes(ax, *STUDY)
+    ax.margins(x=0.12)
     for wanted, line, fill, label in ((True, "-", COLOURS[1], "stable"), (False, "--", "white", "unstable")):
         chosen = [(x, np.where(stable == wanted, y, np.nan)) for x, y, stable in parts]
         chosen = [one for one in chosen if np.isfinite(one[1]).any()]
@@ -35,16 +39,19 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
         for point in one.points:
             height = np.interp(point.value, x[order], y[order]) if x.size else np.nan
             ax.plot([point.value], [height], marker=_SIGNS[point.kind], color="0.15", zorder=3)
+            # what is said of a point stays within the axes
+            left, right = ax.get_xlim()
+            is_right = point.value > left + _ROOM * (right - left)
             ax.annotate(
                 f"{point.kind} at {point.value:.6g}",
                 (point.value, height),
-                xytext=(9, 0),
+                xytext=(-9 if is_right else 9, 0),
                 textcoords="offset points",
                 fontsize="small",
+                ha="right" if is_right else "left",
                 va="center",
                 bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
             )
-    ax.margins(x=0.12)
     parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
     ax.set(
         xlabel=parameter,

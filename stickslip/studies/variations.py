@@ -128,17 +128,17 @@ class Variation(Nearby):
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, motion.stretch.at(t))
         hit = sides * system.relative_velocity(y, motion.stretch.at(t)) > 0
-        impact = VariedImpact(system if hit.any() else None, u, u, none, sides, hit)
+        impact = VariedImpact(system if hit.any() else None, y[:n], u, u, none, sides, hit)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self.near_ones[k]):
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
                 self._refuse(t, k, why, S)
                 continue
-            slope, _ = impact.along(y[:n], S[:n, k], 0.0)
+            slope, _ = impact.along(S[:n, k], 0.0)
             parts = []
             for weight, near, loads in direction.near:
                 own = near.drive_velocities(self.stretch_after(t, loads).at(t))
-                parts.append(weight * near.balance(held).project(impact.after(y[:n], near, own, own), own))
+                parts.append(weight * near.balance(held).project(impact.near(near, own, own), own))
             S[:n, k] = system.balance(held).project(slope, none) + total(parts)
         for k, why in kinks.at_start(self, piece, motion, S):
             self._refuse(t, k, why, S)
@@ -189,7 +189,7 @@ class Variation(Nearby):
         u, rates = system.drive_velocities(q), system.drive_accelerations(q)
         balance = system.balance(held)
         impact = self._impact(number, motion)
-        equal = balance.project(impact.after(path.last[:n]), u)
+        equal = balance.project(impact.after(), u)
         if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self.state_sizes[0]:
             for k in range(self.count):
                 self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here", moved)
@@ -199,7 +199,7 @@ class Variation(Nearby):
             self._refuse(piece.stop, k, why, times, moved)
         found = moved.copy()
         for k, near_ones in enumerate(self.near_ones):
-            slope, differs = impact.along(path.last[:n], moved[:n, k], times[k])
+            slope, differs = impact.along(moved[:n, k], times[k])
             if differs > TIE * np.abs(slope).max(initial=0.0):
                 why = "impacts fall together: the derivatives to the two sides differ"
                 self._refuse(piece.stop, k, why, times)
@@ -208,7 +208,7 @@ class Variation(Nearby):
             for weight, near, loads in near_ones:
                 own = near.drive_velocities(self.stretch_after(following.t, loads).at(following.t))
                 before = near.drive_velocities(self.stretch_after(piece.t, loads).at(following.t))
-                struck = impact.after(path.last[:n], near, before, own)
+                struck = impact.near(near, before, own)
                 parts.append(weight * near.balance(held).project(struck, own))
             found[:n, k] = balance.project(slope, rates * times[k]) + total(parts)
         found -= np.outer(after.rate(0.0, following.y), times)
@@ -232,7 +232,8 @@ class Variation(Nearby):
         hit = new & (sides * system.relative_velocity(path.last, loads[0]) > 0)
         is_soft = (system.is_friction | system.is_gap).all()
         is_pushed = not is_soft and np.abs(u[1] - u[0]).max(initial=0.0) > REST * speed
-        return VariedImpact(system if is_pushed or hit.any() else None, u[0], u[1], pace, sides, hit)
+        acts = system if is_pushed or hit.any() else None
+        return VariedImpact(acts, path.last[: system.n], u[0], u[1], pace, sides, hit)
 
     # -- what is asked for -----------------------------------------------------------------------------------
 

@@ -65,6 +65,8 @@ class VariedImpact:
     Attributes
     ----------
     system : System or None
+    v : array (n,)
+        Velocities of the bodies before.
     before, now, pace : array (d,)
         Velocities of the drives before and after, and their accelerations.
     sides, hit : array (m,)
@@ -72,41 +74,70 @@ class VariedImpact:
     """
 
     system: System | None
+    v: Array
     before: Array
     now: Array
     pace: Array
     sides: NDArray[np.int8]
     hit: NDArray[np.bool_]
 
-    def after(
-        self, v: Array, system: System | None = None, before: Array | None = None, now: Array | None = None
-    ) -> Array:
-        """Return the velocities after the jump, by default in the scene itself."""
+    def after(self) -> Array:
+        """Return the velocities after the jump."""
         if self.system is None:
-            return v
-        before, now = self.before if before is None else before, self.now if now is None else now
-        return struck(system or self.system, v, before, now, self.sides, self.hit).v
+            return self.v
+        return struck(self.system, self.v, self.before, self.now, self.sides, self.hit).v
 
-    def along(self, v: Array, change: Array, later: float) -> tuple[Array, float]:
+    def near(self, system: System, before: Array, now: Array) -> Array:
+        """Return what the same jump, which is linear in the velocities, makes of them in a scene near by.
+
+        An impact may be so slow that there it would not happen.
+        """
+        if self.system is None:
+            return self.v
+        w, own = self._relative(self.system, self.before), self._relative(system, before)
+        rigid = dense(system.G[self._rigid])
+        apart, change = (np.asarray(np.linalg.lstsq(rigid, one)[0], dtype=float) for one in (w, own - w))
+        jump, none = now - before, np.zeros_like(before)
+        moved, _ = self._linear(system, apart, change, jump, none)
+        met = struck(system, apart, none, jump, self.sides, self.hit).v
+        return np.asarray(self.v - apart - change + met + moved)
+
+    def along(self, change: Array, later: float) -> tuple[Array, float]:
         """Return the derivative of the velocities after the jump, and by how much those to the two sides differ.
 
         Velocities before change by `change`, the time of the jump by `later`. The jump is piecewise linear.
         """
         if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
-        u = self.pace * later
+        # only relative velocities count: what bodies have in common brings no more than its roundoff
+        w = self._relative(self.system, self.before)
+        apart = np.asarray(np.linalg.lstsq(dense(self.system.G[self._rigid]), w)[0], dtype=float)
+        return self._linear(self.system, apart, change, self.now - self.before, self.pace * later)
+
+    @property
+    def _rigid(self) -> NDArray[np.intp]:
+        assert self.system is not None
+        return np.asarray((~(self.system.is_friction | self.system.is_gap)).nonzero()[0])
+
+    def _relative(self, system: System, before: Array) -> Array:
+        """Return the relative velocities of the rows that impacts reach."""
+        return np.asarray(system.G[self._rigid] @ self.v + system.D[self._rigid] @ before)
+
+    def _linear(
+        self, system: System, apart: Array, change: Array, jump: Array, u: Array
+    ) -> tuple[Array, float]:
+        """Return the derivative of the jump along changes of velocities and of those of drives, and its kink.
+
+        Velocities are those against the drives before the jump.
+        """
         largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
-        system, none = self.system, np.zeros_like(self.before)
-        # only relative velocities count: what bodies have in common brings no more than its roundoff
-        rigid = (~(system.is_friction | system.is_gap)).nonzero()[0]
-        w = system.G[rigid] @ v + system.D[rigid] @ self.before
-        apart = np.linalg.lstsq(dense(system.G[rigid]), w, rcond=None)[0]
-        jump = self.now - self.before
-        speeds = np.abs(system.G @ v + system.D @ self.before)[self.hit]
-        h = PART * float(speeds.min(initial=np.abs([*v, *self.before, *self.now]).max(initial=0.0))) / largest
-        own = self.after(apart, None, none, jump)
-        ahead = self.after(apart + h * change, None, h * u, jump + h * u)
-        back = self.after(apart - h * change, None, -h * u, jump - h * u)
+        speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]  # type: ignore[union-attr]
+        h = PART * float(speeds.min(initial=np.abs([*self.v, *self.before, *self.now]).max(initial=0.0)))
+        h /= largest
+        own, ahead, back = (
+            struck(system, apart + part * change, part * u, jump + part * u, self.sides, self.hit).v
+            for part in (0.0, h, -h)
+        )
         return (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)

@@ -300,6 +300,27 @@ def test_rebounds_that_accumulate_while_both_bodies_move_fast() -> None:
     assert np.allclose(found.velocity("b"), [0.0, 2.0 / 4], rtol=1e-10, atol=1e-10)
 
 
+def test_slow_rebounds_from_a_table_whose_speed_changes() -> None:
+    """With s = sqrt(V^2 + 2 g h): t_n = (s - V) / g + 2 s / g (e + ... + e^n).
+
+    Near by the table is faster than the last rebounds are; its ball comes to rest on it all the same.
+    """
+    speed, gravity, height, e = 0.5, 2.0, 1.0, 0.4
+    scene = Scene(
+        Body("ball", inertia=1.0, position=height),
+        Drive("table", velocity=speed),
+        Stop("floor", "ball", "table", lower=0.0, restitution=e),
+        Force("ball", -gravity),
+    )
+    found = sensitivities(scene, (0.0, 3.0), ["table.velocity"])
+    n = np.arange(len(found.result.events))
+    slope = speed / math.sqrt(speed**2 + 2 * gravity * height)
+    rebounds = np.cumsum(np.where(n > 0, e**n, 0.0))
+    assert found.reasons == () and n.size > 20
+    assert np.allclose(found.events[:, 0], (slope - 1 + 2 * slope * rebounds) / gravity, atol=1e-6)
+    assert np.allclose([found.position("ball"), found.velocity("ball")], [[3.0], [1.0]], rtol=1e-10)
+
+
 @pytest.mark.slow
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""

@@ -73,6 +73,8 @@ class Element(metaclass=NamedArguments):
 
         `free` are the names of the free bodies, `known` those of drives and the ground, too.
         """
+        if coefficients := getattr(self, "coefficients", None):
+            check_members(self.label, coefficients, free, known)
 
     def _number(self, name: str) -> float:
         number = finite(getattr(self, name), f"{self.label}: {name}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Row, check_members
+from stickslip.model.elements.base import Book, Row
 
 __all__ = ["Planetary"]
 
@@ -51,10 +51,6 @@ class Planetary(Row):
     def coefficients(self) -> dict[str, float]:
         """Coefficients of the velocities in ``(1 + ratio) v_carrier - v_sun - ratio v_ring = 0``."""
         return {self.sun: -1.0, self.carrier: 1.0 + self.ratio, self.ring: -self.ratio}
-
-    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
-        """Refuse members that the scene does not know, and a gear that joins nothing free."""
-        check_members(self.label, (self.sun, self.carrier, self.ring), free, known)
 
     def place(self, book: Book) -> None:
         """Enter a row that is always held."""

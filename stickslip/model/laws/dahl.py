@@ -28,7 +28,3 @@ class Dahl(BristleLaw):
 
     law: DryFriction
     stiffness: float
-
-    def __post_init__(self) -> None:
-        self._check_law()
-        self._check_number("stiffness", positive=True)

@@ -64,6 +64,11 @@ class BristleLaw(Law):
 
     stiffness: float
 
+    def __post_init__(self) -> None:
+        """Check coefficients and stiffness."""
+        self._check_law()
+        self._check_number("stiffness", positive=True)
+
     @property
     def sigma(self) -> tuple[float, float, float]:
         """Stiffness, damping and viscous friction."""
@@ -119,8 +124,7 @@ class LuGre(BristleLaw):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        self._check_law()
-        self._check_number("stiffness", positive=True)
+        super().__post_init__()
         self._check_number("damping", positive=False)
         self._check_number("viscous", positive=False)
 
