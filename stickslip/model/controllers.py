@@ -53,6 +53,11 @@ def pid(
         Limits of the output. A continuous controller with limits has a second output: what it would give without.
     period : float, optional
         Of the samples, in s.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is no number or quantity, or the rate or a gain is missing that is needed.
     """
     label = f"pid {name!r}"
     kp, ki, kd = (finite(value, f"{label}: {gain}") for gain, value in (("kp", kp), ("ki", ki), ("kd", kd)))

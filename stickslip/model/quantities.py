@@ -278,37 +278,116 @@ class Table(Quantity):
 
 
 def position(body: str) -> Quantity:
-    """Return the position of a body or drive, in m or rad, as a quantity."""
+    """Return the position of a body or drive, in m or rad, as a quantity.
+
+    Parameters
+    ----------
+    body : str
+        Name of a body or drive, or GROUND.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return Position(check_name(body, "position: body"))
 
 
 def velocity(body: str) -> Quantity:
-    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity."""
+    """Return the velocity of a body or drive, in m/s or rad/s, as a quantity.
+
+    Parameters
+    ----------
+    body : str
+        Name of a body or drive, or GROUND.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return Velocity(check_name(body, "velocity: body"))
 
 
 def relative_velocity(row: str) -> Quantity:
-    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another named row, in m/s or rad/s, as a quantity."""
+    """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another named row, in m/s or rad/s, as a quantity.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact, tie or clutch.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return RelativeVelocity(check_name(row, "relative_velocity: row"))
 
 
 def stretch(row: str) -> Quantity:
-    """Return ``radius_a x_a - radius_b x_b`` of a contact or another named row, in m or rad, as a quantity."""
+    """Return ``radius_a x_a - radius_b x_b`` of a contact or another named row, in m or rad, as a quantity.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact, tie or clutch.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return Stretch(check_name(row, "stretch: row"))
 
 
 def normal(contact: str) -> Quantity:
-    """Return the normal force of a contact in N, 0 where it is open, as a quantity."""
+    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
+
+    Parameters
+    ----------
+    contact : str
+        Name of a contact.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return Normal(check_name(contact, "normal: contact"))
 
 
 def power(row: str) -> Quantity:
-    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none."""
+    """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
+
+    Parameters
+    ----------
+    row : str
+        Name of a contact.
+
+    Raises
+    ------
+    TypeError
+        If it is no name.
+    """
     return Power(check_name(row, "power: row"))
 
 
 def output(block: str, index: int = 0) -> Quantity:
-    """Return an output of a block, counted from 0, as a quantity."""
+    """Return an output of a block, counted from 0, as a quantity.
+
+    Parameters
+    ----------
+    block : str
+        Name of a block.
+    index : int
+        Which output, from 0 on.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the name is no name, or the number no number from 0 on.
+    """
     return Output(check_name(block, "output: block"), whole(index, "output: index"))
 
 
@@ -333,6 +412,11 @@ def feedback(
     derivatives : callable or sequence of callable, optional
         A function of the same arguments that returns all derivatives, or one function for each. They help the solver;
         without them differences are taken.
+
+    Raises
+    ------
+    TypeError
+        If `function` cannot be called with so many arguments, or an argument is no quantity.
     """
     if not callable(function) or isinstance(function, Load):
         raise TypeError(f"feedback: function must be callable, got {function!r}")
@@ -361,6 +445,11 @@ def saturate(quantity: Load | float, low: float, high: float) -> Quantity:
     quantity : Quantity
     low, high : float
         The limits, in the unit of the quantity; -inf and inf for none.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no quantity, or the limits are not in order.
     """
     own = as_expression(quantity, "saturate: quantity")
     lowest, highest = limit(low, -math.inf, "saturate: low"), limit(high, math.inf, "saturate: high")
@@ -384,6 +473,11 @@ def table(quantity: Load | float, xs: Sequence[float], ys: Sequence[float]) -> T
         Values of the quantity, increasing.
     ys : sequence of float
         What is returned there, equally many.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no quantity, or the points are not in order or not equally many.
     """
     own = as_expression(quantity, "table: quantity")
     places, values = sequence(xs, "table: xs"), sequence(ys, "table: ys")

@@ -50,6 +50,12 @@ class Scene:
         All of them, kind by kind.
     bodies, drives, contacts, ties, gears, planetaries, one_ways, gaps, stops, springs, dampers : tuple
         Those of one kind, in the order given; and so `blocks`, `state_spaces`, `sampled` and `forces`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a name stands twice or is unknown, an element joins nothing that can move, or nothing decides the motion of a
+        body without inertia.
     """
 
     elements: tuple[Element, ...]

@@ -24,6 +24,11 @@ def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
         Times in s, not decreasing, none more than twice.
     values : sequence of float
         Values at these times, equally many.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the points are not finite, not in order, or not equally many.
     """
     times, values = sequence(times, "piecewise_linear: times"), sequence(values, "piecewise_linear: values")
     if len(times) != len(values) or not times:
@@ -55,6 +60,11 @@ def triangle(start: float, peak: float, stop: float, *, slope: float) -> Signal:
         Times in s, ``start < peak < stop``.
     slope : float
         Rise per second before the peak.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite or the times are not in order.
     """
     start, peak, stop = sequence((start, peak, stop), "triangle: times")
     slope = finite(slope, "triangle: slope")
@@ -74,6 +84,11 @@ def step(time: float, before: float = 0.0, after: float = 1.0) -> Signal:
         In s.
     before, after : float
         In the unit of the signal.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite.
     """
     time = finite(time, "step: time")
     return PiecewiseLinear((time, time), (finite(before, "step: before"), finite(after, "step: after")))
@@ -90,6 +105,11 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
         In Hz.
     phase : float
         In rad.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite.
     """
     wave = Sine(
         finite(amplitude, "sine: amplitude"),
@@ -113,6 +133,13 @@ def signal(
         Times in s, increasing, at which the value or the slope jumps.
     period : float, optional
         Shortest time in s within which the function rises and falls, positive. Steps are kept below it.
+
+    Raises
+    ------
+    TypeError
+        If `function` is not callable, takes more or less than one argument, or is a signal already.
+    ValueError
+        If the breaks are not in order, or the period is not positive.
     """
     if isinstance(function, Signal):
         raise TypeError(f"signal: {function!r} is a signal already; use it as it is")

@@ -28,6 +28,11 @@ class When(metaclass=NamedArguments):
         +1 for crossings upward only, -1 for those downward, 0 for both.
     stop : bool
         Whether the simulation ends there.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the name is no name, the quantity no quantity, or the direction none of these.
     """
 
     name: str

@@ -87,6 +87,25 @@ def overview(
 
     Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from the top. It
     returns the figure.
+
+    Parameters
+    ----------
+    result : Result
+    bodies, contacts : sequence of str, optional
+        What to draw; by default everything.
+    t_span : (float, float), optional
+        Times in s to show; by default all.
+    axes : sequence of matplotlib axes, optional
+        One per panel, from top to bottom; by default a new figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, or the number of axes is not that of the panels.
     """
     names = contact_names(result, contacts)
     shown = None if t_span is None else numbers(t_span, "overview: t_span")
@@ -147,6 +166,17 @@ def energy(result: Drawable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 
     A ValueError says so where only the requested outputs were kept.
+
+    Parameters
+    ----------
+    result : Result
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If only the requested outputs were kept.
     """
     ledger = result.fit_for_plot(FINE).energy()
     ax = own_axes(ax)

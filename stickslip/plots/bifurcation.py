@@ -23,6 +23,19 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
 
     Stable cycles are filled dots on a full line, unstable ones empty dots on a dashed line. Dark signs with names mark
     where the kind of the cycles changes. What comes beyond a fold is drawn, too.
+
+    Parameters
+    ----------
+    branch : Branch
+    body : str, optional
+        Whose amplitude is drawn; by default the period is.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there is no such body, or `branch` is something else.
     """
     check_is(branch, "Branch", "bifurcation")
     parts = _parts(branch, body)

@@ -19,6 +19,19 @@ def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
     """Draw the outputs and states of a block over time and return the axes.
 
     States that are outputs as they stand are drawn once. Of many curves the first eight are drawn; the legend says so.
+
+    Parameters
+    ----------
+    result : Result
+    name : str
+        Of a block.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such block.
     """
     fine = result.fit_for_plot(FINE)
     outputs, states = (np.atleast_2d(found) for found in (fine.output(name), fine.state(name)))

@@ -47,6 +47,19 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
     backward; they lie apart from 0 by the same distance unless the coefficients of the directions differ.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
     """
     element = _element(result, contact)
     fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
@@ -70,7 +83,21 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
 @of_result
 def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes."""
+    """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
     names = contact_names(result, contacts)
     coarse = even_points(result)
     ax = own_axes(ax)
@@ -93,7 +120,21 @@ def _ratio(force: Array, level: Array) -> Array:
 
 @of_result
 def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw normal forces over time, by default those that vary, and return the axes."""
+    """Draw normal forces over time, by default those that vary, and return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default those whose normal force varies.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
+    """
     names = varying(result) if contacts is None else contact_names(result, contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
@@ -118,6 +159,19 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
     A ValueError says so where positions were not kept.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact, or positions were not kept.
     """
     element = _element(result, contact)
     fine = result.fit_for_plot(FINE)
@@ -144,6 +198,19 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
     Where the normal force varies, both are divided by it.
+
+    Parameters
+    ----------
+    result : Result
+    contact : str
+        Name of the contact.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
     """
     element = _element(result, contact)
     if not isinstance(element, Contact):

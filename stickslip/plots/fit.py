@@ -14,6 +14,17 @@ def fit(found: Any, *, axes: Any = None) -> Any:
     """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.
 
     `axes` are two for each quantity, from top to bottom; by default those of a new figure.
+
+    Parameters
+    ----------
+    found : Fit
+    axes : sequence of matplotlib axes, optional
+        Two for each quantity, from top to bottom; by default a new figure.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the number of axes is not that of the panels, or `found` is something else.
     """
     check_is(found, "Fit", "fit plot")
     count = 2 * len(found.measured)

@@ -20,7 +20,21 @@ def has_limits(result: Drawable, row: str) -> bool:
 
 @of_result
 def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
-    """Draw the stretch of a gap or a stop over time between its limits, impacts marked, and return the axes."""
+    """Draw the stretch of a gap or a stop over time between its limits, impacts marked, and return the axes.
+
+    Parameters
+    ----------
+    result : Result
+    row : str
+        Name of the gap or stop.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such gap or stop.
+    """
     elements = {element.name: element for element in (*result.scene.gaps, *result.scene.stops)}
     if not isinstance(row, str) or row not in elements:
         known = ", ".join(map(repr, elements)) or "none"

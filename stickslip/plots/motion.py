@@ -59,6 +59,19 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
     Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
     ticks at the bottom where they are many, one in so many as the legend says; a broad grey line runs under a body
     while a contact with a normal force holds it. More than a dozen bodies become a raster with a colour bar.
+
+    Parameters
+    ----------
+    result : Result
+    bodies : sequence of str, optional
+        Names of bodies and drives; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such body.
     """
     names = body_names(result, bodies)
     shared, labels = _units(result, names)
@@ -172,6 +185,19 @@ def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = 
 
     A strip is thin while the normal force is 0; the legend names the modes that occur. More than a dozen
     contacts become a raster.
+
+    Parameters
+    ----------
+    result : Result
+    contacts : sequence of str, optional
+        Names of contacts; by default all of them.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    ValueError
+        If there is no such contact.
     """
     names = contact_names(result, contacts)
     ax = own_axes(ax, height=1.2 + 0.25 * min(len(names), MANY))

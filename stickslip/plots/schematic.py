@@ -59,7 +59,19 @@ class _Link:
 
 
 def schematic(scene: Scene, *, ax: Any = None) -> Any:
-    """Draw a scene as a schematic and return the axes; letters shrink with axes of your own."""
+    """Draw a scene as a schematic and return the axes; letters shrink with axes of your own.
+
+    Parameters
+    ----------
+    scene : Scene
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure as large as the scene needs. Letters shrink with the axes.
+
+    Raises
+    ------
+    TypeError
+        If `scene` is something else.
+    """
     if not isinstance(scene, Scene):
         raise TypeError(f"schematic: expected a Scene, got {type(scene).__name__}")
     return _Drawing(scene).on(ax)

@@ -37,6 +37,11 @@ def sweep_map(
         Name of a value with one number per point; not needed where there is only one.
     labels : mapping, optional
         Name -> text with the unit, such as ``{"speed": "speed / (m/s)"}``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the names or the shape of the grid do not fit.
     """
     check_is(result, "SweepResult", "sweep_map")
     names = list(result.parameters)

@@ -32,6 +32,18 @@ def work_precision(table: Any, *, ax: Any = None) -> Any:
     Every family has a marker and a line of its own, so that greyscale is enough. The line joins those of its
     rows that no other row of the family beats: to join all would draw the noise of the clock. Rings mark the
     rows that nothing beats; what cannot be drawn (failures, an error of exactly 0) is listed in a note.
+
+    Parameters
+    ----------
+    table : WorkPrecision
+        What `work_precision` measured.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
+
+    Raises
+    ------
+    TypeError
+        If `table` is something else.
     """
     check_is(table, "WorkPrecision", "work_precision plot")
     return _errors_against_times(table, own_axes(ax, *STUDY), {})
@@ -80,6 +92,13 @@ def tradeoff(study: Any, *, ax: Any = None) -> Any:
     """Draw error against time of a scene's calls, down to what the reference can tell, and return the axes.
 
     Calls whose errors are below that stand in the grey band, each family at a height of its own that says nothing.
+
+    Parameters
+    ----------
+    study : Tradeoff
+        What `tradeoff` measured.
+    ax : matplotlib axes, optional
+        Where to draw; by default a new figure.
     """
     families = _by_family(row for row in study.work.rows if _drawable(row) and row.error <= study.limit)
     lower = [study.limit * 10 ** (-_APART * (k + 1)) for k in range(len(families))]

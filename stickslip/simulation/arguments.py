@@ -63,11 +63,11 @@ def choice(name: str, value: Any, known: Sequence[str]) -> None:
         raise ValueError(f"simulate: unknown {name} {value!r}; choose from {', '.join(map(repr, known))}")
 
 
-def between(name: str, value: float, low: float, high: float) -> float:
+def between(name: str, value: float, low: float, high: float, what: str = "simulate") -> float:
     """Return a number that lies between two others."""
-    number = finite(value, f"simulate: {name}")
+    number = finite(value, f"{what}: {name}")
     if not low < number < high:
-        raise ValueError(f"simulate: {name} must lie between {low:g} and {high:g}, got {number:g}")
+        raise ValueError(f"{what}: {name} must lie between {low:g} and {high:g}, got {number:g}")
     return number
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.model.checks import finite, numbers
+from stickslip.model.checks import finite, numbers, whole
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import Result, SimulationError
@@ -77,8 +77,7 @@ def fit(
     named = named_parameters(scene, parameters, "fit")
     low, high = _bounds(parameters, named)
     measured = _measured(scene, data)
-    if not isinstance(starts, int) or isinstance(starts, bool) or starts < 1:
-        raise ValueError(f"fit: starts must be a whole number >= 1, got {starts!r}")
+    starts, seed = whole(starts, "fit: starts", 1), whole(seed, "fit: seed")
     count = sum(one.t.size for one in measured)
     if count < len(named):
         raise ValueError(

@@ -10,8 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.model.checks import numbers
+from stickslip.model.checks import finite, numbers
 from stickslip.model.scene import Scene
+from stickslip.simulation.arguments import between
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.arcs import ERRORS, Arc, Place
 from stickslip.studies.branches import Branch, BranchPoint
@@ -93,7 +94,9 @@ def continue_cycle(
     steps = np.diff(wanted)
     if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
         raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
-    follower = Follower(one, period, accuracy)
+    if period is not None and not callable(period):
+        period = finite(period, "continue_cycle: period")
+    follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
     if isinstance(scene, Cycle):
         first = follower.reach(scene, one.value, float(wanted[0]))
     else:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
+from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
@@ -76,10 +77,10 @@ def limit_cycle(
     if not isinstance(scene, Scene):
         raise TypeError(f"limit_cycle: scene must be a Scene, got {type(scene).__name__}")
     for name, value in (("period", period), ("guess", guess)):
-        if value is not None and not (isinstance(value, (int, float)) and 0 < value < math.inf):
-            raise ValueError(f"limit_cycle: {name} must be a positive time in s, got {value!r}")
-    if transient is not None and not (isinstance(transient, (int, float)) and 0 <= transient < math.inf):
-        raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient!r}")
+        if value is not None and finite(value, f"limit_cycle: {name}") <= 0:
+            raise ValueError(f"limit_cycle: {name} must be a positive time in s, got {value:g}")
+    if transient is not None and finite(transient, "limit_cycle: transient") < 0:
+        raise ValueError(f"limit_cycle: transient must be a time in s, at least 0, got {transient:g}")
     options = {"method": method, "rtol": rtol, "atol": atol}
     system = compiled(scene)
     if system.bristle_state:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.checks import finite, names
 from stickslip.model.elements import Force
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
-from stickslip.simulation.arguments import between
 from stickslip.simulation.simulate import simulate
 
 __all__ = ["LinearModel", "linearize"]
@@ -136,6 +136,7 @@ class LinearModel:
 def _places(known: tuple[str, ...], wanted: Sequence[str] | None, what: str) -> list[int]:
     if wanted is None:
         return list(range(len(known)))
+    wanted = names(wanted, f"LinearModel.select: {what}s")
     for name in wanted:
         if name not in known:
             raise ValueError(
@@ -168,7 +169,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"linearize: scene must be a Scene, got {type(scene).__name__}")
-    t = between("t", t, -np.inf, np.inf) if t else 0.0
+    t = finite(t, "linearize: t")
     probes = [Force(body.name, 0.0) for body in scene.bodies]
     probed = Scene(*scene.elements, *probes, motion=scene.motion)
     result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from stickslip.model.checks import finite
+from stickslip.model.checks import names as checked_names
 from stickslip.model.elements.base import Element, Named, listed
 from stickslip.model.quantities import Quantity
 from stickslip.model.scene import Scene
@@ -95,9 +96,7 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
     ValueError, TypeError
         If a name leads to no number; `what` begins the message.
     """
-    if isinstance(names, str):
-        raise TypeError(f"{what}: parameters must be a sequence of names, got {names!r}; write [{names!r}]")
-    given = list(names)
+    given = checked_names(list(names) if isinstance(names, Mapping) else names, f"{what}: parameters")
     if not given:
         raise ValueError(f"{what}: parameters is empty; name at least one, such as 'wheel.inertia'")
     found = [_named(scene, name, what) for name in given]

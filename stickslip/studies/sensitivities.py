@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stickslip.engines import MethodName
 from stickslip.equations.motion import Motion
+from stickslip.model.checks import numbers
 from stickslip.model.elements import GROUND
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
@@ -116,7 +117,7 @@ class Sensitivities:
 
     def _read(self, read: Callable[[Array], Array], times: Sequence[float] | Array | None) -> Array:
         last = self.result.trajectory.pieces[-1].stop
-        at = np.array([last]) if times is None else np.atleast_1d(np.asarray(times, dtype=float))
+        at = np.array([last]) if times is None else numbers(np.atleast_1d(times), "times")
         order = np.argsort(at, kind="stable")
         found = np.empty((at.size, len(self.parameters)))
         found[order] = read(at[order])

@@ -58,7 +58,7 @@ class SweepResult:
         """
         if name is None and len(self.values) == 1:
             return next(iter(self.values.values()))
-        if name is None or name not in self.values:
+        if not isinstance(name, str) or name not in self.values:
             raise ValueError(f"value: no value {name!r}; choose from {', '.join(self.values)}")
         return self.values[name]
 

@@ -83,7 +83,10 @@ def sweep(
     if not callable(function):
         raise TypeError(f"sweep: function must be callable, got {function!r}")
     parameters = _parameters(grid)
-    if not (executor is None or executor == "serial" or isinstance(executor, Executor)):
+    if not isinstance(progress, bool):
+        raise TypeError(f"sweep: progress must be True or False, got {progress!r}")
+    is_serial = isinstance(executor, str) and executor == "serial"
+    if not (executor is None or is_serial or isinstance(executor, Executor)):
         raise TypeError(f"sweep: executor must be an Executor, 'serial' or None, got {executor!r}")
     if workers is not None and executor is not None:
         raise ValueError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 import warnings
 from collections.abc import Callable
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from stickslip.model.checks import finite, flag
 from stickslip.model.scene import Scene
 from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
@@ -105,7 +105,8 @@ class Tradeoff:
         """
         if (error is None) == (time is None):
             raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
-        if error is not None and error < self.limit:
+        flag(may_creep, "recommend: may_creep")
+        if error is not None and finite(error, "recommend: error") < self.limit:
             raise ValueError(
                 f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"
             )
@@ -211,12 +212,14 @@ def tradeoff(
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"tradeoff: scene must be a Scene, got {type(scene).__name__}")
-    if not (error == "velocity" or callable(error)):
+    if not (callable(error) or (isinstance(error, str) and error == "velocity")):
         raise TypeError(
             f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}"
         )
-    if not (isinstance(budget, int | float) and 0 < budget < math.inf):
+    if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
+    budget = finite(budget, "tradeoff: budget")
+    progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
     measure: Error = error if callable(error) else _VelocityError(scene, span)

@@ -113,6 +113,11 @@ class WorkPrecision:
             If no row qualifies.
         """
         front = self.pareto()
+        for name, value in (("error", error), ("time", time)):
+            if value is not None and (
+                isinstance(value, bool) or not isinstance(value, int | float | np.number)
+            ):
+                raise TypeError(f"best: {name} must be a number, got {value!r}")
         if error is not None and time is None:
             found = next((row for row in front if row.error <= error), None)
             wanted, nearest, remedy = f"error <= {error:g}", front[-1:], "add setups with tighter tolerances"
@@ -205,6 +210,8 @@ def work_precision(
         raise TypeError(f"work_precision: error must be a callable that takes a result, got {error!r}")
     _count("repeats", repeats, least=1)
     _count("warmup", warmup, least=0)
+    if not isinstance(progress, bool):
+        raise TypeError(f"work_precision: progress must be True or False, got {progress!r}")
     records = [_Record(setup) for setup in todo]
     with tqdm(total=(warmup + repeats) * len(records), disable=not progress, unit="run") as bar:
         for turn in range(warmup + repeats):

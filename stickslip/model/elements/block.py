@@ -122,6 +122,11 @@ class Block(AnyBlock):
         ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
     outputs : int, optional
         How many outputs there are; by default as many as quantities read, at least one.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an input is no quantity, a state no number, or a function no function.
     """
 
     name: str
@@ -165,6 +170,11 @@ class StateSpace(AnyBlock):
         x at the start, by default 0.
     limits : sequence of (float, float), optional
         For each output the limits beyond which it is cut off; the corners are located like events.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the sizes do not fit together, a number is not finite, or a system is one of discrete time.
     """
 
     called = "state space"
@@ -306,6 +316,11 @@ class Sampled(AnyBlock):
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float
         What the outputs are until the first sample, by default 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an input is no quantity, a number not finite, the period not positive, or a function no function.
     """
 
     called = "sampled block"

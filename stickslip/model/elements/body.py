@@ -27,6 +27,11 @@ class Body(Moving):
         At the start, in m/s or rad/s and in m or rad.
     motion : "rotation" or "translation", optional
         How it moves, where that differs from what the scene says. It changes no number, only the units that are shown.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a number is not finite, the inertia negative, or the name that of the ground.
     """
 
     name: str

@@ -39,6 +39,11 @@ class Contact(Row, Radii):
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0. A radius in m turns rad/s into m/s, and the
         force in N into a torque in N m.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, a radius 0, or an argument of the wrong kind.
     """
 
     name: str

@@ -24,6 +24,11 @@ class Drive(Moving):
         At the start, in m or rad.
     motion : "rotation" or "translation", optional
         How it moves, where that differs from what the scene says. It changes no number, only the units that are shown.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the velocity is not a signal, the position not finite, or the name that of the ground.
     """
 
     name: str

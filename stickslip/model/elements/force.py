@@ -20,6 +20,11 @@ class Force(Element):
         Name of a free body.
     signal : float, Signal or Quantity
         In N or N m.
+
+    Raises
+    ------
+    TypeError
+        If the force is neither a signal nor a quantity.
     """
 
     body: str

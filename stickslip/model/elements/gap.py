@@ -39,6 +39,12 @@ class Gap(Row, Radii):
         c in N s/m or N m s/rad, not negative.
     radius_a, radius_b : float
         What the positions of `a` and `b` are multiplied by; not 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, the limits are exchanged or both infinite, the stiffness is not positive, the damping
+        negative, or a radius 0.
     """
 
     name: str

@@ -23,6 +23,11 @@ class Gear(Row, Link):
         Names of bodies or drives, or GROUND.
     ratio : float
         Not 0; negative where the shafts turn against each other.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, or the ratio is 0 or not finite.
     """
 
     name: str

@@ -25,6 +25,11 @@ class OneWay(Row, Radii):
         Names of bodies or drives, or GROUND.
     radius_a, radius_b : float
         What the velocities of `a` and `b` are multiplied by; not 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, or a radius is 0 or not finite.
     """
 
     called = "one-way clutch"

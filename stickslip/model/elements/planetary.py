@@ -24,6 +24,11 @@ class Planetary(Row):
         Names of bodies or drives, or GROUND.
     ratio : float
         Teeth of the ring over teeth of the sun, positive.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If two members are the same, or the ratio is not a positive number.
     """
 
     name: str

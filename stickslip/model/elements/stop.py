@@ -37,6 +37,12 @@ class Stop(Row, Radii):
         e, from 0 (no rebound) to 1 (no loss).
     radius_a, radius_b : float
         What the positions of `a` and `b` are multiplied by; not 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the ends are the same, the limits are equal, exchanged or both infinite, the restitution is not within
+        [0, 1], or a radius 0.
     """
 
     name: str

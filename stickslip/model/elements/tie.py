@@ -25,6 +25,11 @@ class Tie(Row):
         Unique among the contacts, ties and clutches of the scene.
     coefficients : dict of str to float
         By name of the body or drive, or GROUND; none of them 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there is no member, or a coefficient is 0 or not finite.
     """
 
     name: str

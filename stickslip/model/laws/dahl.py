@@ -24,6 +24,11 @@ class Dahl(BristleLaw):
         The coefficients; the static one is not used.
     stiffness : float
         sigma_0 in N/m or N m/rad, positive.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the stiffness is not positive.
     """
 
     law: DryFriction

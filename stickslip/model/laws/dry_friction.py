@@ -112,6 +112,11 @@ class DryFriction(Law):
         Coefficients for ``w < 0`` of an anisotropic contact.
     kinetic : callable, optional
         ``kinetic(speed) -> mu_k`` for any other kinetic curve, speed >= 0.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a coefficient is negative, not finite, or the static one is below the Coulomb one.
     """
 
     mu_static: float

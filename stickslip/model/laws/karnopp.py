@@ -24,6 +24,11 @@ class Karnopp(Law):
         The coefficients.
     velocity : float
         Half width of the dead band in m/s or rad/s, positive.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the velocity is not positive.
     """
 
     law: DryFriction

@@ -116,6 +116,11 @@ class LuGre(BristleLaw):
         sigma_1 in N s/m or N m s/rad, not negative.
     viscous : float
         sigma_2 in N s/m or N m s/rad, not negative.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If a parameter is negative or the stiffness not positive.
     """
 
     law: DryFriction

@@ -103,6 +103,11 @@ class PreSlip(Law):
         Pre-slip velocity v_pre in m/s or rad/s, positive.
     shape : str
         "linear", "tanh" or "arctan".
+
+    Raises
+    ------
+    ValueError, TypeError
+        If the velocity is not positive or the shape unknown.
     """
 
     law: DryFriction
