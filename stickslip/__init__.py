@@ -45,15 +45,15 @@ from stickslip.simulation.joined import Joined, join
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
 from stickslip.simulation.showing import let_scenes_show_themselves as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
-from stickslip.studies.branches import Branch
-from stickslip.studies.cycles import Cycle
+from stickslip.studies.cycles.branches import Branch
+from stickslip.studies.cycles.continuation import continue_cycle
+from stickslip.studies.cycles.cycle import Cycle
+from stickslip.studies.cycles.search import limit_cycle
+from stickslip.studies.cycles.shooting import CycleError
+from stickslip.studies.derivatives.sensitivities import Sensitivities, sensitivities
 from stickslip.studies.fits import Fit
 from stickslip.studies.fitting import fit
-from stickslip.studies.following import continue_cycle
-from stickslip.studies.limit_cycles import limit_cycle
 from stickslip.studies.linear_model import LinearModel, linearize
-from stickslip.studies.sensitivities import Sensitivities, sensitivities
-from stickslip.studies.shots import CycleError
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff
 from stickslip.studies.work_precision import work_precision

@@ -36,8 +36,8 @@ from stickslip import (
     velocity,
 )
 from stickslip.model.signals import Signal
+from stickslip.studies.derivatives.sensitivities import Sensitivities
 from stickslip.studies.parameters import Parameter, named_parameters
-from stickslip.studies.sensitivities import Sensitivities
 from validation import random_scenes
 from validation.rows import Array, Row, Tried, Wrong, worst
 from validation.tried import try_each

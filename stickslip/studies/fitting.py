@@ -12,11 +12,11 @@ from stickslip.model.checks import finite, numbers, whole
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import Result, SimulationError
-from stickslip.studies.directions import along_parameter
+from stickslip.studies.derivatives.directions import along_parameter
+from stickslip.studies.derivatives.sensitivities import from_variation
+from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.fits import Fit, Measured
 from stickslip.studies.parameters import Parameter, named_parameters
-from stickslip.studies.sensitivities import from_variation
-from stickslip.studies.variations import Variation, simulated
 
 __all__ = ["fit"]
 

@@ -27,9 +27,9 @@ from stickslip import (
     sine,
     velocity,
 )
-from stickslip.studies.closed_cycles import closed_from
+from stickslip.studies.cycles.newton import closed_from
+from stickslip.studies.cycles.shooting import Shot
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.shots import Shot
 
 STIFFNESS, STATIC, COULOMB = 2.0, 1.5, 1.0
 

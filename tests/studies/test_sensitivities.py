@@ -38,8 +38,8 @@ from stickslip import (
     velocity,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, flywheel_benchmark
+from stickslip.studies.derivatives.sensitivities import Sensitivities
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.sensitivities import Sensitivities
 
 
 def decay(friction: float = 0.1) -> Scene:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.results.trajectory import Piece
-from stickslip.studies.nearby import Nearby, total
+from stickslip.studies.derivatives.nearby import Nearby, total
 
 __all__ = ["flow"]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.path import gauss_nodes
-from stickslip.studies.nearby import Quantity
-from stickslip.studies.variations import Variation
+from stickslip.studies.derivatives.nearby import Quantity
+from stickslip.studies.derivatives.variations import Variation
 
 __all__ = ["integral"]
 

@@ -16,8 +16,8 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.results.trajectory import Piece
 from stickslip.simulation.result import Result
-from stickslip.studies.directions import CENTRAL, PART, Direction
-from stickslip.studies.varied import VariedPiece
+from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
+from stickslip.studies.derivatives.varied import VariedPiece
 
 __all__ = ["REST", "Nearby", "Quantity", "total"]
 

@@ -12,9 +12,9 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result
-from stickslip.studies.closing import middle_of
+from stickslip.studies.cycles.periodicity import middle_of
+from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.shots import CycleError, Shot
 
 __all__ = ["Cycle", "centred", "cycle_of", "said", "sequence_of"]
 

@@ -16,10 +16,10 @@ from stickslip.model.elements import GROUND
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
-from stickslip.studies.directions import along_parameter
+from stickslip.studies.derivatives.directions import along_parameter
+from stickslip.studies.derivatives.variations import Variation, simulated
+from stickslip.studies.derivatives.varied_integrals import integral
 from stickslip.studies.parameters import named_parameters
-from stickslip.studies.variations import Variation, simulated
-from stickslip.studies.varied_integrals import integral
 
 __all__ = ["Sensitivities", "sensitivities"]
 

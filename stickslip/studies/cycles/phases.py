@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from stickslip.studies.cycles import Cycle
+from stickslip.studies.cycles.cycle import Cycle
 
 __all__ = ["cyclic", "told", "vanishing"]
 

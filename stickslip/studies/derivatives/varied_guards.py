@@ -9,8 +9,8 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.results.trajectory import Piece
-from stickslip.studies.directions import CENTRAL, MIRRORED, PART
-from stickslip.studies.nearby import Nearby
+from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART
+from stickslip.studies.derivatives.nearby import Nearby
 
 __all__ = ["TIE", "VariedGuards"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
-from stickslip.studies.directions import PART
+from stickslip.studies.derivatives.directions import PART
 
 __all__ = ["VariedImpact", "VariedPiece"]
 

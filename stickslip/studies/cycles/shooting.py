@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.scene import Scene
-from stickslip.studies.closing import Coordinates, read_positions, seen, started
-from stickslip.studies.directions import along_parameter
+from stickslip.studies.cycles.periodicity import Coordinates, read_positions, seen, started
+from stickslip.studies.derivatives.directions import along_parameter
+from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
-from stickslip.studies.variations import Variation, simulated
 
 __all__ = ["CycleError", "Shot"]
 

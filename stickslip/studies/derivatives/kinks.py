@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from stickslip.equations.guards import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.results.trajectory import Piece
-from stickslip.studies.nearby import Nearby
-from stickslip.studies.varied import VariedPiece
-from stickslip.studies.varied_guards import TIE, VariedGuards
+from stickslip.studies.derivatives.nearby import Nearby
+from stickslip.studies.derivatives.varied import VariedPiece
+from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
 __all__ = ["at_break", "at_corners", "at_rest_together", "at_start", "at_stops", "at_touches", "beyond_break"]
 

@@ -16,9 +16,9 @@ import scipy
 from numpy.typing import NDArray
 
 from stickslip.simulation.result import SimulationError
-from stickslip.studies.cycles import Cycle, cycle_of
+from stickslip.studies.cycles.cycle import Cycle, cycle_of
+from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
-from stickslip.studies.shots import CycleError, Shot
 
 __all__ = ["ERRORS", "Arc", "Place"]
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.studies.cycles import Cycle
+from stickslip.studies.cycles.cycle import Cycle
 from stickslip.studies.parameters import named_parameters
 
 __all__ = ["Branch", "BranchPoint"]

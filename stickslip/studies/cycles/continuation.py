@@ -14,14 +14,14 @@ from stickslip.model.checks import finite, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import SimulationError
-from stickslip.studies.arcs import ERRORS, Arc, Place
-from stickslip.studies.branches import Branch, BranchPoint
-from stickslip.studies.closed_cycles import closed_from, cycle_within
-from stickslip.studies.cycles import Cycle, centred
-from stickslip.studies.limit_cycles import limit_cycle
+from stickslip.studies.cycles.branches import Branch, BranchPoint
+from stickslip.studies.cycles.cycle import Cycle, centred
+from stickslip.studies.cycles.newton import closed_from, cycle_within
+from stickslip.studies.cycles.phases import cyclic, told, vanishing
+from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
+from stickslip.studies.cycles.search import limit_cycle
+from stickslip.studies.cycles.shooting import CycleError
 from stickslip.studies.parameters import Parameter, named_parameters
-from stickslip.studies.phases import cyclic, told, vanishing
-from stickslip.studies.shots import CycleError
 
 __all__ = ["continue_cycle"]
 

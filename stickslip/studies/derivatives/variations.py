@@ -24,12 +24,12 @@ from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
-from stickslip.studies import kinks
-from stickslip.studies.directions import Direction, start_of
-from stickslip.studies.nearby import REST, Nearby, Quantity, total
-from stickslip.studies.varied import VariedImpact, VariedPiece
-from stickslip.studies.varied_flow import flow
-from stickslip.studies.varied_guards import TIE, VariedGuards
+from stickslip.studies.derivatives import kinks
+from stickslip.studies.derivatives.directions import Direction, start_of
+from stickslip.studies.derivatives.nearby import REST, Nearby, Quantity, total
+from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
+from stickslip.studies.derivatives.varied_flow import flow
+from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
 __all__ = ["Variation", "simulated"]
 

@@ -19,11 +19,18 @@ from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
-from stickslip.studies.closed_cycles import closed
-from stickslip.studies.closing import check_constant, check_loads, middle_of, read_positions, seen, started
-from stickslip.studies.cycles import Cycle, said
-from stickslip.studies.shots import CycleError, Shot
-from stickslip.studies.variations import simulated
+from stickslip.studies.cycles.cycle import Cycle, said
+from stickslip.studies.cycles.newton import closed
+from stickslip.studies.cycles.periodicity import (
+    check_constant,
+    check_loads,
+    middle_of,
+    read_positions,
+    seen,
+    started,
+)
+from stickslip.studies.cycles.shooting import CycleError, Shot
+from stickslip.studies.derivatives.variations import simulated
 
 __all__ = ["limit_cycle"]
 

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from stickslip.simulation.result import SimulationError
 from stickslip.simulation.simulate import compiled
-from stickslip.studies.closing import check_loads
-from stickslip.studies.cycles import Cycle, centred, cycle_of
+from stickslip.studies.cycles.cycle import Cycle, centred, cycle_of
+from stickslip.studies.cycles.periodicity import check_loads
+from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
-from stickslip.studies.shots import CycleError, Shot
 
 __all__ = ["closed", "closed_from", "cycle_within"]
 

@@ -16,7 +16,7 @@ from stickslip.equations.system import System
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
-from stickslip.studies.directions import Direction, along_start
+from stickslip.studies.derivatives.directions import Direction, along_start
 
 __all__ = ["Coordinates", "check_constant", "check_loads", "middle_of", "read_positions", "seen", "started"]
 

@@ -1,0 +1,1 @@
+"""Limit cycles: found, followed over a parameter, and where their branches turn, split and end."""
