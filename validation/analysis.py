@@ -143,15 +143,20 @@ def _all_in(result: Result) -> tuple[list[tuple[Any, ...]], Array]:
 
 
 def _slow_rebounds(result: Result) -> set[int]:
-    """Return the events at the times at which stops are met slowly; closed forms hold their derivatives."""
+    """Return the events from a slow rebound of a stop to its next one; closed forms hold their derivatives."""
     largest = max(float(np.abs(result.velocity(body.name)).max()) for body in result.scene.bodies)
-    stops, found = {stop.name for stop in result.scene.stops}, set()
-    for event in result.events:
-        if event.contact in stops and event.cause != "force 0":
-            before = result.sample([float(np.nextafter(event.t, 0.0))])
-            if abs(float(before.relative_velocity(event.contact)[0])) < _SLOW * largest:
-                found.add(event.t)
-    return {k for k, event in enumerate(result.events) if event.t in found}
+    found: set[int] = set()
+    for stop in result.scene.stops:
+        met = sorted({e.t for e in result.events if e.contact == stop.name and e.cause != "force 0"})
+        if not met:
+            continue
+        w = result.sample(np.nextafter(met, 0.0)).relative_velocity(stop.name)
+        slow = np.abs(w) < _SLOW * largest
+        for first, last in zip(range(len(met)), [*range(1, len(met)), len(met) - 1], strict=True):
+            until = met[last] if slow[last] else met[first]
+            if slow[first]:
+                found |= {k for k, event in enumerate(result.events) if met[first] <= event.t <= until}
+    return found
 
 
 def _difference(scene: Scene, one: Parameter, h: float, said: list[Any]) -> Array | None:

@@ -323,7 +323,7 @@ def test_an_open_contact_that_closes_does_not_stop_what_moves(options: dict[str,
 
 
 def test_what_begins_beyond_rest_has_passed_it_where_that_is_certain() -> None:
-    """A random scene in which a velocity begins beyond 0, by less than is uncertain, and goes on: no storm of events."""
+    """A random scene in which a velocity begins beyond 0, by less than is uncertain, and goes on: no event storm."""
     data = FAMILIES["mixed"][0](20)
     scene = scene_of(data, 20)
     rough = simulate(scene, (0.0, data["t_end"]), method="BDF", rtol=1e-3, atol=1e-5)
