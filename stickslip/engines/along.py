@@ -53,12 +53,13 @@ class Along:
             found[:, taus <= guards.told] = np.inf
         return found
 
-    def root(self, row: int, step: int, right: float) -> float:
+    def root(self, row: int, step: int, right: float, late: bool = False) -> float:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
         rows = np.array([row])
         if self._is_exact[row] and left > self.guards.told:
             coefficients = self._coefficients[row, step].tolist()
+            coefficients[0] += float(self.guards.leeway[row]) if late else 0.0
 
             def value(tau: float) -> float:
                 return _clenshaw(coefficients, 2 * (tau - left) / (end - left) - 1)
@@ -66,7 +67,7 @@ class Along:
         else:
 
             def value(tau: float) -> float:
-                return float(self.values(rows, np.array([tau]))[0, 0])
+                return float(self.values(rows, np.array([tau]), late)[0, 0])
 
         # at both ends signs may be roundoff
         if value(left) <= 0:

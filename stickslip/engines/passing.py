@@ -28,21 +28,24 @@ def back_to_zero(along: Along, end: float) -> Path:
     guards, path, found = along.guards, along.path, end
     late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
     for row in (late <= (1 - _FULLY) * guards.leeway).nonzero()[0].tolist():
-        step = _last_before(along, row, end)
-        if step is not None:
-            found = min(found, along.root(row, step, min(float(path.taus[step + 1]), end)))
+        # what begins beyond 0 is told where it has passed what is uncertain
+        for beyond in (False, True):
+            step = _last_before(along, row, end, beyond)
+            if step is not None:
+                found = min(found, along.root(row, step, min(float(path.taus[step + 1]), end), beyond))
+                break
     if found <= 0:
         found = end
     return replace(path if found >= path.taus[-1] else along.motion.until(path, found), hit=True)
 
 
-def _last_before(along: Along, row: int, end: float) -> int | None:
+def _last_before(along: Along, row: int, end: float, late: bool) -> int | None:
     """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
     taus, rows = along.path.taus, np.array([row])
     last, count = int(taus.searchsorted(end)), _FEW
     while last:
         first = max(last - count, 0)
-        before = (along.values(rows, taus[first:last])[0] >= 0).nonzero()[0]
+        before = (along.values(rows, taus[first:last], late)[0] >= 0).nonzero()[0]
         if before.size:
             return first + int(before[-1])
         last, count = first, 2 * count
