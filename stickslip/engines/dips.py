@@ -44,7 +44,7 @@ class Dip(NamedTuple):
 def first_dip(along: Along) -> Dip | None:
     """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
     motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
-    touch = np.where(guards.stick_at_touch, _TOUCHES * guards.uncertain, 0.0)
+    touch = np.where(guards.stick_at_touch, _TOUCHES * guards.velocity_uncertainty, 0.0)
     close = low <= touch[:, None]
     rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
     if not rows.size:

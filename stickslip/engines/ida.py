@@ -167,7 +167,7 @@ class _Residual:
         q = motion.inputs(tau, y)
         friction = motion.equations.friction @ q
         if motion.has_law:
-            friction[motion.equations.acting] = motion.acting_forces(tau, y)
+            friction[motion.equations.velocity_dependent] = motion.law_forces(tau, y)
         equations = motion.equations
         return np.asarray(equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction)
 
@@ -216,11 +216,11 @@ class _Residual:
         motion, system = self._motion, self._system
         n, size, count = system.n, self._size, self.start.size - self._size
         forces = scipy.sparse.csr_array(motion.equations.C)
-        acting = motion.equations.acting
-        if acting.size:
-            rows = scipy.sparse.csr_array(system.G)[acting]
+        rows_of_laws = motion.equations.velocity_dependent
+        if rows_of_laws.size:
+            rows = scipy.sparse.csr_array(system.G)[rows_of_laws]
             slopes = motion.law_slopes(tau, y)
-            pushed = scipy.sparse.csr_array(system.GT)[:, acting]
+            pushed = scipy.sparse.csr_array(system.GT)[:, rows_of_laws]
             part = pushed @ scipy.sparse.diags_array(slopes) @ rows
             forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
         if motion.dependence is not None:
@@ -228,9 +228,9 @@ class _Residual:
         full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
-            w, normal, _, z = motion.acting_terms(y, motion.inputs(tau, y), tau)
+            w, normal, _, z = motion.law_arguments(y, motion.inputs(tau, y), tau)
             sigma = motion.equations.law.by_bristle(w, normal, z)
-            pushed = scipy.sparse.csr_array(system.GT)[:, acting[motion.equations.law.bristles]]
+            pushed = scipy.sparse.csr_array(system.GT)[:, rows_of_laws[motion.equations.law.bristles]]
             entries = scipy.sparse.csr_array(
                 (sigma, (np.arange(places.size), places)), shape=(places.size, size)
             )

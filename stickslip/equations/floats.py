@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Acting", "Line", "evaluate", "forces", "lines"]
+__all__ = ["LawInFloats", "Line", "evaluate", "forces", "lines"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Line(NamedTuple):
     row: list[float]
 
 
-class Acting(NamedTuple):
+class LawInFloats(NamedTuple):
     """A contact whose friction depends on its relative velocity: that, its normal force, and its law."""
 
     w: Line
@@ -41,11 +41,11 @@ def lines(value: Array, slope: Array, *parts: Array) -> list[Line]:
     return [Line(*x) for x in zip(value.tolist(), slope.tolist(), np.hstack(parts).tolist(), strict=True)]
 
 
-def forces(acting: list[Acting], tau: float, y: list[float]) -> list[float]:
+def forces(laws: list[LawInFloats], tau: float, y: list[float]) -> list[float]:
     """Return the friction forces at local time `tau`."""
     return [
         law(w[0] + w[1] * tau + sum(map(mul, w[2], y)), max(normal + slope * tau, 0.0))
-        for w, normal, slope, law in acting
+        for w, normal, slope, law in laws
     ]
 
 

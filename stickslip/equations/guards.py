@@ -64,7 +64,7 @@ class Guards:
         Rows whose relative velocity is 0 at the start.
     fired : array (m,) of bool
         Rows that an event has just found at their limit.
-    uncertain : float
+    velocity_uncertainty : float
         Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: the errors of a solver, 0 where
         an engine makes none.
 
@@ -88,9 +88,9 @@ class Guards:
         labels: NDArray[np.int8],
         at_rest: Mask,
         fired: Mask,
-        uncertain: float = 0.0,
+        velocity_uncertainty: float = 0.0,
     ) -> None:
-        self.motion, self.at_rest, self.uncertain = motion, at_rest, uncertain
+        self.motion, self.at_rest, self.velocity_uncertainty = motion, at_rest, velocity_uncertainty
         rows = self.rows = motion.equations.guard_rows(labels)
         self.row, self.size, self.direction = rows.row, rows.size, rows.direction
         self.is_velocity, self.is_border, self.is_normal = rows.is_velocity, rows.is_border, rows.is_normal
@@ -204,7 +204,7 @@ class Guards:
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.rests[i]:
-                    self.violated[i] = coefficients[0, i] < -self.uncertain
+                    self.violated[i] = coefficients[0, i] < -self.velocity_uncertainty
                     continue
                 if modes[self.row[i]] == OPEN:
                     # nothing but roundoff is uncertain where no force can hold it
@@ -351,7 +351,7 @@ class Guards:
         return i not in self.rows.rising and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
 
     @property
-    def idle(self) -> Indices:
+    def stays_zero(self) -> Indices:
         """Moving rows at rest whose relative velocity stays 0."""
         rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
         modes = self.motion.equations.modes
@@ -410,13 +410,15 @@ class Guards:
         beyond 0, it is at rest there. Where its level rises with the dwell only, it is held if it rises fast enough.
         """
         found = np.zeros(self.size)
-        found[self.passing] = self.uncertain
+        found[self.passing] = self.velocity_uncertainty
         sticks = self.stick_at_touch
         least = np.where(
-            np.isin(self.row[sticks], self.motion.system.dwelling), _IF_DWELLING * self.uncertain, 0.0
+            np.isin(self.row[sticks], self.motion.system.dwelling),
+            _IF_DWELLING * self.velocity_uncertainty,
+            0.0,
         )
         beyond = 2 * np.maximum(-self.first[0, sticks], 0.0)
-        found[sticks] = np.minimum(self.uncertain, np.maximum(least, beyond))
+        found[sticks] = np.minimum(self.velocity_uncertainty, np.maximum(least, beyond))
         return found
 
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
@@ -426,7 +428,7 @@ class Guards:
         """
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
-        if late and self.uncertain:
+        if late and self.velocity_uncertainty:
             g += self.leeway[:, None] if g.ndim == 2 else self.leeway
         return self._divided(g, tau)
 
@@ -489,7 +491,7 @@ class Guards:
         if not self.is_plain:
             self._subtract_start(g, path.taus[:-1] + half, half)
         low = g[:, :, 0] - np.abs(g[:, :, 1:]).sum(axis=2)
-        if self.uncertain:
+        if self.velocity_uncertainty:
             low += self.leeway[:, None]
         low[unknown] = -math.inf
         is_exact = ~unknown
@@ -530,7 +532,7 @@ class Guards:
             q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
-        if self.uncertain:
+        if self.velocity_uncertainty:
             g += self.leeway
         if self._offset is not None:
             g += self._offset
@@ -546,7 +548,7 @@ class Guards:
         slope[: motion.stretch.slope.size] = motion.stretch.slope
         value, slope = self.rows.of_inputs(np.stack([motion.start_inputs, slope], axis=1)).T
         value = value + self._constant
-        if self.uncertain:
+        if self.velocity_uncertainty:
             value += self.leeway
         if self._offset is not None:
             value += self._offset

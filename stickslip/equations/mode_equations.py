@@ -16,9 +16,18 @@ from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
-from stickslip.model.laws.table import ActingForces
+from stickslip.model.laws.table import VelocityDependentForces
 
-__all__ = ["APART", "AT_HIGH", "AT_LOW", "FREE", "OPEN", "ModeEquations", "acting_in", "equations_in"]
+__all__ = [
+    "APART",
+    "AT_HIGH",
+    "AT_LOW",
+    "FREE",
+    "OPEN",
+    "ModeEquations",
+    "equations_in",
+    "velocity_dependent_in",
+]
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
@@ -41,7 +50,7 @@ def equations_in(modes: NDArray[np.int8], system: System, regions: Regions = _NO
     return found
 
 
-def acting_in(modes: NDArray[np.int8], system: System) -> NDArray[np.bool_]:
+def velocity_dependent_in(modes: NDArray[np.int8], system: System) -> NDArray[np.bool_]:
     """Tell which rows have a force that depends on their velocity; `modes` (m,) or (m, times)."""
     laws = system.laws
     slides, builds = laws.curved, laws.has_slip_state
@@ -80,12 +89,14 @@ class ModeEquations:
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
         self.at_level = ((modes == AT_HIGH) | (modes == AT_LOW)).nonzero()[0]
         self.pressed = (system.pressed & system.alive).nonzero()[0]
-        self.acting = acting_in(modes, system).nonzero()[0]
-        directions = np.where(np.abs(modes) == 1, modes, 0)[self.acting]
-        self.law = ActingForces([system.laws.laws[j] for j in self.acting.tolist()], directions)
-        self._alone: dict[int, ActingForces] = {}
+        self.velocity_dependent = velocity_dependent_in(modes, system).nonzero()[0]
+        directions = np.where(np.abs(modes) == 1, modes, 0)[self.velocity_dependent]
+        self.law = VelocityDependentForces(
+            [system.laws.laws[j] for j in self.velocity_dependent.tolist()], directions
+        )
+        self._alone: dict[int, VelocityDependentForces] = {}
         self.bristle_places = np.array(
-            [system.bristle_state[j] for j in self.acting[self.law.bristles]], dtype=np.intp
+            [system.bristle_state[j] for j in self.velocity_dependent[self.law.bristles]], dtype=np.intp
         )
         self.balance = system.balance(self.is_held.tobytes())
         self.dependent = self.balance.dependent
@@ -195,7 +206,7 @@ class ModeEquations:
         system = self.system
         size, total = system.size, system.inputs + system.dwelling.size
         self._AE, self._BH = self._of_states(np.eye(size)), self._of_inputs(np.eye(total))
-        self._KL = self._of_friction(np.eye(system.m)[:, self.acting])
+        self._KL = self._of_friction(np.eye(system.m)[:, self.velocity_dependent])
         (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
             (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
         )
@@ -246,14 +257,14 @@ class ModeEquations:
             found: Array = self._KL @ e
             return found
         wide = np.zeros((self.system.m, *e.shape[1:]))
-        wide[self.acting] = e
+        wide[self.velocity_dependent] = e
         return self._of_friction(wide)
 
     @cached_property
     def watched_by_laws(self) -> NDArray[np.bool_]:
         """Tell what watched quantities the forces that depend on velocity may reach."""
         m, found = self.system.m, np.zeros(self.rows, dtype=bool)
-        if self.acting.size:
+        if self.velocity_dependent.size:
             found[m:] = True if self.system.sparse else self.L[m:].any(axis=1)
         return found
 
@@ -326,13 +337,13 @@ class ModeEquations:
     def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
         system, mode = self.system, int(self.modes[row])
-        if row not in self.acting:
+        if row not in self.velocity_dependent:
             side = int(mode < 0)
             return mode * float(system.mu_c[side, row]) * normal if abs(mode) == 1 else 0.0
         law = self._alone.get(row)
         if law is None:
             sign = self.modes[[row]] if abs(mode) == 1 else np.zeros(1, dtype=np.int8)
-            law = self._alone[row] = ActingForces([system.laws.laws[row]], sign)
+            law = self._alone[row] = VelocityDependentForces([system.laws.laws[row]], sign)
         dwell = float(system.dwell[row])
         lag = math.exp(-rested / dwell) if dwell > 0 else 0.0
         z = y[[system.bristle_state[row]]] if law.bristles.size else np.empty(0)
@@ -340,14 +351,14 @@ class ModeEquations:
         return float(law.forces(one([w]), one([normal]), one([lag]), z)[0])
 
     def law_jacobian(self, slopes: Array) -> Any:
-        """Return what the acting rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
+        """Return what the velocity-dependent rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
         system, n = self.system, self.system.n
         if not system.sparse:
-            rows = np.zeros((self.acting.size, system.size))
-            rows[:, :n] = (system.G @ self.balance.T)[self.acting]
+            rows = np.zeros((self.velocity_dependent.size, system.size))
+            rows[:, :n] = (system.G @ self.balance.T)[self.velocity_dependent]
             return self.K @ (slopes[:, None] * rows)
-        rows = (system.G @ self.balance.T).tocsr()[self.acting]
-        pushed = scipy.sparse.csr_array(system.GT)[:, self.acting]
+        rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
+        pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
         forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
         return self._spread(
             scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
@@ -356,9 +367,9 @@ class ModeEquations:
     @cached_property
     def structure(self) -> Any:
         """A matrix whose entries are those of ``d y' / d y`` that may differ from 0, but for bristles."""
-        if not self.acting.size:
+        if not self.velocity_dependent.size:
             return self.jacobian()
-        return self.jacobian() + self.law_jacobian(np.ones(self.acting.size))
+        return self.jacobian() + self.law_jacobian(np.ones(self.velocity_dependent.size))
 
     def jacobian(self) -> Any:
         """Return ``A``, dense or sparse as the scene is."""
@@ -433,11 +444,11 @@ class ModeEquations:
         return found
 
     @cached_property
-    def acting_velocities(self) -> Array:
-        """The relative velocities of the acting rows from the states of a small scene, without drives."""
+    def law_velocities(self) -> Array:
+        """The relative velocities of the velocity-dependent rows from the states of a small scene, without drives."""
         system = self.system
-        found = np.zeros((self.acting.size, system.size))
-        found[:, : system.n] = system.G[self.acting]
+        found = np.zeros((self.velocity_dependent.size, system.size))
+        found[:, : system.n] = system.G[self.velocity_dependent]
         return found
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.floats import Acting, Line, lines
+from stickslip.equations.floats import LawInFloats, Line, lines
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
@@ -70,7 +70,8 @@ class Expansion:
 class _Lines(NamedTuple):
     """What inputs that are lines in time do: at the start of a motion, and their slopes.
 
-    The response of rates and watched quantities; relative velocities, and normal forces, of the acting rows.
+    The response of rates and watched quantities; relative velocities and normal forces of the rows whose forces depend
+    on velocity.
     """
 
     response: Array
@@ -133,7 +134,7 @@ class Motion:
         self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
         system = self.system = equations.system
         self.horizon = stretch.stop - t
-        self.has_law = equations.acting.size > 0
+        self.has_law = equations.velocity_dependent.size > 0
         self.dependence, self.regions = system.dependence, stretch.regions
         self.has_functions = stretch.has_functions or not (
             self.dependence is None or self.dependence.is_linear_in(self.regions)
@@ -344,23 +345,23 @@ class Motion:
 
     # -- rates -----------------------------------------------------------------------------------------------
 
-    def acting_terms(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
-        """Return relative velocity, normal force, dwell lag and bristle deflection of the acting rows."""
-        rows = self.equations.acting
+    def law_arguments(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
+        """Return relative velocity, normal force, dwell lag and bristle deflection of the velocity-dependent rows."""
+        rows = self.equations.velocity_dependent
         w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
         return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
 
     def _lag(self, tau: float | Array, w: Array) -> Array:
-        """Return what the dwell of the acting rows still withholds, an array like `w`."""
+        """Return what the dwell of the velocity-dependent rows still withholds, an array like `w`."""
         lag = np.zeros(w.shape)
-        some, age, dwell = self._acting_dwells
+        some, age, dwell = self._law_dwells
         if some.size:
             lag[some] = np.exp(-(np.add.outer(age, tau).T / dwell).T)
         return lag
 
     @cached_property
-    def _acting_dwells(self) -> tuple[Indices, Array, Array]:
-        rows = self.equations.acting
+    def _law_dwells(self) -> tuple[Indices, Array, Array]:
+        rows = self.equations.velocity_dependent
         dwell = self.system.dwell[rows]
         some = (dwell > 0).nonzero()[0]
         return some, self.t - self.since[rows[some]], dwell[some]
@@ -373,7 +374,7 @@ class Motion:
             return None
         value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
         slope[: system.inputs] = self.stretch.slope
-        rows, none = equations.acting, np.zeros(system.size)
+        rows, none = equations.velocity_dependent, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
         return _Lines(
             equations.respond(value),
@@ -386,10 +387,10 @@ class Motion:
         )
 
     @cached_property
-    def in_floats(self) -> tuple[list[Line], list[Acting]] | None:
+    def in_floats(self) -> tuple[list[Line], list[LawInFloats]] | None:
         """The rates of a small motion and the friction forces that they need, None where arrays are the better way."""
         system, equations = self.system, self.equations
-        count = equations.acting.size
+        count = equations.velocity_dependent.size
         if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
             return None
         laws = equations.law.in_floats()
@@ -397,21 +398,21 @@ class Motion:
             return None
         own, size = self._lines, system.size
         rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
-        velocities = lines(own.w, own.w_slope, equations.acting_velocities) if count else []
-        return rates, list(map(Acting, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
+        velocities = lines(own.w, own.w_slope, equations.law_velocities) if count else []
+        return rates, list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
 
     @property
     def is_on_lines(self) -> bool:
         """Whether the motion is small and its inputs are lines."""
         return self._lines is not None
 
-    def acting_forces(self, tau: float | Array, y: Array) -> Array:
+    def law_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self.acting_terms(y, self.inputs(tau, y), tau))
+        return self.equations.law.forces(*self.law_arguments(y, self.inputs(tau, y), tau))
 
     def law_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of the friction forces that depend on velocity with respect to it."""
-        return self.equations.law.slopes(*self.acting_terms(y, self.inputs(tau, y), tau))
+        return self.equations.law.slopes(*self.law_arguments(y, self.inputs(tau, y), tau))
 
     def both(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array.
@@ -423,9 +424,9 @@ class Motion:
         if self.has_law:
             lines = self._lines
             if lines is None or isinstance(tau, np.ndarray):
-                w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y) if q is None else q, tau)
+                w, normal, lag, z = self.law_arguments(y, self.inputs(tau, y) if q is None else q, tau)
             else:
-                w, normal, lag, z = self._acting_on_lines(tau, y, lines)
+                w, normal, lag, z = self._law_arguments_on_lines(tau, y, lines)
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
@@ -443,9 +444,11 @@ class Motion:
                 found += tau * lines.response_slope
         return found
 
-    def _acting_on_lines(self, tau: float, y: Array, lines: _Lines) -> tuple[Array, Array, Array, Array]:
-        """Return what `acting_terms` does, of a small motion."""
-        w: Array = self.equations.acting_velocities @ y
+    def _law_arguments_on_lines(
+        self, tau: float, y: Array, lines: _Lines
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return what `law_arguments` does, of a small motion."""
+        w: Array = self.equations.law_velocities @ y
         w += lines.w
         normal = lines.normal
         if not lines.is_steady:
@@ -460,7 +463,7 @@ class Motion:
         found = self.both(tau, y)[size:]
         forces: Array = equations.friction @ self.inputs(tau, y)
         if self.has_law:
-            forces[equations.acting] = self.acting_forces(tau, y)
+            forces[equations.velocity_dependent] = self.law_forces(tau, y)
         forces[equations.held] = found[m : m + equations.held.size]
         return forces
 
@@ -475,7 +478,7 @@ class Motion:
         if not lines.is_steady:
             found += tau * lines.response_slope[:size]
         if self.has_law:
-            found += equations.K @ equations.law.forces(*self._acting_on_lines(tau, y, lines))
+            found += equations.K @ equations.law.forces(*self._law_arguments_on_lines(tau, y, lines))
         return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
@@ -508,7 +511,7 @@ class Motion:
             matrix = matrix + self._of_dependence(tau, y)
         if not self.has_law:
             return matrix
-        terms = self.acting_terms(y, self.inputs(tau, y), tau)
+        terms = self.law_arguments(y, self.inputs(tau, y), tau)
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
@@ -538,10 +541,10 @@ class Motion:
         assert dependence is not None
         slopes = self.input_slopes(tau, y)
         found = equations.respond(slopes)
-        rows = equations.acting
+        rows = equations.velocity_dependent
         if rows.size and dependence.rows.size:
             # forces that depend on velocity are multiples of the normal force, but for those of bristles
-            w, normal, lag, z = self.acting_terms(y, self.inputs(tau, y), tau)
+            w, normal, lag, z = self.law_arguments(y, self.inputs(tau, y), tau)
             pressed = normal > 0
             e = equations.law.forces(w, normal, lag, z)
             part = np.where(pressed, e / np.where(pressed, normal, 1.0), 0.0)
@@ -571,11 +574,11 @@ class Motion:
         law, places = equations.law, equations.bristle_places
         w, normal, _, z = terms
         by_w, by_z = law.bristle_slopes(w, normal, z)
-        acting = equations.acting[law.bristles]
+        some = equations.velocity_dependent[law.bristles]
         size, count, n = system.size, places.size, system.n
-        units = np.zeros((equations.acting.size, count))
+        units = np.zeros((equations.velocity_dependent.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed, rows = equations.push(units)[:size], (system.G @ equations.balance.T)[acting]
+        pushed, rows = equations.push(units)[:size], (system.G @ equations.balance.T)[some]
         by_bristle = law.by_bristle(w, normal, z)
         if isinstance(matrix, np.ndarray):
             matrix[places, :n] += by_w[:, None] * dense(rows)
@@ -762,14 +765,14 @@ class Motion:
         found = equations.apply(rate) + equations.respond(dq)
         if not self.has_law:
             return found
-        w, normal, lag, z = self.acting_terms(y, q, tau)
-        dw = system.relative_velocity(rate, dq)[equations.acting]
+        w, normal, lag, z = self.law_arguments(y, q, tau)
+        dw = system.relative_velocity(rate, dq)[equations.velocity_dependent]
         d = self.difference_step
         law = equations.law
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference
         e = law.forces(w, normal, lag, z)
         moved_q = self.inputs(tau + d, y + d * rate)
-        _, normal_d, lag_d, _ = self.acting_terms(y, moved_q, tau + d)
+        _, normal_d, lag_d, _ = self.law_arguments(y, moved_q, tau + d)
         z_d = z + d * rate[equations.bristle_places]
         by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d
         found += equations.push(law.slopes(w, normal, lag, z) * dw + by_time)

@@ -142,7 +142,7 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
-        acting = len(reader.nodes)
+        on_forces = len(reader.nodes)
         seen = [reader.form(load, "the quantity of an event") for load in book.watched]
         first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
@@ -176,10 +176,10 @@ class System:
         clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
         self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
         self.samples = 0
-        nodes = reader.nodes[:acting]
+        nodes = reader.nodes[:on_forces]
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
-        self._only_seen = Dependence(reader.nodes[acting:], int(starts[acting]), {}, place)
+        self._only_seen = Dependence(reader.nodes[on_forces:], int(starts[on_forces]), {}, place)
         read = [self._seen, *self._only_seen.arguments]
         watched = [place for part in read for place in part.places.tolist()]
         self.for_watched = self.dependence.before(watched) if self.dependence is not None else frozenset()

@@ -110,7 +110,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         values, size = guards.at_end(path)
         part = values / np.where(size > _NOTHING, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
-        if guards.uncertain:
+        if guards.velocity_uncertainty:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
             velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
             at[guards.passing] &= (velocities >= (_FULLY - 1) * leeway) | (velocities <= -_FULLY * leeway)

@@ -158,7 +158,7 @@ class Search:
             motion, guards = self._build(trial)
             following = self._improved(trial, motion, guards)
             if following is None:
-                return self._without_idlers(motion, guards)
+                return self._held_where_they_stay(motion, guards)
             trial = following
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
@@ -364,15 +364,15 @@ class Search:
             trial[rows] = _carrying(side) if found.holds else self._moving(rows, side)
         return trial
 
-    def _without_idlers(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
+    def _held_where_they_stay(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can.
 
         Where their share would be beyond their level, they carry their level if others can spare the rest.
         """
-        if guards.is_plain or not (idlers := guards.idle).size:
+        if guards.is_plain or not (staying := guards.stays_zero).size:
             return motion, guards
         trial = motion.equations.modes.copy()
-        trial[idlers] = 0
+        trial[staying] = 0
         seen = set[bytes]()
         while trial.tobytes() not in seen:
             seen.add(trial.tobytes())

@@ -89,7 +89,7 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
         return None
     following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
     none = np.zeros(now.labels.size, dtype=bool)
-    guards = Guards(following, now.labels, none, none, now.guards.uncertain)
+    guards = Guards(following, now.labels, none, none, now.guards.velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
         return None
     return Settled(now.labels, following, guards)

@@ -27,7 +27,7 @@ _SOON = 1e-6
 """How far ahead to look, as a part of the time in which a force changes by as much as it is."""
 
 _PART = 1e-9
-_IDLE = 1e-9
+_SELF_STRESS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,15 @@ def share(motion: Motion, guards: Guards) -> Share | None:
         return None
     G, D = dense(motion.system.G[held]), dense(motion.system.D[held])
     scale = np.maximum(np.abs(G).max(axis=1), np.abs(D).max(axis=1, initial=0.0))
-    idle = _null_space(G / scale[:, None])
+    self_stress = _null_space(G / scale[:, None])
     limits = ((~guards.is_velocity) & (guards.direction != 0)).nonzero()[0]
     place = np.searchsorted(held, guards.row[limits])
-    free = np.abs(idle[place]).max(axis=1, initial=0.0) > _IDLE
+    free = np.abs(self_stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS
     limits, place = limits[free], place[free]
     side = guards.direction[limits]
     left = _soon(motion, guards.start[:, limits])
     # side * (force added) <= left, each force in units of its row
-    rows, needed = -side[:, None] * idle[place], -left * scale[place]
+    rows, needed = -side[:, None] * self_stress[place], -left * scale[place]
     size = float(np.abs(needed).max(initial=0.0)) or 1.0
     wide = np.vstack([rows.T, needed / size])
     target = np.zeros(wide.shape[0])
@@ -79,7 +79,7 @@ def share(motion: Motion, guards: Guards) -> Share | None:
     weights = nonnegative_least_squares(wide, target)
     rest = wide @ weights - target
     some = weights > _PART * weights.max(initial=0.0)
-    return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _IDLE))
+    return Share(guards.row[limits[some]], side[some], bool(abs(rest[-1]) > _SELF_STRESS))
 
 
 def _null_space(rows: Array) -> Array:

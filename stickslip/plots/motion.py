@@ -144,8 +144,8 @@ def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
     for contact in fine.scene.contacts:
         spans = [
             (start, stop)
-            for mode, idle, start, stop in _runs(fine, contact.name)
-            if mode == Mode.STUCK and not idle
+            for mode, unpressed, start, stop in _runs(fine, contact.name)
+            if mode == Mode.STUCK and not unpressed
         ]
         if not spans:
             continue
@@ -213,11 +213,11 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     is_open, occurring = False, set()
     for place, name in enumerate(names):
         alike: dict[tuple[int, bool], list[tuple[float, float]]] = {}
-        for mode, idle, start, stop in _runs(fine, name):
-            alike.setdefault((mode, idle), []).append((start, stop - start))
-        for (mode, idle), bars in alike.items():
-            height = 0.2 if idle else 0.7
-            is_open |= idle
+        for mode, unpressed, start, stop in _runs(fine, name):
+            alike.setdefault((mode, unpressed), []).append((start, stop - start))
+        for (mode, unpressed), bars in alike.items():
+            height = 0.2 if unpressed else 0.7
+            is_open |= unpressed
             occurring.add(mode)
             look = {"edgecolor": "black", "linewidth": 0.5, "zorder": 2} | _STRIPS[mode]
             if len(bars) > _CROWDED:
@@ -242,14 +242,14 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
 def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
     t, mode = fine.t, np.nan_to_num(fine.mode(name).astype(float), nan=_UNKNOWN)
-    idle = np.zeros(t.size, dtype=bool)
+    unpressed = np.zeros(t.size, dtype=bool)
     if any(contact.name == name for contact in fine.scene.contacts):
-        idle = fine.normal(name) == 0
+        unpressed = fine.normal(name) == 0
     steps = np.flatnonzero(np.diff(t) > 0)
     if not steps.size:
         return []
     # both limits stand at a break, so a step's own limits are at its two ends
-    code, shut = mode[steps], idle[steps] & idle[steps + 1]
+    code, shut = mode[steps], unpressed[steps] & unpressed[steps + 1]
     changes = np.flatnonzero((np.diff(code) != 0) | (shut[1:] != shut[:-1])) + 1
     first = np.concatenate([[0], changes])
     last = np.concatenate([changes - 1, [steps.size - 1]])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, acting_in
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, velocity_dependent_in
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.reader import BlockPlace
@@ -353,15 +353,15 @@ class Samples:
         for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
             if (rests := modes == mode).any():
                 forces[rests] = sign * self.levels[side][rests]
-        at = np.any(acting_in(modes, self.system), axis=0)
+        at = np.any(velocity_dependent_in(modes, self.system), axis=0)
         if not at.any():
             return
         for _, chosen in self._by_modes():
             for number, some in chosen:
                 if at[some].any():
                     own = self.trajectory.motion(number)
-                    rows = np.ix_(own.equations.acting, np.arange(self.t.size)[some])
-                    forces[rows] = own.acting_forces(self.taus[some], self.y[:, some])
+                    rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
+                    forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
 
     def _by_modes(self) -> Iterable[tuple[bytes, list[tuple[int, Indices | slice]]]]:
         """Return the pieces of each set of modes: its equations are built once."""

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]
 
-_IDLE_RESTARTS = 100
+_RESTARTS_WITHOUT_PROGRESS = 100
 _SAME_TIME = 1e-14
 """Part of a time within which another one is the same: nothing can be told apart between them."""
 
@@ -73,7 +73,7 @@ class Run:
         self.system, self.loads, self.engine, self.recorder = system, loads, engine, recorder
         self.start, self.stop = span
         self.t, self._wanted, self._fastest = self.start, wanted, 0.0
-        self._idle = self._hits = 0
+        self._standing = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = 0
         self._recent: list[int] = []
@@ -139,7 +139,7 @@ class Run:
             path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
-        path = until_unseen_crossing(motion, path, now.guards.uncertain)
+        path = until_unseen_crossing(motion, path, now.guards.velocity_uncertainty)
         path, ones = relaxed(motion, path, self._wanted.margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
@@ -150,7 +150,7 @@ class Run:
         if self.watch is not None:
             path, t = self._note_crossings(motion, path, t, self.watch)
         self.recorder.keep(now, path, t)
-        if now.guards.uncertain:
+        if now.guards.velocity_uncertainty:
             self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
         if self.stopped is not None:
             self.t = t
@@ -218,13 +218,13 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
-        is_exact = not now.guards.uncertain
+        is_exact = not now.guards.velocity_uncertainty
         rebound = self._wanted.rebound
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
-            rest = max(now.guards.uncertain, self._wanted.velocity_resolution)
+            rest = max(now.guards.velocity_uncertainty, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
         touching = at.touching | at_rest
         y = jump.y
@@ -294,8 +294,8 @@ class Run:
         whole = self.stop - self.start
         stands = t - self.t <= 1e-14 * whole
         self.t = t
-        self._idle = self._idle + 1 if stands else 0
-        if self._idle > _IDLE_RESTARTS + 10 * self.system.m:
+        self._standing = self._standing + 1 if stands else 0
+        if self._standing > _RESTARTS_WITHOUT_PROGRESS + 10 * self.system.m:
             raise ArithmeticError(f"modes flip without progress in time: contacts {self._names()}")
         self._hits += hit
         if self._hits >= _HITS_BETWEEN_LOOKS * max(self.system.m, 1):

@@ -188,11 +188,11 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
     answer = motion.equations.respond(unit)
-    acting = _acting_slopes(motion, unit, answer[system.size : system.size + system.m])
+    law_forces = _law_slopes(motion, unit, answer[system.size : system.size + system.m])
     if motion.has_law:
-        answer = answer + motion.equations.push(acting)
+        answer = answer + motion.equations.push(law_forces)
     B = answer[: system.size][chosen]
-    outputs, C, D = _outputs(motion, to_states, unit, answer, acting)
+    outputs, C, D = _outputs(motion, to_states, unit, answer, law_forces)
     return LinearModel(A, B, C, D, names, inputs, outputs, modes, t)
 
 
@@ -279,19 +279,19 @@ def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:
     return tuple(names), places
 
 
-def _acting_slopes(motion: Motion, unit: Array, relative: Array) -> Array:
+def _law_slopes(motion: Motion, unit: Array, relative: Array) -> Array:
     """Return how forces that depend on velocity follow from the inputs: as multiples of normal forces they grow so."""
-    rows = motion.equations.acting
+    rows = motion.equations.velocity_dependent
     if not rows.size:
         return np.zeros((0, unit.shape[1]))
     y = motion.y
-    normal, e = np.maximum(motion.inputs(0.0, y)[rows], 0.0), motion.acting_forces(0.0, y)
+    normal, e = np.maximum(motion.inputs(0.0, y)[rows], 0.0), motion.law_forces(0.0, y)
     part = np.divide(e, normal, out=np.zeros_like(e), where=normal > 0)
     return np.asarray(part[:, None] * unit[rows] + motion.law_slopes(0.0, y)[:, None] * relative[rows])
 
 
 def _outputs(
-    motion: Motion, to_states: Array, unit: Array, answer: Array, acting: Array
+    motion: Motion, to_states: Array, unit: Array, answer: Array, law_forces: Array
 ) -> tuple[tuple[str, ...], Array, Array]:
     """Return names of the outputs, and how they follow from states and inputs."""
     system, equations = motion.system, motion.equations
@@ -311,7 +311,7 @@ def _outputs(
     by_states.append(_force_slopes(motion, to_states))
     forces = np.asarray(equations.friction @ unit)
     forces[equations.held] = answer[size + m : size + m + equations.held.size]
-    forces[equations.acting] = acting
+    forces[equations.velocity_dependent] = law_forces
     return tuple(names), np.concatenate(by_states), np.concatenate([*by_inputs, forces])
 
 

@@ -162,7 +162,7 @@ def test_a_body_pushed_with_less_than_friction_violates_its_guard(order: int, si
 def test_a_body_that_just_balances_stays_at_rest(sign: int) -> None:
     motion, guards = started(block(4.0 * sign), [sign])
     assert guards.order.tolist() == [NEVER] and guards.armed == 0
-    assert guards.idle.tolist() == [0] and not guards.violated.any()
+    assert guards.stays_zero.tolist() == [0] and not guards.violated.any()
     assert values(motion, guards, 1.0)[0] > 0
 
 
@@ -189,7 +189,7 @@ def test_a_force_at_its_level_that_falls_is_held(order: int, side: int) -> None:
 def test_a_force_that_stays_at_its_level_is_held_for_ever() -> None:
     _, guards = started(block(5.0), [0])
     assert not guards.violated.any() and sorted(guards.order.tolist()) == [0, NEVER]
-    assert guards.armed == 1 and guards.idle.size == 0
+    assert guards.armed == 1 and guards.stays_zero.size == 0
 
 
 def test_a_force_beyond_its_level_is_violated_at_once() -> None:
@@ -218,7 +218,7 @@ def test_a_row_that_others_lock_never_moves() -> None:
     scene = Scene(*block(1.0).elements, Contact("d", "a", GROUND, LAW, normal=1.0))
     _, guards = started(scene, [0, 1])
     (moving,) = np.flatnonzero(guards.is_velocity)
-    assert guards.order[moving] == NEVER and guards.idle.tolist() == [1]
+    assert guards.order[moving] == NEVER and guards.stays_zero.tolist() == [1]
 
 
 def test_a_drive_that_accelerates_takes_along_what_it_holds() -> None:
@@ -231,7 +231,7 @@ def test_a_drive_that_accelerates_takes_along_what_it_holds() -> None:
     )
     _, guards = started(scene, [1, 0])
     (moving,) = np.flatnonzero(guards.is_velocity)
-    assert guards.order[moving] == 1 and guards.idle.size == 0
+    assert guards.order[moving] == 1 and guards.stays_zero.size == 0
 
 
 def test_a_velocity_that_is_not_at_rest_has_nothing_divided_out() -> None:

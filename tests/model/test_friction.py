@@ -28,7 +28,7 @@ from stickslip import (
     triangle,
 )
 from stickslip.model.laws.dry_friction import Law
-from stickslip.model.laws.table import ActingForces, LawTable, steady_forces
+from stickslip.model.laws.table import LawTable, VelocityDependentForces, steady_forces
 from stickslip.simulation.result import Result
 
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
@@ -56,10 +56,10 @@ LAWS: list[Law] = [
 ]
 
 
-def acting(laws: list[Law], w: np.ndarray) -> ActingForces:
+def acting(laws: list[Law], w: np.ndarray) -> VelocityDependentForces:
     table = LawTable(laws)
     slips = table.sticks | (table.has_slip_state & (np.abs(w) > 0.1))
-    return ActingForces(laws, np.where(slips, np.sign(w), 0).astype(np.int8))
+    return VelocityDependentForces(laws, np.where(slips, np.sign(w), 0).astype(np.int8))
 
 
 def test_how_each_law_behaves_near_rest() -> None:

@@ -11,7 +11,7 @@ from stickslip.model.laws.base import Kernel
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.laws.kinetic import Kinetic, Slipping
 
-__all__ = ["ActingForces", "LawTable", "steady_forces"]
+__all__ = ["LawTable", "VelocityDependentForces", "steady_forces"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -47,7 +47,7 @@ class LawTable:
         self.resolution = np.array([c.resolution for c in self.characters])
 
 
-class ActingForces:
+class VelocityDependentForces:
     """Friction forces of the contacts that act through their velocity, in one set of modes.
 
     Parameters
@@ -142,4 +142,4 @@ def steady_forces(law: Law, w: Array, normal: float) -> Array:
     character = law.character
     slips = character.sticks | (character.has_slip_state & (np.abs(w) > character.slips_beyond))
     sign = np.where(slips, np.sign(w), 0).astype(np.int8)
-    return ActingForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
+    return VelocityDependentForces([law] * w.size, sign).steady(w, np.full(w.size, normal))
