@@ -332,3 +332,11 @@ def test_bristles_of_a_contact_that_jumps_open_and_shut() -> None:
             slider(law, Force("a", 6.0), velocity=1.0, normal=normal), (0.0, 3.0), t_eval=[0.9, 1.5, 2.9]
         )
         np.testing.assert_allclose(result.force("c"), [4.0, 0.0, 4.0], atol=1e-6)
+
+
+def test_a_curve_that_begins_at_the_static_coefficient_but_for_roundoff_is_taken() -> None:
+    # 0.2 + 0.1 is 0.30000000000000004
+    curve = DryFriction(0.3, 0.3, kinetic=lambda v: 0.2 + 0.1 / (1 + v))
+    assert curve.mu_k(0.0, 1) > curve.mu_static
+    with pytest.raises(ValueError, match=r"kinetic\(0\) = 0.301 must lie between 0 and mu_static = 0.3"):
+        DryFriction(0.3, 0.3, kinetic=lambda v: 0.301)

@@ -17,6 +17,9 @@ __all__ = ["DryFriction", "Law", "law_from_dict", "register"]
 
 _MAKERS: dict[str, type[Law]] = {}
 
+_ROUNDOFF = 1e-12
+"""Part of the static coefficient by which a curve may exceed it at rest: what sums in it may be rounded up."""
+
 
 class Law(metaclass=NamedArguments):
     """A friction law of a contact: held within an interval, or moving with a force.
@@ -167,7 +170,7 @@ class DryFriction(Law):
         at_rest = finite(at_rest, "DryFriction: kinetic(0)")
         # one curve for both directions: at rest it may exceed neither static coefficient
         side, suffix = (1, "") if self.mu_s(1) <= self.mu_s(-1) else (-1, "_backward")
-        if not 0 <= at_rest <= self.mu_s(side):
+        if not 0 <= at_rest <= self.mu_s(side) * (1 + _ROUNDOFF):
             raise ValueError(
                 f"DryFriction: kinetic(0) = {at_rest:g} must lie between 0 and "
                 f"mu_static{suffix} = {self.mu_s(side):g}"
