@@ -27,6 +27,7 @@ from stickslip import (
     sine,
     velocity,
 )
+from stickslip.studies.cycles.continuation import Follower
 from stickslip.studies.cycles.newton import closed_from
 from stickslip.studies.cycles.shooting import Shot
 from stickslip.studies.parameters import named_parameters
@@ -213,6 +214,15 @@ def test_a_cycle_is_a_start_too() -> None:
     assert isinstance(branch.cycles[1], Cycle)
     again = limit_cycle(branch.cycles[1].scene)
     assert again.period == pytest.approx(branch.periods[1], abs=1e-12)
+
+
+def test_a_first_step_of_nothing_grows() -> None:
+    # beyond a fold the first step is a part of the way that roundoff may leave nothing of
+    (one,) = named_parameters(belt(), ["belt.velocity"], "continue_cycle")
+    follower = Follower(one, None, 1e-6)
+    branch = follower.along(limit_cycle(belt()), np.array([0.1, 0.11]), first_step=0.0)
+    assert branch.cycles[1] is not None
+    assert branch.cycles[1].period == pytest.approx(limit_cycle(belt(0.11)).period, abs=1e-9)
 
 
 def test_the_bifurcation_diagram() -> None:

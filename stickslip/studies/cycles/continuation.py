@@ -27,6 +27,7 @@ __all__ = ["continue_cycle"]
 
 Array = NDArray[np.float64]
 
+_SMALLEST_PART = float(np.finfo(float).eps)
 _SHORTEST_STEP = 1 / 256
 """Shortest step from value to value, as a part of their distance."""
 
@@ -165,7 +166,8 @@ class Follower:
 
     def _toward(self, cycle: Cycle, at: float, value: float, first: float = 1.0) -> _Reached:
         """Return how far the way to a value leads, with a first step that is a part of it."""
-        step, failed = first * (value - at), False
+        # a first step of nothing would never grow
+        step, failed = max(first, _SMALLEST_PART) * (value - at), False
         shortest = _SHORTEST_STEP * abs(step)
         while at != value:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
