@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -27,7 +28,6 @@ __all__ = ["continue_cycle"]
 
 Array = NDArray[np.float64]
 
-_SMALLEST_PART = float(np.finfo(float).eps)
 _SHORTEST_STEP = 1 / 256
 """Shortest step from value to value, as a part of their distance."""
 
@@ -166,9 +166,10 @@ class Follower:
 
     def _toward(self, cycle: Cycle, at: float, value: float, first: float = 1.0) -> _Reached:
         """Return how far the way to a value leads, with a first step that is a part of it."""
-        # a first step of nothing would never grow
-        step, failed = max(first, _SMALLEST_PART) * (value - at), False
-        shortest = _SHORTEST_STEP * abs(step)
+        # steps that roundoff leaves nothing of lead nowhere
+        least = float(np.spacing(max(abs(at), abs(value))))
+        step, failed = math.copysign(max(first * abs(value - at), least), value - at), False
+        shortest = max(_SHORTEST_STEP * abs(step), least)
         while at != value:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
             try:
@@ -219,7 +220,8 @@ class Follower:
                 self._between(last, before, near.cycle, near.value)
                 said = "a multiplier is 1: two cycles meet, and the branch turns back"
                 self._points.append(BranchPoint(fold.value, "fold", said, fold.cycle))
-                return self._beyond(_Reached(place.cycle, place.value), fold.value, rises, before, every)
+                apart = abs(place.value - fold.value)
+                return self._beyond(_Reached(place.cycle, place.value), apart, rises, before, every)
         passed, other = self._last(near, self._accuracy * abs(value - before))
         a, at, why, end = passed[-1]
         phases, inner = vanishing(a), None
@@ -244,10 +246,14 @@ class Follower:
             return None
         said = "; ".join([*phases, "cycles without it begin there, and the branch turns back"])
         self._points.append(BranchPoint(0.5 * (at + end), "fold", said, a))
-        return self._beyond(inner, end, rises, before, every)
+        # the fold is somewhere between the last cycle and the end
+        apart = max(abs(inner.value - at), abs(inner.value - end))
+        return self._beyond(inner, apart, rises, before, every)
 
-    def _beyond(self, first: _Reached, fold: float, rose: bool, before: float, every: Array) -> Branch | None:
-        """Return the branch that goes back over the values from a cycle beyond a fold.
+    def _beyond(
+        self, first: _Reached, apart: float, rose: bool, before: float, every: Array
+    ) -> Branch | None:
+        """Return the branch that goes back over the values from a cycle beyond a fold, so far apart from it.
 
         Near the fold both branches are so near to each other that long steps would lead back to the other one.
         """
@@ -256,7 +262,7 @@ class Follower:
         back = np.sort(every[(every <= before) if rose else (every >= before)])
         back = back[::-1] if rose else back
         follower = Follower(self._parameter, self._period, self._accuracy, self._folds - 1)
-        part = min(abs(first.value - fold) / max(abs(before - first.value), np.finfo(float).tiny), 1.0)
+        part = min(apart / max(abs(before - first.value), np.finfo(float).tiny), 1.0)
         found = follower.along(centred(first.cycle), np.array([first.value, *back]), every, part)
         return replace(found, values=found.values[1:], cycles=found.cycles[1:])
 
