@@ -22,7 +22,7 @@ from stickslip.engines.cvode import Selected
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.search import Situation
+from stickslip.events.search import Situation, Uncertainty
 from stickslip.events.settle import settle
 
 ROUNDS, CALLS = 7, 300
@@ -86,6 +86,7 @@ def main() -> None:
             system,
             system.loads(0.0, 4.0),
             Situation(0.0, y, None, np.zeros(system.m), none, none),
+            Uncertainty(0.0, 1e-12, 0.0),
         )
         motion, guards = now.motion, now.guards
         guards.smallest(1e-2, y)

@@ -476,7 +476,7 @@ class Guards:
             # velocities are states all the same, unless drives give them
             unknown |= ~self.is_velocity | bool(system.drives)
         if not path.is_chebyshev or order < 2 or unknown.all():
-            return np.zeros((self.size, k, order)), ~np.ones_like(unknown), np.full((self.size, k), -math.inf)
+            return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
         g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
         middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))

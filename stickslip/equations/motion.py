@@ -639,16 +639,18 @@ class Motion:
     @cached_property
     def _rises_with_state(self) -> bool:
         """Whether a level rises whose normal force depends on the state."""
-        if self.dependence is None or not (self._dwelling.size and self._rising.size):
-            return False
-        return bool(np.isin(self._dwelling[self._rising], self.dependence.rows).any())
+        return self.dependence is not None and self._rises_among(self.dependence.rows)
 
     @cached_property
     def _rises_with_waves(self) -> bool:
         """Whether a level rises to whose normal force sines are added."""
+        return self._rises_among(self.stretch.waves[0])
+
+    def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
+        """Tell whether a static coefficient of one of these rows still rises at the start."""
         if not (self._dwelling.size and self._rising.size):
             return False
-        return bool(np.isin(self._dwelling[self._rising], self.stretch.waves[0]).any())
+        return bool(np.isin(self._dwelling[self._rising], rows).any())
 
     def _all_series(self, tau: float, y: Array, scale: float, frozen: bool) -> list[Array | None]:
         """Return the Taylor coefficients of inputs and dwells, from those of the states."""

@@ -19,7 +19,7 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
 
-__all__ = ["EXACT", "Inconsistent", "Search", "Situation", "Uncertainty"]
+__all__ = ["Inconsistent", "Search", "Situation", "Uncertainty"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -113,10 +113,6 @@ class Uncertainty(NamedTuple):
     velocity_resolution: float
     force_uncertainty: float
     velocity_uncertainty: float
-
-
-EXACT = Uncertainty(0.0, 0.0, 0.0)
-"""Of an engine that makes no errors but roundoff."""
 
 
 class Search:

@@ -16,7 +16,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.impact import Struck
 from stickslip.events.labels import label
-from stickslip.events.search import EXACT, Inconsistent, Search, Situation, Uncertainty
+from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
 
 __all__ = ["Settled", "carried_on", "only_bends", "settle"]
 
@@ -95,7 +95,7 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
     return Settled(now.labels, following, guards)
 
 
-def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty = EXACT) -> Settled:
+def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty) -> Settled:
     """Return the modes in which the motion goes on.
 
     All rows whose relative velocity is 0 are tried held; while some force is beyond its limits, the row with the

@@ -133,7 +133,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         max_step,
         math.nan if step is None else step,
         merged,
-        exact_at_rest=method == "auto" and not merged and why_stiff(system, stop - start) is None,
+        exact_at_rest=(method, name) == ("auto", "BDF")
+        and not merged
+        and not why_stiff(system, stop - start),
     )
     recorder = Recorder(system, span, outputs, dense_output)
     engine = chosen.make(task)
