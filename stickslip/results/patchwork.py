@@ -18,6 +18,7 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
+from stickslip.results.pickled import PickledByFields
 
 __all__ = ["Patches", "Patchwork", "Series"]
 
@@ -102,7 +103,7 @@ class Patches:
 
 
 @dataclass(frozen=True)
-class Series:
+class Series(PickledByFields):
     """Polynomials of many things, those of one thing together and in order of time.
 
     Attributes
@@ -136,13 +137,6 @@ class Series:
         order = np.argsort(columns[1], kind="stable")
         tick, thing, origin, first, second = (column[order] for column in columns)
         return cls(tick, thing, origin, first, second, terms[order])
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
 
     def held(self, ticks: Indices, things: slice) -> Held:
         """Return which entries of some things hold at some ticks, in order."""
@@ -275,7 +269,7 @@ def _degrees(terms: Array, reach: Array) -> Indices:
 
 
 @dataclass(frozen=True)
-class Patchwork:
+class Patchwork(PickledByFields):
     """A motion between two breaks of the loads, with all its events.
 
     Attributes
@@ -296,13 +290,6 @@ class Patchwork:
     piece_of_tick: Indices = field(repr=False)
     bodies: Series = field(repr=False)
     rows: Series = field(repr=False)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all but the scene as arrays."""

@@ -7,7 +7,7 @@ Only where a large scene is known part by part is each name read for itself.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -23,6 +23,7 @@ from stickslip.model.elements import GROUND, Sampled
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
+from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
 
 __all__ = ["Samples", "integrated"]
@@ -41,7 +42,7 @@ _MOST_NODES = 10
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(PickledByFields):
     """A trajectory at some times.
 
     Attributes
@@ -411,13 +412,6 @@ class Samples:
                 forces[rows, chosen] = rest
             else:
                 forces[rows[:, None], chosen] = rest
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
 
 
 def _line(table: NDArray[Any], i: int) -> NDArray[Any]:

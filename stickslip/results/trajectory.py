@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, overload
@@ -19,6 +19,7 @@ from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
+from stickslip.results.pickled import PickledByFields
 
 __all__ = ["Piece", "Pieces", "Trajectory", "balances_kept", "by_piece", "kind_of"]
 
@@ -89,7 +90,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Pieces(Sequence[Piece]):
+class Pieces(PickledByFields, Sequence[Piece]):
     """Pieces in order, some of them put together from parts when they are asked for."""
 
     parts: tuple[Piece | Patchwork, ...] = field(repr=False)
@@ -99,13 +100,6 @@ class Pieces(Sequence[Piece]):
         """Return the pieces that parts hold, in order."""
         plain = tuple(part for part in parts if isinstance(part, Piece))
         return plain if len(plain) == len(parts) else cls(tuple(parts))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest."""
-        return {"parts": self.parts}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
 
     @cached_property
     def firsts(self) -> Indices:
@@ -138,7 +132,7 @@ class Pieces(Sequence[Piece]):
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(PickledByFields):
     """All pieces of a simulated motion, in order of time.
 
     Attributes
@@ -478,11 +472,7 @@ class Trajectory:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what follows from the rest."""
-        return {one.name: getattr(self, one.name) for one in fields(self)} | {"_balances": {}}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        return super().__getstate__() | {"_balances": {}}
 
 
 def balances_kept(system: System) -> int:

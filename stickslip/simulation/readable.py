@@ -15,6 +15,7 @@ from stickslip.results import shares, tables
 from stickslip.results.energy import EnergyLedger, energy
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Target
+from stickslip.results.pickled import PickledByFields
 from stickslip.results.samples import Samples
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ __all__ = ["Readable", "times_within"]
 Array = NDArray[np.float64]
 
 
-class Readable(Drawable):
+class Readable(PickledByFields, Drawable):
     """A motion that is read by name at the times `t`."""
 
     def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:

@@ -25,6 +25,7 @@ from stickslip import (
     Result,
     Scene,
     Spring,
+    join,
     plots,
     simulate,
     sine,
@@ -201,6 +202,15 @@ def test_what_was_read_is_not_pickled_again() -> None:
     again = pickle.loads(pickle.dumps(result))
     assert len(pickle.dumps(result)) == before
     np.testing.assert_array_equal(again.force("cb1"), result.force("cb1"))
+
+
+def test_nor_what_was_read_of_runs_in_a_row() -> None:
+    first = simulate(blocks(2), (0.0, 5.0))
+    both = join([first, simulate(first.final_scene(), (5.0, 8.0))])
+    before = len(pickle.dumps(both))
+    assert both.energy() is both.energy()
+    assert len(pickle.dumps(both)) == before
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(both)).energy().kinetic, both.energy().kinetic)
 
 
 TWO_PARTS = (
