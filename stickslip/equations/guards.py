@@ -8,13 +8,14 @@ zero divided out: what is left is positive there and has all the later roots.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.floats import Line, evaluate, forces, lines
+from stickslip.equations.floats import lines, smallest_of
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
@@ -517,10 +518,9 @@ class Guards:
         if tau <= self.told:
             return float(self.values(tau, y, late=True).min())
         # no zero of the start is near: its order does not change a sign
+        if self.in_floats is not None:
+            return self.in_floats(tau, y)
         motion, q = self.motion, None
-        if self.in_floats is not None and motion.in_floats is not None:
-            x = y.tolist()
-            return min(evaluate(self.in_floats, tau, x + forces(motion.in_floats[1], tau, x)))
         if self._of_states is not None and self._on_lines is not None:
             value, slope = self._on_lines
             g = self._of_states @ y
@@ -555,12 +555,13 @@ class Guards:
         return value, slope
 
     @cached_property
-    def in_floats(self) -> list[Line] | None:
+    def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
-        if self.motion.in_floats is None or self._on_lines is None:
+        laws = self.motion.laws_in_floats
+        if laws is None or self._on_lines is None:
             return None
         rows, reached = self.rows, self.motion.equations.L[self.rows.source]
-        return lines(*self._on_lines, rows.by_state, rows.turn[:, None] * reached)
+        return smallest_of(lines(*self._on_lines, rows.by_state, rows.turn[:, None] * reached), laws)
 
     @cached_property
     def _of_states(self) -> Array | None:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.floats import LawInFloats, Line, lines
+from stickslip.equations.floats import LawInFloats, lines, rates_of
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
@@ -387,19 +387,27 @@ class Motion:
         )
 
     @cached_property
-    def in_floats(self) -> tuple[list[Line], list[LawInFloats]] | None:
-        """The rates of a small motion and the friction forces that they need, None where arrays are the better way."""
+    def laws_in_floats(self) -> list[LawInFloats] | None:
+        """The friction forces of a small motion that depend on velocity, None where arrays are the better way."""
         system, equations = self.system, self.equations
         count = equations.velocity_dependent.size
         if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
             return None
         laws = equations.law.in_floats()
-        if laws is None:
+        if not laws:
+            return laws
+        own = self._lines
+        velocities = lines(own.w, own.w_slope, equations.law_velocities)
+        return list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
+
+    @cached_property
+    def in_floats(self) -> Callable[[float, Array, Array], None] | None:
+        """The rates of a small motion in plain floats: a function of local time, states, and where it writes them."""
+        laws, own, size = self.laws_in_floats, self._lines, self.system.size
+        if laws is None or own is None:
             return None
-        own, size = self._lines, system.size
-        rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
-        velocities = lines(own.w, own.w_slope, equations.law_velocities) if count else []
-        return rates, list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
+        equations = self.equations
+        return rates_of(lines(own.response[:size], own.response_slope[:size], equations.A, equations.K), laws)
 
     @property
     def is_on_lines(self) -> bool:
