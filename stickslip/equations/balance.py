@@ -19,8 +19,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-__all__ = ["Balance", "joined"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from stickslip.equations.reader import Form, Key, Node, differences
 
-__all__ = ["Dependence", "Friction", "Part"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

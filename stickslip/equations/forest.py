@@ -18,8 +18,6 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 
-__all__ = ["Forest"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -12,8 +12,6 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
 
-__all__ = ["GuardRows", "InModes"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

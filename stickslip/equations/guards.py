@@ -20,8 +20,6 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
 
-__all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
 
-__all__ = ["Loads", "Stretch", "Waves"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Triplets", "dense", "row_maxima"]
-
 Array = NDArray[np.float64]
 
 

@@ -18,17 +18,6 @@ from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
 from stickslip.model.laws.table import VelocityDependentForces
 
-__all__ = [
-    "APART",
-    "AT_HIGH",
-    "AT_LOW",
-    "FREE",
-    "OPEN",
-    "ModeEquations",
-    "equations_in",
-    "velocity_dependent_in",
-]
-
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
 

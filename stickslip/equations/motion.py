@@ -19,8 +19,6 @@ from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 
-__all__ = ["Expansion", "Motion"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

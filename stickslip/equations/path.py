@@ -11,8 +11,6 @@ from numpy.polynomial.chebyshev import chebint, chebvander
 from numpy.polynomial.polynomial import polyint, polyvander
 from numpy.typing import NDArray
 
-__all__ = ["Path", "chebyshev_nodes", "chebyshev_values", "from_nodes", "gauss_nodes", "values"]
-
 _FEW = 400
 """Values of polynomials that are computed one by one."""
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.model.elements.book import RowEntry
 
-__all__ = ["PiecewiseMatrices", "Regions"]
-
 Array = NDArray[np.float64]
 
 _NONE = np.empty(0, dtype=np.int16)

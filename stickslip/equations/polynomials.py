@@ -8,8 +8,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["powers", "shifted"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -20,8 +20,6 @@ from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
-__all__ = ["BlockPlace", "Form", "Key", "Node", "Reader", "differences"]
-
 _Found = TypeVar("_Found")
 Array = NDArray[np.float64]
 Key = tuple[str, int, int]

@@ -31,8 +31,6 @@ from stickslip.model.quantities import Expression, Output, Position, RelativeVel
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
-__all__ = ["System"]
-
 Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 150

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 
-__all__ = ["TaylorMap", "is_small", "is_small_map"]
-
 Array = NDArray[np.float64]
 
 _MOST_ENTRIES = 100_000

@@ -16,8 +16,6 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 
-__all__ = ["collapse"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

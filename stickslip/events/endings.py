@@ -17,17 +17,6 @@ from stickslip.equations.system import System
 from stickslip.events.impact import Struck, struck
 from stickslip.model.crossings import root_between
 
-__all__ = [
-    "AtLimit",
-    "Jump",
-    "at_limit",
-    "at_stops",
-    "jumped",
-    "relaxed",
-    "shown_at_end",
-    "until_unseen_crossing",
-]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

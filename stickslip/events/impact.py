@@ -22,8 +22,6 @@ from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 
-__all__ = ["Jammed", "Struck", "struck"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Sides = NDArray[np.int8]

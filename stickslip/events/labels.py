@@ -12,8 +12,6 @@ from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Uncertainty
 
-__all__ = ["label"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]

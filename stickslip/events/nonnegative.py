@@ -8,8 +8,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["nonnegative_least_squares"]
-
 Array = NDArray[np.float64]
 
 _TINY = 1e-13

@@ -19,8 +19,6 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
 
-__all__ = ["Inconsistent", "Search", "Situation", "Uncertainty"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]

@@ -18,8 +18,6 @@ from stickslip.events.impact import Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
 
-__all__ = ["Settled", "carried_on", "only_bends", "settle"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]

@@ -18,8 +18,6 @@ from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 
-__all__ = ["Share", "share"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

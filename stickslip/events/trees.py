@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from stickslip.equations.forest import Forest
 
-__all__ = ["Outcome", "Tree", "settle_tree"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

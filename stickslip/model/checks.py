@@ -14,24 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "NamedArguments",
-    "as_number",
-    "check_entries",
-    "check_name",
-    "check_takes",
-    "file_path",
-    "finite",
-    "flag",
-    "in_order",
-    "limit",
-    "name_of",
-    "names",
-    "numbers",
-    "sequence",
-    "whole",
-]
-
 _MOST = 100_000_000
 
 

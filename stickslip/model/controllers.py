@@ -14,8 +14,6 @@ from stickslip.model.elements.block import Sampled, StateSpace
 from stickslip.model.quantities import as_expression, output
 from stickslip.model.signals import Load
 
-__all__ = ["pid"]
-
 Array = NDArray[np.float64]
 
 

@@ -19,21 +19,6 @@ from numpy.typing import NDArray
 from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
-__all__ = [
-    "ZERO",
-    "Clipped",
-    "Constant",
-    "Function",
-    "Line",
-    "Load",
-    "PiecewiseLinear",
-    "Signal",
-    "Sine",
-    "Sum",
-    "as_signal",
-    "time_scale",
-]
-
 Array = NDArray[np.float64]
 
 _SAMPLES_PER_PERIOD = 16

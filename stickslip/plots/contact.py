@@ -34,8 +34,6 @@ from stickslip.plots.style import (
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
-
 Array = NDArray[np.float64]
 
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through

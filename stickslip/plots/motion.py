@@ -32,8 +32,6 @@ from stickslip.plots.style import (
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["body_names", "modes", "velocities", "velocity_units"]
-
 MANY = 12
 """More curves or strips than this become a raster."""
 

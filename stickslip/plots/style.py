@@ -16,33 +16,6 @@ from numpy.typing import NDArray
 from stickslip.model.checks import names as checked_names
 from stickslip.results.outcome import Drawable, check_result
 
-__all__ = [
-    "COLOURS",
-    "FINE",
-    "NORMAL",
-    "TIME",
-    "WITH_DOTS",
-    "apart_from_pyplot",
-    "beside",
-    "color_bar",
-    "contact_names",
-    "dots",
-    "edges",
-    "even_points",
-    "keep_names_inside",
-    "look",
-    "makes_room",
-    "many_axes",
-    "mark_events",
-    "new_figure",
-    "of_result",
-    "over_time",
-    "own_axes",
-    "raster",
-    "robust",
-    "value_raster",
-]
-
 TIME = "time [s]"
 FINE = 1500
 """About how many evenly spaced points curves have besides those fit for a plot."""

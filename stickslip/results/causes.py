@@ -16,8 +16,6 @@ from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
 
-__all__ = ["event_sentences"]
-
 Array = NDArray[np.float64]
 
 _AT_ONCE = 1_000_000

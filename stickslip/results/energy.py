@@ -15,8 +15,6 @@ from stickslip.equations.system import System
 from stickslip.results.outcome import Runs
 from stickslip.results.samples import Samples, integrated
 
-__all__ = ["EnergyLedger", "energy"]
-
 Array = NDArray[np.float64]
 
 

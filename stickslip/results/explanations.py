@@ -20,8 +20,6 @@ from stickslip.results.causes import event_sentences
 from stickslip.results.outcome import Outcome, Runs
 from stickslip.results.units import units
 
-__all__ = ["explain_result", "explain_scene", "span_of"]
-
 Array = NDArray[np.float64]
 
 _LISTED = 12

@@ -14,8 +14,6 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 
-__all__ = ["Drawable", "Event", "Outcome", "Runs", "Target", "check_result"]
-
 Array = NDArray[np.float64]
 Target = str | PathLike[str]
 

@@ -20,8 +20,6 @@ from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
 from stickslip.results.pickled import PickledByFields
 
-__all__ = ["Patches", "Patchwork", "Series"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from stickslip.equations.path import gauss_nodes
 from stickslip.results.trajectory import Trajectory
 
-__all__ = ["of_bodies", "of_drives"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -26,8 +26,6 @@ from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
 
-__all__ = ["Samples", "integrated"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]

@@ -14,8 +14,6 @@ from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory, kind_of
 
-__all__ = ["at_steps", "fit_for_plot", "refined"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

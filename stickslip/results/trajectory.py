@@ -21,8 +21,6 @@ from stickslip.equations.system import System
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
 
-__all__ = ["Piece", "Pieces", "Trajectory", "balances_kept", "by_piece", "kind_of"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Modes = NDArray[np.int8]

@@ -21,21 +21,6 @@ from stickslip.model.scene import Scene
 from stickslip.model.when import When
 from stickslip.simulation.tolerances import largest_value
 
-__all__ = [
-    "Formulation",
-    "Times",
-    "between",
-    "check_laws",
-    "check_ties",
-    "choice",
-    "longest_step",
-    "margin",
-    "outputs",
-    "span",
-    "step_length",
-    "user_events",
-]
-
 Formulation = Literal["contact-force", "merged", "multiplier"]
 Times = Sequence[float] | NDArray[Any]
 

@@ -19,8 +19,6 @@ from stickslip.equations.path import Path, chebyshev_nodes
 from stickslip.equations.system import System
 from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
 
-__all__ = ["Borders"]
-
 Array = NDArray[np.float64]
 
 _MORE = 3

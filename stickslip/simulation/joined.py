@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from stickslip.model.checks import in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
+from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
 from stickslip.simulation.readable import Readable, times_within
-from stickslip.simulation.result import Event, Result
-
-__all__ = ["Joined", "join"]
+from stickslip.simulation.result import Result
 
 Array = NDArray[np.float64]
 

@@ -25,8 +25,6 @@ from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of
 
-__all__ = ["Local"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 

@@ -25,8 +25,6 @@ else:
     # what the protocol declares would hide the fields of the classes that have them
     Drawable = object
 
-__all__ = ["Readable", "times_within"]
-
 Array = NDArray[np.float64]
 
 

@@ -18,8 +18,6 @@ from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
 from stickslip.simulation.result import Result
 
-__all__ = ["Recorder", "cause_of"]
-
 Array = NDArray[np.float64]
 
 

@@ -21,8 +21,6 @@ from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
 from stickslip.simulation.readable import Readable, times_within
 
-__all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
-
 Array = NDArray[np.float64]
 
 

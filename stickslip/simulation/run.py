@@ -32,8 +32,6 @@ from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
 from stickslip.simulation.watching import Watch
 
-__all__ = ["Run"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Modes = NDArray[np.int8]

@@ -13,8 +13,6 @@ from stickslip.equations.system import System
 from stickslip.events.search import Uncertainty
 from stickslip.model.signals import Signal
 
-__all__ = ["Tolerances", "largest_value", "tolerances"]
-
 Array = NDArray[np.float64]
 
 _TIMES, _AT_MOST = 100.0, 1e-3

@@ -20,8 +20,6 @@ from stickslip.equations.system import System
 from stickslip.model.crossings import root_between
 from stickslip.model.when import When
 
-__all__ = ["DEGREE", "ROUGH", "TINY", "Crossing", "Watch", "signs_along"]
-
 Array = NDArray[np.float64]
 
 DEGREE = 20

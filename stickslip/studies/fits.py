@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 
-__all__ = ["Fit", "Measured"]
-
 Array = NDArray[np.float64]
 
 _POOR = 0.5

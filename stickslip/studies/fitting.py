@@ -18,8 +18,6 @@ from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.fits import Fit, Measured
 from stickslip.studies.parameters import Parameter, named_parameters
 
-__all__ = ["fit"]
-
 Array = NDArray[np.float64]
 
 _QUANTITIES = ("velocity", "position", "force")

@@ -19,8 +19,6 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
-__all__ = ["LinearModel", "linearize"]
-
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

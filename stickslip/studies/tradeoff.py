@@ -24,8 +24,6 @@ from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
 
-__all__ = ["Advice", "Skipped", "Tradeoff", "tradeoff"]
-
 _TIMES = 1001
 _REPEATS = 5
 Error = Callable[[Result, Result], float]

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from stickslip.model.signals import Signal
 
-__all__ = ["Character", "Kernel", "Use", "like"]
-
 Array = NDArray[np.float64]
 
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from stickslip.model.laws.base import Kernel
 
-__all__ = ["Kinetic", "Slipping"]
-
 Array = NDArray[np.float64]
 
 _UNDERFLOW = 745.0

@@ -12,8 +12,6 @@ from stickslip.model.laws.base import Character, Kernel, Use, like
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 
-__all__ = ["BristleLaw", "LuGre"]
-
 Array = NDArray[np.float64]
 
 _TINY = 1e-300

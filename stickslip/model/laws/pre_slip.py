@@ -13,8 +13,6 @@ from stickslip.model.laws.base import Character, Kernel, like
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 
-__all__ = ["PreSlip", "Shape", "Smooth"]
-
 Array = NDArray[np.float64]
 Shape = Literal["linear", "tanh", "arctan"]
 

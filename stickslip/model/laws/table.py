@@ -11,8 +11,6 @@ from stickslip.model.laws.base import Kernel
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.laws.kinetic import Kinetic, Slipping
 
-__all__ = ["LawTable", "VelocityDependentForces", "steady_forces"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
