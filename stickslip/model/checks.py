@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from stickslip.model.arrays import Array
 
 _MOST = 100_000_000
 
@@ -185,7 +186,7 @@ def name_of(function: Callable[..., Any]) -> str:
     return str(getattr(function, "__qualname__", simple))
 
 
-def numbers(values: Any, what: str) -> NDArray[np.float64]:
+def numbers(values: Any, what: str) -> Array:
     """Return numbers in one line as an array; which of them make sense is not looked at.
 
     `what` begins the message of what is refused.

@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import (
     as_number,
     check_entries,
@@ -30,8 +30,6 @@ from stickslip.model.checks import (
 )
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signal
-
-Array = NDArray[np.float64]
 
 
 class Quantity(Load):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
@@ -19,8 +20,6 @@ from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
 from stickslip.simulation.readable import Readable, times_within
 from stickslip.simulation.result import Result
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
