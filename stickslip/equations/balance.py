@@ -17,12 +17,8 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-__all__ = ["Balance", "joined"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14
 """Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common."""

@@ -10,14 +10,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.reader import Form, Key, Node, differences
-
-__all__ = ["Dependence", "Friction", "Part"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 Regions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""

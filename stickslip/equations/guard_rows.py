@@ -6,18 +6,11 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
-
-__all__ = ["GuardRows", "InModes"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Modes
 
 
 class InModes(Protocol):

@@ -13,19 +13,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.floats import lines, smallest_of
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.equations.path import Path
-
-__all__ = ["AT_LIMIT", "NEVER", "ROUNDOFF", "Guards"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 ROUNDOFF = 1e-12
 """Part of what adds up in a quantity that is uncertain."""
@@ -86,7 +80,7 @@ class Guards:
     def __init__(
         self,
         motion: Motion,
-        labels: NDArray[np.int8],
+        labels: Modes,
         at_rest: Mask,
         fired: Mask,
         velocity_uncertainty: float = 0.0,

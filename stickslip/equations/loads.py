@@ -10,14 +10,9 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
-
-__all__ = ["Loads", "Stretch", "Waves"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
 """The entries to which sines are added, and how fast these turn in rad/s."""

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.floats import LawInFloats, lines, rates_of
 from stickslip.equations.guard_rows import GuardRows
@@ -18,12 +17,7 @@ from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
-
-__all__ = ["Expansion", "Motion"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from stickslip.model.arrays import Array, Indices
 
 _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""

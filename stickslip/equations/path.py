@@ -9,17 +9,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
 from numpy.polynomial.polynomial import polyint, polyvander
-from numpy.typing import NDArray
 
-__all__ = ["Path", "chebyshev_nodes", "chebyshev_values", "from_nodes", "gauss_nodes", "values"]
+from stickslip.model.arrays import Array, Indices
 
 _FEW = 400
 """Values of polynomials that are computed one by one."""
 
 _AT_ONCE = 50_000
 """Coefficients that are evaluated at once."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -126,7 +123,7 @@ class Path:
 
 
 def values(
-    coefficients: Array, step: NDArray[np.intp], s: Array, is_chebyshev: bool, integrated: bool = False
+    coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, integrated: bool = False
 ) -> Array:
     """Return the values of the polynomials of some steps at places from 0 to 1, or their integrals from 0 on."""
     _, terms, size = coefficients.shape

@@ -9,14 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements.book import RowEntry
 
-__all__ = ["PiecewiseMatrices", "Regions"]
-
-Array = NDArray[np.float64]
-
 _NONE = np.empty(0, dtype=np.int16)
-Indices = NDArray[np.intp]
 Regions = NDArray[np.int16]
 
 _WITHIN = 1e-9
@@ -125,7 +121,7 @@ class PiecewiseMatrices:
         np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
         return upper, lower, sizes
 
-    def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
+    def shown(self, labels: Modes, regions: Regions) -> Modes:
         """Return the modes that rows show, with those that show regions."""
         labels = labels.copy()
         labels[self.row] = self.mode[self.places(regions)]

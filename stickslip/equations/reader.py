@@ -12,18 +12,15 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.model import quantities as of
+from stickslip.model.arrays import Array
 from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
-__all__ = ["BlockPlace", "Form", "Key", "Node", "Reader", "differences"]
-
 _Found = TypeVar("_Found")
-Array = NDArray[np.float64]
 Key = tuple[str, int, int]
 """Kind of an input, its number, and for functions which of their values."""
 

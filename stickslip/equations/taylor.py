@@ -13,14 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
-
-__all__ = ["TaylorMap", "is_small", "is_small_map"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array
 
 _MOST_ENTRIES = 100_000
 _FASTEST = 1e12

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import ROUNDOFF, Guards
 from stickslip.equations.loads import Loads
@@ -15,23 +14,8 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Struck, struck
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.crossings import root_between
-
-__all__ = [
-    "AtLimit",
-    "Jump",
-    "at_limit",
-    "at_stops",
-    "jumped",
-    "relaxed",
-    "shown_at_end",
-    "until_unseen_crossing",
-]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
 
 _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
@@ -330,14 +314,14 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     return end, sorted(ones)
 
 
-def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+def _signed(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     system = motion.system
     q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(motion.exact(taus, states), q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 
-def _signed_rates(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+def _signed_rates(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     """Return how fast relative velocities grow away from 0."""
     system = motion.system
     dq = np.zeros((system.inputs + system.dwelling.size, taus.size))

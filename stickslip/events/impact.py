@@ -16,17 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
-
-__all__ = ["Jammed", "Struck", "struck"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Sides = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
@@ -44,7 +38,7 @@ class Jammed(Exception):
         The rows concerned.
     """
 
-    def __init__(self, rows: NDArray[np.intp]) -> None:
+    def __init__(self, rows: Indices) -> None:
         super().__init__("no velocities satisfy the rows")
         self.rows = rows
 
@@ -68,7 +62,7 @@ class Struck(NamedTuple):
     lost: Array
 
 
-def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, hit: Mask) -> Struck:
+def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, hit: Mask) -> Struck:
     """Return the velocities after impacts, and after jumps of drives.
 
     First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
@@ -152,7 +146,7 @@ def _nearest(
     return np.asarray(system.balance(closed.tobytes()).project(v, u)), impulses
 
 
-def _complementary(gram: Array, short: Array, rows: NDArray[np.intp]) -> Array:
+def _complementary(gram: Array, short: Array, rows: Indices) -> Array:
     """Return ``P >= 0`` complementary to ``gram P - short >= 0``, with `gram` symmetric and not negative."""
     size = np.sqrt(np.maximum(gram.diagonal(), 0.0))
     stiff = size > 0

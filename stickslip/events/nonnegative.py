@@ -6,11 +6,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["nonnegative_least_squares"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array, Mask
 
 _TINY = 1e-13
 _ROUNDS = 100
@@ -59,7 +56,7 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     raise ArithmeticError("an impact or a share of forces is too ill-conditioned to solve")
 
 
-def _solved(matrix: Array, target: Array, counts: NDArray[np.bool_]) -> Array:
+def _solved(matrix: Array, target: Array, counts: Mask) -> Array:
     found = np.zeros(counts.size)
     found[counts] = np.linalg.lstsq(matrix[:, counts], target, rcond=None)[0]
     return found

@@ -7,7 +7,6 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance, joined
 from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
@@ -18,12 +17,7 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
-
-__all__ = ["Inconsistent", "Search", "Situation", "Uncertainty"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9
 """Part of the largest relative acceleration below which a row does not move along."""
@@ -41,7 +35,7 @@ class Inconsistent(Exception):
         The rows concerned.
     """
 
-    def __init__(self, rows: NDArray[np.intp]) -> None:
+    def __init__(self, rows: Indices) -> None:
         super().__init__("no consistent modes")
         self.rows = rows
 
@@ -240,7 +234,7 @@ class Search:
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
         return following
 
-    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
+    def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
 
         Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
@@ -256,7 +250,7 @@ class Search:
             largest = each[number]
         return np.asarray(ratio >= largest * (1 - AT_LIMIT))
 
-    def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
+    def _released(self, trial: Modes, motion: Motion, rows: Indices, side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
 
         Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
@@ -286,11 +280,11 @@ class Search:
         following[rows] = self._moving(rows, side)
         return following
 
-    def _moving(self, rows: NDArray[np.intp], side: Array) -> Modes:
+    def _moving(self, rows: Indices, side: Array) -> Modes:
         """Return the modes of rows that are let go to the side to which they are pushed."""
         return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
 
-    def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
+    def _spared(self, motion: Motion, rows: Indices, slopes: Array) -> Mask:
         """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
 
         Where it does not, those go first whose guards fall fastest.
@@ -310,7 +304,7 @@ class Search:
                 spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
         return spared
 
-    def _can_spare(self, motion: Motion, rows: NDArray[np.intp]) -> bool:
+    def _can_spare(self, motion: Motion, rows: Indices) -> bool:
         """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
         balance = motion.equations.balance
         rest = motion.equations.is_held.copy()
@@ -318,7 +312,7 @@ class Search:
         others = self._system.balance(rest.tobytes())
         return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
-    def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
+    def _parts(self, motion: Motion, others: Balance, rows: Indices) -> bool:
         """Tell whether drives that move apart part the ends of some rows when only others hold."""
         system = self._system
         if not system.drives:
@@ -331,7 +325,7 @@ class Search:
                     return True
         return False
 
-    def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
+    def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
         found = np.empty(over.size)
         expansion, noise = motion.start, ROUNDOFF * guards.majorant
@@ -392,7 +386,7 @@ class Search:
                     return found
         raise Inconsistent(rows)
 
-    def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
+    def _combinations(self, rows: Indices) -> Iterator[Modes]:
         base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
         system = self._system
         choices = [

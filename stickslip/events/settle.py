@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import ROUNDOFF, Guards
 from stickslip.equations.loads import Loads, Stretch
@@ -17,12 +16,7 @@ from stickslip.equations.system import System
 from stickslip.events.impact import Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
-
-__all__ = ["Settled", "carried_on", "only_bends", "settle"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Mask, Modes
 
 
 @dataclass(frozen=True)

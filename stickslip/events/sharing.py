@@ -11,17 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
-
-__all__ = ["Share", "share"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _SOON = 1e-6
 """How far ahead to look, as a part of the time in which a force changes by as much as it is."""

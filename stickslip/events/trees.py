@@ -9,14 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.forest import Forest
-
-__all__ = ["Outcome", "Tree", "settle_tree"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices, Modes
 
 _CLEAR = 1e-9
 """Forces nearer to their levels than this part of them are settled with the whole scene."""
@@ -66,7 +61,7 @@ class Outcome(NamedTuple):
         Bodies with the same number stay together.
     """
 
-    mode: NDArray[np.int8]
+    mode: Modes
     label: Indices
 
 
@@ -146,7 +141,7 @@ def _settle_one(forest: Forest, tree: Tree, side: int) -> Outcome | None:
 def _release(
     tree: Tree,
     forest: Forest,
-    mode: NDArray[np.int8],
+    mode: Modes,
     force: Array,
     k: int,
     side: int,
@@ -162,7 +157,7 @@ def _release(
 
 
 def _move(
-    tree: Tree, mode: NDArray[np.int8], force: Array, place: Indices, beyond: Indices, parent: Indices
+    tree: Tree, mode: Modes, force: Array, place: Indices, beyond: Indices, parent: Indices
 ) -> tuple[Indices, Array]:
     """Return which bodies stay together, and the accelerations of all."""
     label = np.zeros(tree.bodies.size, dtype=np.intp)

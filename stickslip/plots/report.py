@@ -14,8 +14,6 @@ from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Drawable
 from stickslip.results.shares import share
 
-__all__ = ["report"]
-
 _EVENTS = 200
 _ROWS = 40
 _POINTS = 300

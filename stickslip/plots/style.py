@@ -13,35 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import names as checked_names
 from stickslip.results.outcome import Drawable, check_result
-
-__all__ = [
-    "COLOURS",
-    "FINE",
-    "NORMAL",
-    "TIME",
-    "WITH_DOTS",
-    "apart_from_pyplot",
-    "beside",
-    "color_bar",
-    "contact_names",
-    "dots",
-    "edges",
-    "even_points",
-    "keep_names_inside",
-    "look",
-    "makes_room",
-    "many_axes",
-    "mark_events",
-    "new_figure",
-    "of_result",
-    "over_time",
-    "own_axes",
-    "raster",
-    "robust",
-    "value_raster",
-]
 
 TIME = "time [s]"
 FINE = 1500
@@ -212,7 +186,7 @@ def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]
     return wanted
 
 
-def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+def edges(centres: Array) -> Array:
     """Return the edges of cells around rising centres."""
     if centres.size < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
@@ -220,7 +194,7 @@ def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([centres[:1], middles, centres[-1:]])
 
 
-def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str], **options: Any) -> Any:
+def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: Any) -> Any:
     """Draw a row of colours per name over time, the first on top, and return the mesh."""
     places = np.arange(len(names) + 1) - 0.5
     keep = np.concatenate([[True], np.diff(t) > 0])
@@ -252,7 +226,7 @@ def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
     return ax.figure.colorbar(mesh, label=label, **options)
 
 
-def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
+def robust(values: Array) -> tuple[dict[str, float], str]:
     """Return limits of a colour scale that a few extremes do not stretch until all else looks alike.
 
     The text says at which ends of the colour bar an arrow tells that values lie beyond.
@@ -267,9 +241,7 @@ def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
     return {"vmin": low, "vmax": high}, ends
 
 
-def value_raster(
-    ax: Any, t: NDArray[np.float64], rows: NDArray[np.float64], names: list[str], label: str
-) -> None:
+def value_raster(ax: Any, t: Array, rows: Array, names: list[str], label: str) -> None:
     """Draw numbers as a raster with its colour bar."""
     limits, ends = robust(rows)
     color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)

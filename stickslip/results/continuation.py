@@ -11,8 +11,6 @@ from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Trajectory
 
-__all__ = ["final_scene"]
-
 
 def final_scene(trajectory: Trajectory) -> Scene:
     """Return the scene at the end of a motion: simulated from that time on, it goes on as the motion would have.

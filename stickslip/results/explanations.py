@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
+from stickslip.model.arrays import Modes
 from stickslip.model.elements import KINDS, AnyBlock, Contact, Gap, OneWay, Sampled, StateSpace, Stop
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
@@ -19,10 +19,6 @@ from stickslip.model.signals import Constant, as_signal
 from stickslip.results.causes import event_sentences
 from stickslip.results.outcome import Outcome, Runs
 from stickslip.results.units import units
-
-__all__ = ["explain_result", "explain_scene", "span_of"]
-
-Array = NDArray[np.float64]
 
 _LISTED = 12
 _MODE_SETS = 20
@@ -278,7 +274,7 @@ def _block(block: AnyBlock) -> str:
 
 def _watched(result: Outcome) -> list[str]:
     """Return which guards were watched in which sets of modes, and for how long."""
-    seen: dict[bytes, tuple[NDArray[np.int8], list[float]]] = {}
+    seen: dict[bytes, tuple[Modes, list[float]]] = {}
     trajectory = result.samples.trajectory
     for modes, duration in trajectory.each_modes():
         seen.setdefault(modes.tobytes(), (modes, []))[1].append(duration)
@@ -299,7 +295,7 @@ def _watched(result: Outcome) -> list[str]:
     return lines
 
 
-def _modes(system: System, modes: NDArray[np.int8]) -> str:
+def _modes(system: System, modes: Modes) -> str:
     words = {
         Mode.STUCK: "stuck",
         Mode.FORWARD: "forward",

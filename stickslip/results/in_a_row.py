@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from stickslip.results.outcome import Outcome
 from stickslip.results.samples import Samples
 
-__all__ = ["joined", "of_each"]
-
 T = TypeVar("T")
 
 

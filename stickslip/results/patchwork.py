@@ -18,13 +18,8 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.pickled import PickledByFields
-
-__all__ = ["Patches", "Patchwork", "Series"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _AT_ONCE = 100_000
 _DEGREES = (3, 6, 10, 15)

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.path import gauss_nodes
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.trajectory import Trajectory
-
-__all__ = ["of_bodies", "of_drives"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _PER_PERIOD = 8
 _NODES = 10

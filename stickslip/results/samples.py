@@ -19,18 +19,13 @@ from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements import GROUND, Sampled
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
-
-__all__ = ["Samples", "integrated"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""

@@ -6,18 +6,13 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory, kind_of
-
-__all__ = ["at_steps", "fit_for_plot", "refined"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _STRAIGHT = 1e-3
 """How far straight lines between the times may be off, as a part of each quantity's range."""

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
@@ -18,14 +17,9 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
-
-__all__ = ["Piece", "Pieces", "Trajectory", "balances_kept", "by_piece", "kind_of"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _BALANCE_BYTES = 32_000_000
 """Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""

@@ -9,8 +9,6 @@ from stickslip.model.elements import GROUND, Body, Drive, Force
 from stickslip.model.elements.base import Motion, Radii
 from stickslip.model.scene import Scene
 
-__all__ = ["Units", "units"]
-
 
 @dataclass(frozen=True)
 class Units:

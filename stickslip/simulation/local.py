@@ -22,13 +22,9 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of
-
-__all__ = ["Local"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""

@@ -5,22 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
+from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
 from stickslip.simulation.result import Result
-
-__all__ = ["Recorder", "cause_of"]
-
-Array = NDArray[np.float64]
 
 
 class Recorder:

@@ -6,16 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
 from stickslip.events.search import Uncertainty
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
-
-__all__ = ["Tolerances", "largest_value", "tolerances"]
-
-Array = NDArray[np.float64]
 
 _TIMES, _AT_MOST = 100.0, 1e-3
 """What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities."""

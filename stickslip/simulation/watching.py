@@ -12,17 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.crossings import root_between
 from stickslip.model.when import When
-
-__all__ = ["DEGREE", "ROUGH", "TINY", "Crossing", "Watch", "signs_along"]
-
-Array = NDArray[np.float64]
 
 DEGREE = 20
 """Order of the polynomial that a quantity is taken for within a step."""

@@ -15,8 +15,6 @@ from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
 
-__all__ = ["Parameter", "named_parameters"]
-
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d+)\]")
 _AT_START = {"velocity", "position", "rested"}
 _SCALE = "scale"

@@ -17,8 +17,6 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
 
-__all__ = ["SceneRuns", "values_of"]
-
 
 @dataclass(frozen=True)
 class SceneRuns:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-__all__ = ["aligned"]
-
 
 def aligned(
     lead: Sequence[str],

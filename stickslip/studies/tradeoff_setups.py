@@ -12,8 +12,6 @@ from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate
 
-__all__ = ["Call", "calls", "reference_calls"]
-
 TOLERANCES = (3e-2, *(10.0**-k for k in range(2, 12)))
 PRE_SLIP = tuple(10.0**-k for k in range(1, 7))
 """Pre-slip velocities as parts of the velocity scale."""

@@ -11,8 +11,6 @@ from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity
 from stickslip.model.signals import ZERO, Constant, Load
 
-__all__ = ["GROUND", "Book", "Coupling", "RowEntry"]
-
 GROUND = "ground"
 """Name of the ground: a body that never moves."""
 

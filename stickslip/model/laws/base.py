@@ -10,11 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
-
-__all__ = ["Character", "Kernel", "Use", "like"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

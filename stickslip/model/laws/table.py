@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.laws.base import Kernel
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.laws.kinetic import Kinetic, Slipping
-
-__all__ = ["LawTable", "VelocityDependentForces", "steady_forces"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 class LawTable:
@@ -63,7 +58,7 @@ class VelocityDependentForces:
         Which of the contacts have states of their own.
     """
 
-    def __init__(self, laws: Sequence[Law], sign: NDArray[np.int8]) -> None:
+    def __init__(self, laws: Sequence[Law], sign: Modes) -> None:
         self._count = sign.size
         slips = sign.nonzero()[0]
         kinds: dict[type[Kernel], list[int]] = {}
