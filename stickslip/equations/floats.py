@@ -46,14 +46,20 @@ def lines(value: Array, slope: Array, *parts: Array) -> list[Line]:
 def rates_of(rates: list[Line], laws: list[LawInFloats]) -> Callable[[float, Array, Array], None]:
     """Return a function of local time, states and an array that it fills with their rates."""
     text = _Text(rates, laws)
-    return text.function("tau, y, out", [f"out[{k}] = {text.sum(rate)}" for k, rate in enumerate(rates)])
+    found: Callable[[float, Array, Array], None] = text.function(
+        "tau, y, out", [f"out[{k}] = {text.sum(rate)}" for k, rate in enumerate(rates)]
+    )
+    return found
 
 
 def smallest_of(guards: list[Line], laws: list[LawInFloats]) -> Callable[[float, Array], float]:
     """Return a function of local time and states that tells the smallest guard."""
     text = _Text(guards, laws)
     sums = ", ".join(map(text.sum, guards))
-    return text.function("tau, y", [f"return min({sums})" if len(guards) > 1 else f"return {sums}"])
+    found: Callable[[float, Array], float] = text.function(
+        "tau, y", [f"return min({sums})" if len(guards) > 1 else f"return {sums}"]
+    )
+    return found
 
 
 class _Text:

@@ -388,8 +388,10 @@ class Motion:
         if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
             return None
         laws = equations.law.in_floats()
+        if laws is None:
+            return None
         if not laws:
-            return laws
+            return []
         own = self._lines
         velocities = lines(own.w, own.w_slope, equations.law_velocities)
         return list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))

@@ -51,10 +51,12 @@ def test_rates_and_guards_in_floats_are_those_in_arrays(law: DryFriction, modes:
     random = np.random.default_rng(1)
     for tau in random.uniform(0.0, 0.1, 20).tolist():
         y = random.normal(size=motion.y.size)
-        motion.in_floats(tau, y, found := np.empty(y.size))
+        found = np.empty(y.size)
+        motion.in_floats(tau, y, found)
         np.testing.assert_allclose(found, motion.rate(tau, y), rtol=1e-13, atol=1e-13)
         if guards.in_floats is not None:
-            assert guards.in_floats(tau, y) == pytest.approx(guards.values(tau, y, late=True).min(), rel=1e-12, abs=1e-12)
+            low = guards.values(tau, y, late=True).min()
+            assert guards.in_floats(tau, y) == pytest.approx(low, rel=1e-12, abs=1e-12)
     assert (guards.in_floats is None) == (law.dwell > 0 and 0 in modes)
 
 
