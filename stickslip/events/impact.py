@@ -44,21 +44,12 @@ class Jammed(Exception):
 
 
 class Struck(NamedTuple):
-    """What an impact does.
+    """What an impact does."""
 
-    Attributes
-    ----------
-    v : array (n,)
-        Velocities of the bodies after it.
-    impulses : array (m,)
-        Of all rows; they act with ``-c_i r`` on body i.
-    lost : array (m,)
-        The energy in J that each row took: over an impulse r its relative velocity goes from w- to w+, and the work is
-        ``r (w- + w+) / 2``.
-    """
-
-    v: Array
-    impulses: Array
+    v: Array  # (n,): velocities of the bodies after it
+    impulses: Array  # (m,): of all rows; they act with ``-c_i r`` on body i
+    # (m,): the energy in J that each row took: over an impulse r its relative velocity goes from w- to w+,
+    # and the work is ``r (w- + w+) / 2``
     lost: Array
 
 

@@ -21,22 +21,12 @@ from stickslip.model.arrays import Array, Mask, Modes
 
 @dataclass(frozen=True)
 class Settled:
-    """Consistent modes and the motion that starts with them.
+    """Consistent modes and the motion that starts with them."""
 
-    Attributes
-    ----------
-    labels : array (m,)
-        The mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is.
-    motion : Motion
-    guards : Guards
-    impact : Struck or None
-        With which the motion began; None for none.
-    """
-
-    labels: Modes
+    labels: Modes  # (m,): the mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is
     motion: Motion
     guards: Guards
-    impact: Struck | None = None
+    impact: Struck | None = None  # with which the motion began; None for none
 
 
 def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:

@@ -27,19 +27,11 @@ _SELF_STRESS = 1e-9
 
 @dataclass(frozen=True)
 class Share:
-    """Rows whose limits matter.
-
-    Attributes
-    ----------
-    rows : array of int
-    side : array
-        +1 where the upper limit matters, -1 where the lower one.
-    holds : bool
-        Whether there are forces within all limits: the rows then carry what is their limit. If not, they move.
-    """
+    """Rows whose limits matter."""
 
     rows: Indices
-    side: Array
+    side: Array  # +1 where the upper limit matters, -1 where the lower one
+    # whether there are forces within all limits: the rows then carry their limit; if not, they move
     holds: bool
 
 

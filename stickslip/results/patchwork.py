@@ -99,24 +99,16 @@ class Patches:
 
 @dataclass(frozen=True)
 class Series(PickledByFields):
-    """Polynomials of many things, those of one thing together and in order of time.
+    """Polynomials of many things, those of one thing together and in order of time."""
 
-    Attributes
-    ----------
-    tick, thing : array (r,) of int
-        From which tick on an entry holds, and for which body or row.
-    origin : array (r,)
-    first, second : array (r,)
-        Position and lead of a body; mode and start of rest of a row.
-    terms : array (r, order + 1)
-    """
-
+    # (r,): from which tick on an entry holds, and for which body or row
     tick: Indices
     thing: Indices
-    origin: Array
+    origin: Array  # (r,)
+    # (r,): position and lead of a body; mode and start of rest of a row
     first: Array
     second: Array
-    terms: Array
+    terms: Array  # (r, order + 1)
 
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> Series:
@@ -173,21 +165,11 @@ class Series(PickledByFields):
 
 @dataclass(frozen=True)
 class Held:
-    """Which entries of series hold at some times, for one thing after the other.
+    """Which entries of series hold at some times, for one thing after the other."""
 
-    Attributes
-    ----------
-    entries : slice
-        The entries of these things.
-    counts : array of int
-        At how many times in a row each of them holds.
-    shape : (int, int)
-        How many things and times there are.
-    """
-
-    entries: slice
-    counts: Indices
-    shape: tuple[int, int]
+    entries: slice  # the entries of these things
+    counts: Indices  # at how many times in a row each of them holds
+    shape: tuple[int, int]  # how many things and times there are
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return at all times what each entry has, a line for each thing."""
@@ -265,17 +247,10 @@ def _degrees(terms: Array, reach: Array) -> Indices:
 
 @dataclass(frozen=True)
 class Patchwork(PickledByFields):
-    """A motion between two breaks of the loads, with all its events.
-
-    Attributes
-    ----------
-    starts : array (p,)
-        When each piece begins: the start, and every event.
-    stop : float
-    """
+    """A motion between two breaks of the loads, with all its events."""
 
     system: System = field(repr=False)
-    starts: Array
+    starts: Array  # (p,): when each piece begins: the start, and every event
     stop: float
     unit: float
     labels: Modes = field(repr=False)

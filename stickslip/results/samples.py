@@ -38,25 +38,15 @@ _MOST_NODES = 10
 
 @dataclass(frozen=True)
 class Samples(PickledByFields):
-    """A trajectory at some times.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-    t : array (k,)
-        Times in s.
-    kept : array (size, k) or None
-        States there; None where they are read when they are needed.
-    piece_of : array (k,) of int
-        The piece that each time belongs to: at an event there is one before and one after.
-    rows : slice
-        The rows whose quantities are read: all, or one of many.
-    """
+    """A trajectory at some times."""
 
     trajectory: Trajectory = field(repr=False)
-    t: Array = field(repr=False)
+    t: Array = field(repr=False)  # (k,): times in s
+    # (size, k): states there; None where they are read when they are needed
     kept: Array | None = field(repr=False)
+    # (k,): the piece that each time belongs to: at an event there is one before and one after
     piece_of: Indices = field(repr=False)
+    # the rows whose quantities are read: all, or one of many
     rows: slice = field(default_factory=lambda: slice(None), repr=False)
 
     @classmethod

@@ -31,40 +31,20 @@ _AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Piece:
-    """One motion, from one event or break of the loads to the next.
+    """One motion, from one event or break of the loads to the next."""
 
-    Attributes
-    ----------
-    t, stop : float
-        Start and end in s.
-    y : array (size,)
-        State at the start.
-    modes : array (m,) of int8
-        Modes as the equations know them.
-    labels : array (m,) of int8
-        Modes that the rows show: -1, 0 or +1.
-    since : array (m,)
-        When each row last became held, in s.
-    regions : array (p,) of int16
-        The region of each piecewise-linear function.
-    impulses : array (m,) or None
-        Of the rows, with which the motion began; None for none.
-    lost : array (m,) or None
-        The energy in J that each row took with its impulse.
-    path : Path or None
-        The states; None where only the requested outputs were kept.
-    """
-
+    # start and end in s
     t: float
     stop: float
-    y: Array = field(repr=False)
-    modes: Modes
-    labels: Modes
-    since: Array = field(repr=False)
-    regions: Regions = field(repr=False)
+    y: Array = field(repr=False)  # (size,): state at the start
+    modes: Modes  # (m,): modes as the equations know them
+    labels: Modes  # (m,): modes that the rows show: -1, 0 or +1
+    since: Array = field(repr=False)  # (m,): when each row last became held, in s
+    regions: Regions = field(repr=False)  # (p,): the region of each piecewise-linear function
+    # (m,): of the rows, with which it began; None for none
     impulses: Array | None = field(repr=False)
-    lost: Array | None = field(repr=False)
-    path: Path | None = field(repr=False)
+    lost: Array | None = field(repr=False)  # (m,): the energy in J that each row took with its impulse
+    path: Path | None = field(repr=False)  # the states; None where only the requested outputs were kept
 
     @property
     def end(self) -> float:
@@ -127,17 +107,10 @@ class Pieces(PickledByFields, Sequence[Piece]):
 
 @dataclass(frozen=True)
 class Trajectory(PickledByFields):
-    """All pieces of a simulated motion, in order of time.
-
-    Attributes
-    ----------
-    system : System
-    span : (float, float, bool)
-        Start and end in s of the loads, and whether a fixed-step method read them.
-    pieces : sequence of Piece
-    """
+    """All pieces of a simulated motion, in order of time."""
 
     system: System = field(repr=False)
+    # start and end in s of the loads, and whether a fixed-step method read them
     span: tuple[float, float, bool]
     pieces: Sequence[Piece] = field(repr=False)
     _balances: dict[bytes, Balance] = field(default_factory=dict, repr=False, compare=False)

@@ -12,14 +12,9 @@ from stickslip.model.scene import Scene
 
 @dataclass(frozen=True)
 class Units:
-    """SI units of a body's or a row's quantities.
+    """SI units of a body's or a row's quantities."""
 
-    Attributes
-    ----------
-    inertia, position, velocity, force, stiffness, damping : str
-        Of rotation, of translation, or both beside each other.
-    """
-
+    # of rotation, of translation, or both beside each other
     inertia: str
     position: str
     velocity: str

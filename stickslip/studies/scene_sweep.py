@@ -20,20 +20,11 @@ from stickslip.studies.parameters import named_parameters
 
 @dataclass(frozen=True)
 class SceneRuns:
-    """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point.
-
-    Parameters
-    ----------
-    scene : Scene
-    t_span : (float, float)
-        Start and end in s.
-    options : mapping
-        Arguments of `simulate`.
-    """
+    """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point."""
 
     scene: Scene
-    t_span: Times
-    options: Mapping[str, Any]
+    t_span: Times  # start and end in s
+    options: Mapping[str, Any]  # arguments of `simulate`
 
     def at(self, point: Mapping[str, float]) -> Scene:
         """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like.
