@@ -94,23 +94,8 @@ def at_stops(
 ) -> tuple[Modes, Mask]:
     """Return at which limits stops are, and which of them have come there only now.
 
-    Parameters
-    ----------
-    system : System
-    y, q : array
-        States and inputs.
-    before : array (m,), optional
-        The modes that rows showed, None at the start.
-    largest : array (size,), optional
-        How large the states have been on the way.
-    crossed : array of int, optional
-        Borders that have been found at 0.
-
-    Returns
-    -------
-    array (m,) of int8
-        +1 at the upper limit, -1 at the lower one, 0 elsewhere.
-    array (m,) of bool
+    `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
+    is +1, the upper one, or -1; elsewhere stands 0.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:

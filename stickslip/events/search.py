@@ -27,13 +27,7 @@ _MOST_TRIALS = 1000
 
 
 class Inconsistent(Exception):
-    """No set of modes satisfies the laws of all rows at rest.
-
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
+    """No set of modes satisfies the laws of all rows at rest."""
 
     def __init__(self, rows: Indices) -> None:
         super().__init__("no consistent modes")

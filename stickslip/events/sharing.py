@@ -38,12 +38,7 @@ class Share:
 def share(motion: Motion, guards: Guards) -> Share | None:
     """Return how the held rows of a motion share what they hold just after its start, None where nothing is shared.
 
-    Parameters
-    ----------
-    motion : Motion
-        One in which all rows that may share are held.
-    guards : Guards
-        Those of this motion.
+    All rows that may share are held in this motion.
     """
     held, balance = motion.equations.held, motion.equations.balance
     if balance.loop.max(initial=-1) < 0:

@@ -48,12 +48,7 @@ class Outcome(NamedTuple):
 def settle_tree(forest: Forest, tree: Tree, side: int) -> Outcome | None:
     """Return the modes in which a tree goes on, None where that is not clear.
 
-    Parameters
-    ----------
-    forest : Forest
-    tree : Tree
-    side : int
-        The direction in which the first row lets go, 0 where it has come to rest.
+    `side` is the direction in which the first row lets go, 0 where it has come to rest.
     """
     if tree.bodies.size == 1 and tree.rows.size == 1:
         return _settle_one(forest, tree, side)

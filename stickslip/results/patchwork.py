@@ -34,18 +34,8 @@ _NOTHING = 1e-18
 class Patches:
     """Collects what a run expands: at each tick some bodies and rows.
 
-    Parameters
-    ----------
-    system : System
-    t : float
-        Start in s.
-    unit : float
-        Time in s by which the series are scaled.
-    labels : array (m,)
-        Modes that the rows show at the start: open ones keep theirs.
-    drives : (array (d,), array (d, 2))
-        Positions, and velocities and accelerations, of the drives at the start `since`.
-    since : float
+    `unit` is the time in s by which the series are scaled; open rows keep their `labels`. Drives have their positions,
+    and velocities and accelerations, at the time `since`.
     """
 
     def __init__(
@@ -139,14 +129,7 @@ class Series(PickledByFields):
     def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
-        Parameters
-        ----------
-        held : Held
-            Which entries.
-        t : array
-            The times in s, in the shape of `held` or the same for each of its things.
-        unit : float
-            Time in s by which the series are scaled.
+        The times are in the shape of `held`, or the same for each of its things.
         """
         t, stops = t.ravel(), np.append(0, np.cumsum(held.counts))
         found = np.empty(stops[-1])

@@ -57,13 +57,7 @@ class Samples(PickledByFields):
 
     @classmethod
     def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
-        """Return a trajectory at times in s, right limits at events.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside, or only the requested outputs were kept.
-        """
+        """Return a trajectory at times in s, right limits at events."""
         piece_of = trajectory.places(times)
         return cls._of(trajectory, times, piece_of, trajectory.local(piece_of, times))
 
@@ -412,18 +406,7 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     Every step of the solver, every part of a period of the loads, and the times themselves bound an interval. Its
     nodes are enough for the polynomials within the steps.
 
-    Parameters
-    ----------
-    samples : Samples
-    lines : int
-        How many quantities the integrand has.
-    integrand : callable
-        Returns them at the times of other samples, a line each.
-
-    Raises
-    ------
-    ValueError
-        If only the requested outputs were kept.
+    `integrand` returns so many `lines` at the times of other samples.
     """
     trajectory = samples.trajectory
     out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)

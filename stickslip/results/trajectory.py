@@ -157,13 +157,7 @@ class Trajectory(PickledByFields):
         return Motion(equations, self.loads.after(piece.t), piece.t, piece.y, piece.since)
 
     def places(self, times: Array) -> Indices:
-        """Return the piece that holds each time, the later one at an event.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside, or only the requested outputs were kept.
-        """
+        """Return the piece that holds each time, the later one at an event."""
         if not times.size:
             return np.empty(0, dtype=np.intp)
         if not self.pieces:
@@ -221,13 +215,7 @@ class Trajectory(PickledByFields):
                 yield np.ascontiguousarray(inner[:, k]), duration
 
     def steps(self, number: int) -> Array:
-        """Return the local times at which steps of a piece end, its start among them.
-
-        Raises
-        ------
-        ValueError
-            If only the requested outputs were kept.
-        """
+        """Return the local times at which steps of a piece end, its start among them."""
         part, k = self.part(number)
         if isinstance(part, Patchwork):
             return np.asarray(part.ends(k) - part.starts[k])
@@ -279,13 +267,6 @@ class Trajectory(PickledByFields):
         """Return the states at local times of pieces, one column each.
 
         Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
-
-        Parameters
-        ----------
-        piece_of : array (k,) of int
-            The piece of each time.
-        taus : array (k,)
-            Times in s since its start.
         """
         found = self.evaluated(piece_of, taus)
         self._tie(piece_of, taus, found)
@@ -294,14 +275,7 @@ class Trajectory(PickledByFields):
     def evaluated(self, piece_of: Indices, taus: Array, integrated: bool = False) -> Array:
         """Return the polynomials of the steps at local times of pieces, one column each.
 
-        Parameters
-        ----------
-        piece_of : array (k,) of int
-            The piece of each time.
-        taus : array (k,)
-            Times in s since its start.
-        integrated : bool
-            Whether the velocities are integrated from the start of each piece.
+        If `integrated`, the velocities are, from the start of each piece.
         """
         found = np.empty((self.system.n if integrated else self.system.size, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
@@ -370,14 +344,8 @@ class Trajectory(PickledByFields):
     ) -> None:
         """Write what depends on others through the rows that hold it, in place.
 
-        Parameters
-        ----------
-        held : iterable of (bytes, array of int or slice)
-            Sets of held rows, and the columns in which each holds.
-        v : array (n, k)
-            Velocities of the bodies, or what follows the same ties.
-        drives : array (d, k) or None
-            The same of the drives.
+        `v` are velocities of the bodies, or what follows the same ties, and `drives` the same of the drives; `held`
+        tells which sets of rows hold in which columns.
         """
         for key, chosen in held:
             balance = self.balance(key)

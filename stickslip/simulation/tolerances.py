@@ -65,10 +65,7 @@ def tolerances(
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
     them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain.
 
-    Raises
-    ------
-    ValueError
-        If a pre-slip velocity is too small for double precision.
+    Where that is too small for double precision it is refused.
     """
     speed, frequency = _speed(system, start, stop)
     # the smallest pre-slip velocity

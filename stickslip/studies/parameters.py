@@ -39,13 +39,7 @@ class Parameter:
     only_at_start: bool  # whether it says where the motion starts, not how it goes on
 
     def set(self, scene: Scene, value: float) -> Scene:
-        """Return the scene with the parameter at another value.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the scene refuses the value.
-        """
+        """Return the scene with the parameter at another value."""
         elements: list[Any] = list(scene.elements)
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
         return Scene(*elements, motion=scene.motion)
@@ -77,10 +71,7 @@ class Parameter:
 def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Parameter]:
     """Return the parameters of a scene that have these names.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If a name leads to no number; `what` begins the message.
+    `what` begins the message where a name leads to no number.
     """
     given = checked_names(list(names) if isinstance(names, Mapping) else names, f"{what}: parameters")
     if not given:

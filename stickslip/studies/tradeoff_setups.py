@@ -58,13 +58,7 @@ class Call:
 def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     """Return the calls that are applicable, family by family, from cheap to costly.
 
-    Parameters
-    ----------
-    scene : Scene
-    span : (float, float)
-        Time span in s.
-    scale : float
-        Size of the velocities in m/s or rad/s.
+    `scale` is the size of the velocities in m/s or rad/s.
     """
     found = [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span)]
     if scene.contacts and all(isinstance(contact.law, DryFriction) for contact in scene.contacts):

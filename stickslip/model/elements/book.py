@@ -51,12 +51,7 @@ class Coupling:
 class Book:
     """What elements enter, in the order of the elements, and loads that are watched without acting on anything.
 
-    Attributes
-    ----------
-    index : dict of str to int
-        The number of each body and drive: first the bodies, then the drives, last the ground.
-    row_index : dict of str to int
-        The number of each row.
+    Each body, drive and row has a number; bodies come before drives, and the ground last.
     """
 
     def __init__(self, elements: Iterable[Any], watched: Sequence[Load] = ()) -> None:
