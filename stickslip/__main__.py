@@ -67,13 +67,7 @@ def _refusals(what: str = "") -> Iterator[None]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input, 130 interrupted.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
-    """
+    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input, 130 interrupted."""
     try:
         chosen = _parser().parse_args(arguments)
         job: Job = chosen.job

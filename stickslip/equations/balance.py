@@ -34,14 +34,7 @@ _RIGID = 1e10
 class Balance:
     """Accelerations and held forces of one set of held rows.
 
-    Parameters
-    ----------
-    inertia : array (n,)
-        Inertias of the free bodies in kg or kg m^2.
-    G : array or sparse (h, n)
-        Coefficients of the held rows on the free bodies.
-    D : array or sparse (h, d)
-        Coefficients of the held rows on the drives.
+    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives.
 
     Attributes
     ----------

@@ -50,14 +50,7 @@ class GuardRows:
     that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
     on the state: N while closed, -N while open. Last come the velocities of open rows that show a mode.
 
-    Parameters
-    ----------
-    equations : InModes
-        What they are the guards of.
-    loose : array of int
-        Open rows whose velocity is watched.
-    signs : array like `loose`
-        The signs of these.
+    Of `loose`, open rows, the velocities are watched; these have the `signs`.
 
     Attributes
     ----------

@@ -50,18 +50,9 @@ _NO_ROWS = np.empty(0, dtype=np.intp)
 class Guards:
     """The guards of a motion, ready when constructed.
 
-    Parameters
-    ----------
-    motion : Motion
-    labels : array (m,)
-        Signs of the relative velocities of rows that carry no force: these are watched, too.
-    at_rest : array (m,) of bool
-        Rows whose relative velocity is 0 at the start.
-    fired : array (m,) of bool
-        Rows that an event has just found at their limit.
-    velocity_uncertainty : float
-        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: the errors of a solver, 0 where
-        an engine makes none.
+    Rows that carry no force are watched, too, if their `labels` are not 0. `at_rest` are rows whose relative velocity
+    is 0 at the start, `fired` those that an event has just found at their limit. A row has to pass 0 by the
+    `velocity_uncertainty`, the errors of a solver, before that is an event.
 
     Attributes
     ----------

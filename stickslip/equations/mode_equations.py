@@ -59,12 +59,8 @@ class ModeEquations:
     none, and the borders of the regions of piecewise-linear functions. ``e`` are the friction forces that depend on
     velocity. `q` are the inputs of the system, followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
 
-    Parameters
-    ----------
-    modes : array (m,)
-        For each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART.
-    regions : array (p,)
-        The region of each piecewise-linear function.
+    `modes` are for each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART; `regions` those of the piecewise-linear
+    functions.
     """
 
     def __init__(self, system: System, modes: Modes, regions: Regions = _NO_REGIONS) -> None:

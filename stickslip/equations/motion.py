@@ -32,14 +32,8 @@ _IN_FLOATS = 40
 class Expansion:
     """Taylor coefficients ``scale^k f^(k) / k!`` of states, inputs and watched quantities, one row per order.
 
-    Attributes
-    ----------
-    y : array (order + 1, size)
-    q : list of array or None
-        Inputs with dwells; None where a whole order is 0.
-    z : array (order + 1, rows)
-    g : array (order + 1, guards) or None
-        The guards of the modes, but for constants, where they are told at once.
+    `q` are the inputs with dwells, None where a whole order is 0; `g` are the guards of the modes, but for constants,
+    where they are told at once.
     """
 
     __slots__ = ("_q", "g", "y", "z")
@@ -111,17 +105,8 @@ class _Linked:
 class Motion:
     """The equations in one set of modes from a state on. Local time tau runs from 0 at the start.
 
-    Parameters
-    ----------
-    equations : ModeEquations
-    stretch : Stretch
-        The inputs up to the next break.
-    t : float
-        Start in s.
-    y : array (size,)
-        State at the start, dependent velocities written through T.
-    since : array (m,)
-        When each row last became held, in s.
+    `stretch` are the inputs up to the next break. The state `y` at the start `t` has its dependent velocities written
+    through T; each row last became held at `since`.
     """
 
     def __init__(self, equations: ModeEquations, stretch: Stretch, t: float, y: Array, since: Array) -> None:

@@ -21,30 +21,15 @@ _AT_ONCE = 50_000
 
 @dataclass(frozen=True)
 class Path:
-    """The states of one motion as a polynomial in each step.
+    """The states of one motion as a polynomial in each step."""
 
-    Attributes
-    ----------
-    taus : array (k + 1,)
-        Ends of the steps in s since the start of the motion, the first 0.
-    coefficients : array (k, order + 1, size)
-        In step i the state is ``sum_j coefficients[i, j] p_j(s)`` with s from 0 to 1 over the step.
-    last : array (size,)
-        The state at the end.
-    hit : bool
-        Whether a guard came to 0 at the end.
-    is_chebyshev : bool
-        Whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not.
-    touched : int, optional
-        The row whose relative velocity touches 0 at the end, None for none.
-    """
-
-    taus: Array
+    taus: Array  # (k + 1,): ends of the steps in s since the start of the motion, the first 0
+    # (k, order + 1, size): in step i the state is ``sum_j coefficients[i, j] p_j(s)``, s from 0 to 1 over it
     coefficients: Array
-    last: Array
-    hit: bool
-    is_chebyshev: bool = False
-    touched: int | None = None
+    last: Array  # (size,): the state at the end
+    hit: bool  # whether a guard came to 0 at the end
+    is_chebyshev: bool = False  # whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not
+    touched: int | None = None  # the row whose relative velocity touches 0 at the end, None for none
 
     @property
     def has_event(self) -> bool:

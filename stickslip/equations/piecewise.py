@@ -78,14 +78,7 @@ class PiecewiseMatrices:
         return np.asarray((self.places(regions)[self.owner] == self.within).nonzero()[0])
 
     def at(self, y: Array, q: Array, regions: Regions | None) -> Regions:
-        """Return the regions in which a state lies; those given are kept where it lies within or at their borders.
-
-        Parameters
-        ----------
-        y, q : array
-            States and inputs.
-        regions : array (p,) or None
-        """
+        """Return the regions in which a state lies; those given are kept where it lies within or at their borders."""
         if not self.count:
             return _NONE
         q = q[: self.border_q.shape[1]]

@@ -25,12 +25,7 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
 
     None where no drives tear them, or each in a single loop: there the largest ratio of force to level decides.
 
-    Parameters
-    ----------
-    motion : Motion
-        One in which all rows that may hold are held.
-    guards : Guards
-        Those of this motion.
+    All rows that may hold are held in this motion.
     """
     system, equations = motion.system, motion.equations
     held, balance = equations.held, equations.balance

@@ -36,48 +36,23 @@ _SAME = 1e-12
 
 
 class AtLimit(NamedTuple):
-    """What has come to its limit at the end of a path.
+    """What has come to its limit at the end of a path."""
 
-    Attributes
-    ----------
-    touching : array (m,) of bool
-        Rows whose relative velocity has come to 0.
-    fired : array (m,) of bool
-        Rows whose guard has.
-    crossed : array of int
-        Borders of regions.
-    let_go : array (m,) of int8, or None
-        Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed.
-    """
-
-    touching: Mask
-    fired: Mask
-    crossed: Indices
+    touching: Mask  # (m,): rows whose relative velocity has come to 0
+    fired: Mask  # (m,): rows whose guard has
+    crossed: Indices  # borders of regions
+    # (m,): where it is one held row alone, and no other guard is near 0, the direction in which it is pushed
     let_go: Modes | None
 
 
 class Jump(NamedTuple):
-    """What impacts and jumping drives do at an instant.
+    """What impacts and jumping drives do at an instant."""
 
-    Attributes
-    ----------
-    parted : array (m,) of bool
-        Rows whose relative velocity jumps.
-    y : array (size,)
-        The state after it.
-    sides : array (m,) of int8
-        +1 where a stop rests at its upper limit then, -1 at its lower one.
-    hit : array (m,) of bool
-        Stops that have been hit.
-    impact : Struck or None
-        What impulses did; None for none.
-    """
-
-    parted: Mask
-    y: Array
-    sides: Modes
-    hit: Mask
-    impact: Struck | None
+    parted: Mask  # (m,): rows whose relative velocity jumps
+    y: Array  # (size,): the state after it
+    sides: Modes  # (m,): +1 where a stop rests at its upper limit then, -1 at its lower one
+    hit: Mask  # (m,): stops that have been hit
+    impact: Struck | None  # what impulses did; None for none
 
 
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
@@ -119,23 +94,8 @@ def at_stops(
 ) -> tuple[Modes, Mask]:
     """Return at which limits stops are, and which of them have come there only now.
 
-    Parameters
-    ----------
-    system : System
-    y, q : array
-        States and inputs.
-    before : array (m,), optional
-        The modes that rows showed, None at the start.
-    largest : array (size,), optional
-        How large the states have been on the way.
-    crossed : array of int, optional
-        Borders that have been found at 0.
-
-    Returns
-    -------
-    array (m,) of int8
-        +1 at the upper limit, -1 at the lower one, 0 elsewhere.
-    array (m,) of bool
+    `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
+    is +1, the upper one, or -1; elsewhere stands 0.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:

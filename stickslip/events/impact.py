@@ -30,13 +30,7 @@ _NO_DISTANCE = 1e-8
 
 
 class Jammed(Exception):
-    """No velocities satisfy the rows: drives press rigid ones together.
-
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
+    """No velocities satisfy the rows: drives press rigid ones together."""
 
     def __init__(self, rows: Indices) -> None:
         super().__init__("no velocities satisfy the rows")
@@ -44,21 +38,12 @@ class Jammed(Exception):
 
 
 class Struck(NamedTuple):
-    """What an impact does.
+    """What an impact does."""
 
-    Attributes
-    ----------
-    v : array (n,)
-        Velocities of the bodies after it.
-    impulses : array (m,)
-        Of all rows; they act with ``-c_i r`` on body i.
-    lost : array (m,)
-        The energy in J that each row took: over an impulse r its relative velocity goes from w- to w+, and the work is
-        ``r (w- + w+) / 2``.
-    """
-
-    v: Array
-    impulses: Array
+    v: Array  # (n,): velocities of the bodies after it
+    impulses: Array  # (m,): of all rows; they act with ``-c_i r`` on body i
+    # (m,): the energy in J that each row took: over an impulse r its relative velocity goes from w- to w+,
+    # and the work is ``r (w- + w+) / 2``
     lost: Array
 
 
@@ -69,22 +54,8 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, 
     that turns a free one-way clutch forward, or drives a stop into its limit that just parted or parts from it, these
     and all others take part in a second impact without restitution. So no impact makes energy.
 
-    Parameters
-    ----------
-    system : System
-    v : array (n,)
-        Velocities of the bodies before.
-    before, after : array (d,)
-        Velocities of the drives.
-    sides : array (m,)
-        +1 where a stop is at its upper limit, -1 at its lower one, 0 elsewhere.
-    hit : array (m,) of bool
-        Stops that come to their limit now.
-
-    Raises
-    ------
-    Jammed
-        If no velocities satisfy all rows.
+    Drives have the velocities `before` and `after`; `sides` are +1 where a stop is at its upper limit and -1 at its
+    lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
     """
     speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
     least = _SAME * speed * system.largest_lever

@@ -29,20 +29,8 @@ def label(
 ) -> tuple[Modes, Mask]:
     """Return the modes that rows show, and which open rows keep theirs though their velocity has died away.
 
-    Parameters
-    ----------
-    motion : Motion
-    named : array (m,)
-        The signs of the relative velocities.
-    w : array (m,)
-        Relative velocities.
-    resting : array (m,) of bool
-        Rows whose relative velocity is 0.
-    before : array (m,) or None
-        The modes that rows showed so far, None at the start.
-    crossed : array (m,) of bool
-        Rows whose velocity was beyond 0 by more than is uncertain: it has not died away.
-    uncertainty : Uncertainty
+    `named` are the signs of the relative velocities `w`, `before` the modes shown so far, None at the start. Where a
+    velocity has `crossed` 0 by more than is uncertain, it has not died away.
     """
     equations, modes = motion.equations, motion.equations.modes
     if not (equations.open.size or equations.free.size or equations.at_level.size):

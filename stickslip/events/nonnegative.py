@@ -19,15 +19,7 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     The columns that count are linearly independent, because each enters with a part that the others cannot explain.
     Each round leaves a smaller residual than all before, so no set of columns comes twice, and the rounds end.
 
-    Parameters
-    ----------
-    matrix : array (n, m)
-    target : array (n,)
-
-    Raises
-    ------
-    ArithmeticError
-        If roundoff keeps the rounds from ending.
+    If roundoff keeps them from it, that is an ArithmeticError.
     """
     count = matrix.shape[1]
     x, counts = np.zeros(count), np.zeros(count, dtype=bool)

@@ -27,13 +27,7 @@ _MOST_TRIALS = 1000
 
 
 class Inconsistent(Exception):
-    """No set of modes satisfies the laws of all rows at rest.
-
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
+    """No set of modes satisfies the laws of all rows at rest."""
 
     def __init__(self, rows: Indices) -> None:
         super().__init__("no consistent modes")
@@ -41,44 +35,22 @@ class Inconsistent(Exception):
 
 
 class Situation(NamedTuple):
-    """What is known at an instant at which modes may change.
+    """What is known at an instant at which modes may change."""
 
-    Attributes
-    ----------
-    t : float
-        Time in s; loads count with their right limits.
-    y : array (size,)
-    labels : array (m,) or None
-        Modes before, None at the start.
-    since : array (m,)
-        When each row last became held, in s.
-    touching : array (m,) of bool
-        Rows whose relative velocity has been found to be 0.
-    fired : array (m,) of bool
-        Rows found at their limit.
-    was : array (size,), optional
-        Bounds of the sizes of the states since the modes before began.
-    let_go : array (m,) of int, optional
-        The direction in which a held row is pushed that alone has come to its limit.
-    regions : array (p,), optional
-        The regions of the piecewise-linear functions before, None at the start.
-    sides : array (m,), optional
-        +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
-    touched : int or None
-        The row whose relative velocity only touches 0.
-    """
-
-    t: float
-    y: Array
-    labels: Modes | None
-    since: Array
-    touching: Mask
-    fired: Mask
-    was: Array | None = None
+    t: float  # time in s; loads count with their right limits
+    y: Array  # (size,)
+    labels: Modes | None  # (m,): modes before, None at the start
+    since: Array  # (m,): when each row last became held, in s
+    touching: Mask  # (m,): rows whose relative velocity has been found to be 0
+    fired: Mask  # (m,): rows found at their limit
+    was: Array | None = None  # (size,): bounds of the sizes of the states since the modes before began
+    # (m,): the direction in which a held row is pushed that alone has come to its limit
     let_go: Modes | None = None
+    # (p,): the regions of the piecewise-linear functions before, None at the start
     regions: Regions | None = None
+    # (m,): +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere
     sides: Modes | None = None
-    touched: int | None = None
+    touched: int | None = None  # the row whose relative velocity only touches 0
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
@@ -92,20 +64,11 @@ class Situation(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """What the errors of a run leave uncertain.
+    """What the errors of a run leave uncertain."""
 
-    Attributes
-    ----------
-    velocity_resolution : float
-        Velocity in m/s or rad/s that the tolerances do not resolve.
-    force_uncertainty : float
-        Part of the forces that is uncertain.
-    velocity_uncertainty : float
-        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: what errors of steps add up to.
-    """
-
-    velocity_resolution: float
-    force_uncertainty: float
+    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
+    force_uncertainty: float  # part of the forces that is uncertain
+    # velocity in m/s or rad/s by which a row has to pass 0 for an event: what errors of steps add up to
     velocity_uncertainty: float
 
 

@@ -107,13 +107,7 @@ def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: 
 
 
 def body_names(result: Drawable, bodies: Sequence[str] | None) -> list[str]:
-    """Return the bodies and drives to draw: those asked for, else all of the scene.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If there is no such body, or they are no sequence of names.
-    """
+    """Return the bodies and drives to draw: those asked for, else all of the scene."""
     known = [one.name for one in (*result.scene.bodies, *result.scene.drives)]
     wanted = known if bodies is None else checked_names(bodies, "bodies")
     for name in wanted:

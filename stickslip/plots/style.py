@@ -94,13 +94,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more.
-
-    Raises
-    ------
-    TypeError
-        If what is given are no axes.
-    """
+    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more."""
     if ax is None:
         return new_figure(width, height, layout="constrained").subplots()
     if not isinstance(ax, Axes):
@@ -113,10 +107,7 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
 def many_axes(axes: Any, count: int, what: str) -> list[Any]:
     """Return axes given for the panels of a figure.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If they are no axes, or not as many as panels; `what` begins the message.
+    They must be as many as panels; `what` begins the message.
     """
     listed = list(axes) if isinstance(axes, Iterable) else [axes]
     if len(listed) != count:
@@ -171,13 +162,7 @@ def mark_events(ax: Any, result: Drawable) -> None:
 
 
 def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
-    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row.
-    """
+    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
     known = [row.name for row in result.scene.rows]
     wanted = known if contacts is None else checked_names(contacts, "contacts")
     for name in wanted:
@@ -248,13 +233,7 @@ def value_raster(ax: Any, t: Array, rows: Array, names: list[str], label: str) -
 
 
 def check_is(thing: Any, kind: str, what: str) -> None:
-    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots.
-
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
-    """
+    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots."""
     if kind not in (one.__name__ for one in type(thing).__mro__):
         raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
 

@@ -17,15 +17,6 @@ def final_scene(trajectory: Trajectory) -> Scene:
 
     Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
     end. Loads stay as they are: they are functions of the same time.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-
-    Raises
-    ------
-    ValueError
-        If nothing was computed, or only the requested outputs were kept.
     """
     if not trajectory.pieces:
         raise ValueError("final_scene: nothing was computed, so there is no end to go on from")

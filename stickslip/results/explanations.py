@@ -25,26 +25,14 @@ _MODE_SETS = 20
 
 
 def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
-    """Return what a scene is compiled to, and which engine takes it.
-
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-        Over the time span.
-    engine, reason : str
-        The engine, and why it is chosen.
-    """
+    """Return what a scene is compiled to, and which engine takes it."""
     return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
 
 
 def explain_result(result: Runs) -> str:
     """Return what was compiled, which guards were watched, and why each event happened, run by run.
 
-    Parameters
-    ----------
-    result : Result or Joined
-        One that kept only its outputs gets causes without numbers.
+    A result that kept only its outputs gets causes without numbers.
     """
     parts = []
     for run in result.runs:

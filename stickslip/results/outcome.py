@@ -168,10 +168,7 @@ class Drawable(Runs, Protocol):
 def check_result(result: Any, what: str) -> None:
     """Refuse what is no result of a simulation.
 
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
+    `what` begins the message.
     """
     if not hasattr(result, "runs"):
         raise TypeError(

@@ -22,19 +22,8 @@ from stickslip.simulation.result import Result
 class Recorder:
     """Collects the pieces of a motion and its events.
 
-    Parameters
-    ----------
-    span : (float, float, bool)
-        Start and end in s, and whether a fixed-step method reads the loads.
-    outputs : array or None
-        Times in s at which outputs are wanted, None for times fit for a plot.
-    dense : bool
-        Whether the motion is kept, or only the outputs.
-
-    Attributes
-    ----------
-    fewest_states : int
-        Fewest velocities, positions and bristles that did not depend on others.
+    `outputs` are the times in s at which outputs are wanted, None for times fit for a plot; if not `dense`, nothing
+    else is kept. `fewest_states` counts the velocities, positions and bristles that did not depend on others.
     """
 
     def __init__(

@@ -45,14 +45,7 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    Attributes
-    ----------
-    start, stop, t : float
-        The time span, and how far it is, in s.
-    now : Settled or None
-        The motion from there on.
-    stopped : str or None
-        The user's event that has stopped it.
+    `now` is the motion from the time `t` on, and `stopped` the user's event that has stopped it.
     """
 
     def __init__(

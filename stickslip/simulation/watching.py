@@ -104,14 +104,8 @@ def signs_along(
 ) -> list[tuple[float, int]]:
     """Return where a quantity takes a sign between two times, and which: at `left`, and after each of its roots.
 
-    Parameters
-    ----------
-    values : array (k,)
-        Its values at the Chebyshev points between the times.
-    exact : callable
-        The quantity itself.
-    rough, noise : float
-        Sizes below which it counts as 0 before its sign is known, and after.
+    `values` are those at the Chebyshev points between the times, `exact` is the quantity itself. Below `rough` it
+    counts as 0 before its sign is known, below `noise` after.
     """
     signs = np.sign(np.where(np.abs(values) > rough, values, 0.0)).astype(int)
     c = from_nodes(values.size - 1) @ values

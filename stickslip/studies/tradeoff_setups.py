@@ -24,21 +24,11 @@ _ABSOLUTE = 0.01  # absolute tolerance, as a part of the relative one at the vel
 
 @dataclass(frozen=True)
 class Call:
-    """One call of `simulate`.
+    """One call of `simulate`."""
 
-    Parameters
-    ----------
-    family : str
-        Calls of one family follow each other from cheap to costly.
-    options : dict
-        Keyword arguments.
-    pre_slip : (float, str), optional
-        Velocity in m/s or rad/s and shape of a regularised scene.
-    """
-
-    family: str
-    options: dict[str, Any] = field(default_factory=dict)
-    pre_slip: tuple[float, Shape] | None = None
+    family: str  # calls of one family follow each other from cheap to costly
+    options: dict[str, Any] = field(default_factory=dict)  # keyword arguments
+    pre_slip: tuple[float, Shape] | None = None  # velocity in m/s or rad/s and shape of a regularised scene
 
     def run(self, scene: Scene, span: tuple[float, float]) -> Result:
         """Simulate."""
@@ -68,13 +58,7 @@ class Call:
 def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     """Return the calls that are applicable, family by family, from cheap to costly.
 
-    Parameters
-    ----------
-    scene : Scene
-    span : (float, float)
-        Time span in s.
-    scale : float
-        Size of the velocities in m/s or rad/s.
+    `scale` is the size of the velocities in m/s or rad/s.
     """
     found = [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span)]
     if scene.contacts and all(isinstance(contact.law, DryFriction) for contact in scene.contacts):

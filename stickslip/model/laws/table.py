@@ -15,11 +15,7 @@ from stickslip.model.laws.kinetic import Kinetic, Slipping
 class LawTable:
     """What the laws of all rows say, as arrays; lines 0 and 1 are for forward and backward slip.
 
-    Attributes
-    ----------
-    mu_s, mu_c, least : array (2, m)
-        Static and Coulomb coefficients, and those from which the static ones rise with the dwell.
-    sticks, has_slip_state, curved : array (m,) of bool
+    `least` are the coefficients from which the static ones rise with the dwell.
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
@@ -45,17 +41,8 @@ class LawTable:
 class VelocityDependentForces:
     """Friction forces of the contacts that act through their velocity, in one set of modes.
 
-    Parameters
-    ----------
-    laws : sequence of Law
-        One per contact.
-    sign : array (k,)
-        Directions of the contacts that slip in a known one, 0 for those that their kernels describe.
-
-    Attributes
-    ----------
-    bristles : array
-        Which of the contacts have states of their own.
+    `sign` are the directions of the contacts that slip in a known one, 0 for those that their kernels describe;
+    `bristles` those of them that have states of their own.
     """
 
     def __init__(self, laws: Sequence[Law], sign: Modes) -> None:
