@@ -407,7 +407,7 @@ class Parts:
         # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
-        given = given[: 1 + int(given.any(axis=1).nonzero()[0].max(initial=0))]
+        given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
         factor, jump = unit * share, series[:, 1]
         if own is not None:
             given = np.array([np.bincount(own, g)[own] for g in given])
