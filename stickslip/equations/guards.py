@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.floats import lines, smallest_of
+from stickslip.equations.floats import lines, remembered, smallest_of
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Expansion, Motion
@@ -542,11 +542,15 @@ class Guards:
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
-        laws = self.motion.laws_in_floats
-        if laws is None or self._on_lines is None:
+        motion, rows, own = self.motion, self.rows, self._on_lines
+        if motion.in_floats is None or own is None:
             return None
-        rows, reached = self.rows, self.motion.equations.L[self.rows.source]
-        return smallest_of(lines(*self._on_lines, rows.by_state, rows.turn[:, None] * reached), laws)
+
+        def made() -> Callable[[float, Array], float]:
+            reached = rows.turn[:, None] * motion.equations.L[rows.source]
+            return smallest_of(lines(*own, rows.by_state, reached), motion.laws_in_floats)
+
+        return remembered(rows.smallest_in_floats, made, *own, *motion.of_laws_on_lines)
 
     @cached_property
     def _of_states(self) -> Array | None:
