@@ -129,15 +129,11 @@ class Guards:
             if self._has_constant:
                 g = np.concatenate([g[:1] + self._constant, g[1:]])
             return g
-        g = expansion.z[:, rows.source]
-        g *= rows.turn
-        for k, q in enumerate(expansion.q):
-            if q is None:
-                continue
-            if rows.has_levels:
-                g[k] += rows.mu * q[rows.row]
-            if rows.rising.size:
-                g[k, rows.rising] -= rows.rise * q[rows.dwell]
+        g = rows.turn * expansion.z[:, rows.source]
+        if rows.has_levels:
+            g += rows.mu * expansion.q[:, rows.row]
+        if rows.rising.size:
+            g[:, rows.rising] -= rows.rise * expansion.q[:, rows.dwell]
         if self._has_constant:
             g[0] += self._constant
         return g

@@ -281,11 +281,10 @@ class Search:
         if not system.drives:
             return False
         for q in motion.start.q:
-            if q is not None:
-                rate = system.drive_accelerations(q)
-                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-                if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
-                    return True
+            rate = system.drive_accelerations(q)
+            led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
+            if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
+                return True
         return False
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
@@ -296,8 +295,7 @@ class Search:
             sign, ratio = guards.direction[i], np.inf
             source = int(guards.rows.source[i])
             for k in range(3):
-                q = expansion.q[k]
-                level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
+                level = float(guards.start[k, i] + sign * expansion.z[k, source])
                 force = sign * float(expansion.z[k, source])
                 if abs(force) > noise[k, i] or abs(level) > noise[k, i]:
                     ratio = force / level if level > noise[k, i] else np.inf
