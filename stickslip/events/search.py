@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.balance import Balance, joined
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
 from stickslip.equations.motion import Motion
