@@ -207,16 +207,9 @@ class Local:
         if led.size:
             k = int(forest.drive[led[0]])
             lead = float(parts.drive[k, 1]) if k >= 0 else 0.0
+        to_forward, to_backward = parts.levels(rows, t)[0]
         tree = Tree(
-            bodies,
-            parts.inertia[bodies],
-            force,
-            rows,
-            parts.levels(rows, 0, t)[0],
-            parts.levels(rows, 1, t)[0],
-            forward,
-            backward,
-            lead,
+            bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead
         )
         return tree, where
 
