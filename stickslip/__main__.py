@@ -31,10 +31,9 @@ from stickslip.simulation.explain import explain
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.scene_sweep import SceneRuns, values_of
-from stickslip.studies.sweeps import SweepInterrupted, SweepResult, sweep
+from stickslip.studies.sweep_data import SweepResult
+from stickslip.studies.sweeps import SweepInterrupted, sweep
 from stickslip.studies.tradeoff import tradeoff
-
-__all__ = ["main"]
 
 _OK, _FAILED, _BAD_INPUT, _INTERRUPTED = 0, 1, 2, 130
 _REPEATS = 10
@@ -68,13 +67,7 @@ def _refusals(what: str = "") -> Iterator[None]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input, 130 interrupted.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        By default those of the process.
-    """
+    """Run the command line and return its exit code: 0 ok, 1 the simulation failed, 2 bad input, 130 interrupted."""
     try:
         chosen = _parser().parse_args(arguments)
         job: Job = chosen.job

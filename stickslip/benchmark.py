@@ -11,17 +11,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.model.signal_makers import triangle
 from stickslip.model.signals import Signal
-from stickslip.simulation.result import Event
-
-__all__ = [
-    "BENCHMARK_SPAN",
-    "EXACT_EVENTS",
-    "EXACT_FINAL_VELOCITY",
-    "FLYWHEEL_LAW",
-    "flywheel_benchmark",
-    "flywheel_chain",
-    "four_flywheels",
-]
+from stickslip.results.outcome import Event
 
 BENCHMARK_SPAN = (0.0, 4.0)
 """Time span of the benchmark in s."""

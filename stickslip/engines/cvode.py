@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from stickslip.engines.series import Series
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.through_points import path_through
 from stickslip.engines.work import Work, failure_of
-from stickslip.equations.floats import evaluate, forces
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -128,7 +128,7 @@ class Cvode:
 
         def rate(tau: float, y: Array, out: Array) -> None:
             self._progress.note(tau)
-            out[:] = self._motion.rate(tau, y)
+            self._motion.rate(tau, y, out)
 
         def jacobian(tau: float, y: Array, rate: Array, out: Array) -> None:
             self._linear_solver.fill(self._motion.jacobian(tau, y), out)
@@ -171,7 +171,9 @@ class Selected:
             self._order = self._order[stays[self._order]]
             self._is_part = True
         self.start = self.pick(motion.y)
-        self._floats = motion.in_floats if self._is_all else None
+        in_floats = motion.in_floats if self._is_all else None
+        self.rate: Callable[[float, Array, Array], None] = in_floats or self._in_arrays
+        """Writes the rates."""
 
     def pick(self, values: Array) -> Array:
         """Return what belongs to the states that are integrated."""
@@ -193,12 +195,8 @@ class Selected:
         full[:, self._order] = points
         return self.motion.exact(taus, full.T).T
 
-    def rate(self, tau: float, y: Array) -> Array | list[float]:
-        """Return the rates."""
-        if self._floats is not None:
-            x = y.tolist()
-            return evaluate(self._floats[0], tau, x + forces(self._floats[1], tau, x))
-        return self.pick(self.motion.rate(tau, self.expand(tau, y)))
+    def _in_arrays(self, tau: float, y: Array, out: Array) -> None:
+        out[:] = self.pick(self.motion.rate(tau, self.expand(tau, y)))
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return the Jacobian."""

@@ -93,10 +93,9 @@ class Due:
         parts = self._parts
         force = self._moved(rows, t)
         g = np.concatenate([-force, force])
-        for side, own in ((0, g[: rows.size]), (1, g[rows.size :])):
-            level, rate = parts.levels(rows, side, t)
-            own[:, 0] += level
-            own[:, 1] += parts.unit * rate
+        levels, rates = parts.levels(rows, t)
+        g[:, 0] += levels.ravel()
+        g[:, 1] += parts.unit * rates.ravel()
         return g
 
     def _moved(self, rows: Indices, t: float) -> Array:
@@ -169,7 +168,7 @@ class Due:
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
-            return float(parts.levels(np.array([j]), 0, t)[0][0])
+            return float(parts.levels(np.array([j]), t)[0][0, 0])
         total = float(parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
             total += float(parts.speed[forest.parent[j]])

@@ -99,6 +99,7 @@ class Parts:
         count = forest.order + 1
         self._ascending = np.arange(1.0, count + 2)
         self._inverse = 1.0 / self._ascending
+        self._factorial = np.cumprod(np.append(1.0, self._ascending))
         q, slope = motion.stretch.at(motion.t), motion.stretch.slope
         self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
         self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
@@ -255,16 +256,16 @@ class Parts:
         """Return normal forces at time `t`."""
         return np.asarray(self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1])
 
-    def levels(self, rows: Indices, side: int, t: float) -> tuple[Array, Array]:
-        """Return breakaway levels at time `t`, forward (0) or backward (1), and their rates.
+    def levels(self, rows: Indices, t: float) -> tuple[Array, Array]:
+        """Return breakaway levels at time `t`, forward and backward (2, k), and their rates.
 
         Levels that rise with the dwell count as they are; their rates are those of the normal forces.
         """
-        static = self.system.mu_s[side, rows]
+        static = self.system.mu_s[:, rows]
         if self._any_dwells and (some := self.dwells[rows]).any():
             # what static coefficients lack until their dwell is over
             dwell = np.where(some, self.system.dwell[rows], 1.0)
-            static -= self.system.rise[side, rows] * np.exp(-(t - self.since[rows]) / dwell)
+            static -= self.system.rise[:, rows] * np.exp(-(t - self.since[rows]) / dwell)
         return static * self.normals(rows, t), static * self.normal[rows, 1]
 
     def state(self, t: float) -> Array:
@@ -401,40 +402,37 @@ class Parts:
         """Fill in the series of the groups' velocities; return those of the forces on the bodies."""
         k, unit, both = patch.bodies.size, self.unit, patch.both
         order = series.shape[1] - 1
-        is_many = scipy.sparse.issparse(both)
         fixed = patch.outer
         fixed[:, :3] += push
+        # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
+        factorial = self._factorial[: order + 1, None]
+        given = fixed[:, :order].T * factorial[:-1]
+        given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
+        factor, jump = unit * share, series[:, 1]
+        if own is not None:
+            given = np.array([np.bincount(own, g)[own] for g in given])
+            factor, jump = factor[own], jump[own]
+        given *= factor
+        given[0] += jump
         z = np.zeros((order + 1, 2 * k))
         z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
-        if is_many:
-            given = fixed.T
-            factor = unit * (share if own is None else share[own])
-        else:
-            W = share[:, None] * (np.eye(k) if own is None else own == np.arange(first.size)[:, None])
-            W = unit * (W if own is None else W[own])
-            given = np.ascontiguousarray((W @ fixed).T)
+        lines = list(z)
+        is_many = scipy.sparse.issparse(both)
+        if not is_many:
             step = np.zeros((2 * k, 2 * k))
-            np.matmul(W, both, out=step[:k])
+            step[:k] = factor[:, None] * (both if own is None else (own[:, None] == own) @ both)
             step[np.arange(k, 2 * k), np.arange(k)] = unit
-        last = int(np.flatnonzero(fixed.any(axis=0)).max(initial=0))
-        inverse = self._inverse.tolist()
         for i in range(order):
-            following = z[i + 1]
+            following = lines[i + 1]
             if is_many:
-                f = both @ z[i]
-                if i <= last:
-                    f += given[i]
-                if own is not None:
-                    f = np.bincount(own, f)[own]
-                np.multiply(factor, f, out=following[:k])
-                np.multiply(unit, z[i, :k], out=following[k:])
+                f = both @ lines[i]
+                np.multiply(factor, f if own is None else np.bincount(own, f)[own], out=following[:k])
+                np.multiply(unit, lines[i][:k], out=following[k:])
             else:
-                np.dot(step, z[i], out=following)
-                if i <= last:
-                    following[:k] += given[i]
-            following *= inverse[i]
-            if i == 0:
-                following[:k] += series[:, 1] if own is None else series[own, 1]
+                np.dot(step, lines[i], out=following)
+            if i < len(given):
+                following[:k] += given[i]
+        z /= factorial
         series[:] = z[:, first].T
         fixed[:, :order] += both @ z[:order].T
         return fixed[:, :order]

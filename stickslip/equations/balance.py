@@ -17,12 +17,8 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-__all__ = ["Balance", "joined"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14
 """Part of what has been taken away within which the rest is 0: numbers of the scene have no more digits in common."""
@@ -38,14 +34,7 @@ _RIGID = 1e10
 class Balance:
     """Accelerations and held forces of one set of held rows.
 
-    Parameters
-    ----------
-    inertia : array (n,)
-        Inertias of the free bodies in kg or kg m^2.
-    G : array or sparse (h, n)
-        Coefficients of the held rows on the free bodies.
-    D : array or sparse (h, d)
-        Coefficients of the held rows on the drives.
+    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives.
 
     Attributes
     ----------

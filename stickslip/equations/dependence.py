@@ -10,14 +10,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.reader import Form, Key, Node, differences
-
-__all__ = ["Dependence", "Friction", "Part"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 Regions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
@@ -70,14 +65,7 @@ class Part:
 class Dependence:
     """The inputs that depend on the state.
 
-    Parameters
-    ----------
-    first : int
-        Place of the first node's first value among the inputs.
-    normals : dict of int to Form
-        Normal forces that depend on the state, by row: what is added to their signals.
-    place : callable
-        The place of an input by its key.
+    The first value of the first node is input `first`; `normals` are what is added to normal forces, by row.
 
     Attributes
     ----------
@@ -205,16 +193,9 @@ class Dependence:
     ) -> None:
         """Enter what depends on the state into the inputs, in place; columns where there are many times.
 
-        Parameters
-        ----------
-        t, tau : float or array (k,)
-            Time, and local time of the motion, in s.
-        friction : Friction or None
-            The motion that tells friction forces; None where its modes are not known yet.
-        wanted : collection of int or None
-            The nodes that are wanted: functions may be slow. None for all of them.
-        regions : tuple of int or None
-            Whose line each table follows, also beyond its borders; None for what it is looked up at.
+        `friction` is the motion that tells friction forces, None where its modes are not known yet. Functions may be
+        slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
+        its borders; without `regions`, that of what it is looked up at.
         """
         for number, (node, part, own) in enumerate(
             zip(self.nodes, self.arguments, self._ranges, strict=True)

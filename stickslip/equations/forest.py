@@ -12,16 +12,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
-
-__all__ = ["Forest"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17

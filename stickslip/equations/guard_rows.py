@@ -6,18 +6,11 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
-
-__all__ = ["GuardRows", "InModes"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Modes
 
 
 class InModes(Protocol):
@@ -57,14 +50,7 @@ class GuardRows:
     that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
     on the state: N while closed, -N while open. Last come the velocities of open rows that show a mode.
 
-    Parameters
-    ----------
-    equations : InModes
-        What they are the guards of.
-    loose : array of int
-        Open rows whose velocity is watched.
-    signs : array like `loose`
-        The signs of these.
+    Of `loose`, open rows, the velocities are watched; these have the `signs`.
 
     Attributes
     ----------

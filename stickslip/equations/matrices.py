@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Triplets", "dense", "row_maxima"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array
 
 
 class Triplets:

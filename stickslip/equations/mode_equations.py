@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Waves
@@ -16,26 +15,14 @@ from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import TaylorMap, is_small
+from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
-
-__all__ = [
-    "APART",
-    "AT_HIGH",
-    "AT_LOW",
-    "FREE",
-    "OPEN",
-    "ModeEquations",
-    "equations_in",
-    "velocity_dependent_in",
-]
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
 
 _MOST_MAPS = 50
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 OPEN, FREE, AT_HIGH, AT_LOW, APART = 2, 3, 4, 5, 6
 """Besides -1, 0 and +1: a row without force; a law without modes; a row that others hold at rest while it carries its
@@ -44,13 +31,13 @@ upper or lower level (MODEL rule 8); a row whose force is a piecewise-linear fun
 _NO_REGIONS = np.empty(0, dtype=np.int16)
 
 
-def equations_in(modes: NDArray[np.int8], system: System, regions: Regions = _NO_REGIONS) -> ModeEquations:
+def equations_in(modes: Modes, system: System, regions: Regions = _NO_REGIONS) -> ModeEquations:
     """Return the equations of a system in one set of modes and regions; the system remembers the latest."""
     found: ModeEquations = system.remembered(_made, modes.tobytes() + regions.tobytes())
     return found
 
 
-def velocity_dependent_in(modes: NDArray[np.int8], system: System) -> NDArray[np.bool_]:
+def velocity_dependent_in(modes: Modes, system: System) -> Mask:
     """Tell which rows have a force that depends on their velocity; `modes` (m,) or (m, times)."""
     laws = system.laws
     slides, builds = laws.curved, laws.has_slip_state
@@ -72,15 +59,11 @@ class ModeEquations:
     none, and the borders of the regions of piecewise-linear functions. ``e`` are the friction forces that depend on
     velocity. `q` are the inputs of the system, followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
 
-    Parameters
-    ----------
-    modes : array (m,)
-        For each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART.
-    regions : array (p,)
-        The region of each piecewise-linear function.
+    `modes` are for each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART; `regions` those of the piecewise-linear
+    functions.
     """
 
-    def __init__(self, system: System, modes: NDArray[np.int8], regions: Regions = _NO_REGIONS) -> None:
+    def __init__(self, system: System, modes: Modes, regions: Regions = _NO_REGIONS) -> None:
         self.system, self.modes, self.regions = system, modes, regions
         self.is_held = (modes == 0) & system.hard
         self.held = self.is_held.nonzero()[0]
@@ -161,7 +144,7 @@ class ModeEquations:
 
     # -- guards ----------------------------------------------------------------------------------------------
 
-    def guard_rows(self, labels: NDArray[np.int8]) -> GuardRows:
+    def guard_rows(self, labels: Modes) -> GuardRows:
         """Return the guards where rows show these labels: open ones that show a mode are watched, too."""
         signs = labels[self.open]
         if not signs.any():
@@ -189,7 +172,7 @@ class ModeEquations:
         found[:, bodies] = rows @ dual
         return found
 
-    def locked(self, rows: Any, but_by_drives: bool = False) -> NDArray[np.bool_]:
+    def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
         """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
         system, balance = self.system, self.balance
         G, D = system.G[rows], system.D[rows]
@@ -261,7 +244,7 @@ class ModeEquations:
         return self._of_friction(wide)
 
     @cached_property
-    def watched_by_laws(self) -> NDArray[np.bool_]:
+    def watched_by_laws(self) -> Mask:
         """Tell what watched quantities the forces that depend on velocity may reach."""
         m, found = self.system.m, np.zeros(self.rows, dtype=bool)
         if self.velocity_dependent.size:

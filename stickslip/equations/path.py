@@ -9,9 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
 from numpy.polynomial.polynomial import polyint, polyvander
-from numpy.typing import NDArray
 
-__all__ = ["Path", "chebyshev_nodes", "chebyshev_values", "from_nodes", "gauss_nodes", "values"]
+from stickslip.model.arrays import Array, Indices
 
 _FEW = 400
 """Values of polynomials that are computed one by one."""
@@ -19,35 +18,18 @@ _FEW = 400
 _AT_ONCE = 50_000
 """Coefficients that are evaluated at once."""
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Path:
-    """The states of one motion as a polynomial in each step.
+    """The states of one motion as a polynomial in each step."""
 
-    Attributes
-    ----------
-    taus : array (k + 1,)
-        Ends of the steps in s since the start of the motion, the first 0.
-    coefficients : array (k, order + 1, size)
-        In step i the state is ``sum_j coefficients[i, j] p_j(s)`` with s from 0 to 1 over the step.
-    last : array (size,)
-        The state at the end.
-    hit : bool
-        Whether a guard came to 0 at the end.
-    is_chebyshev : bool
-        Whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not.
-    touched : int, optional
-        The row whose relative velocity touches 0 at the end, None for none.
-    """
-
-    taus: Array
+    taus: Array  # (k + 1,): ends of the steps in s since the start of the motion, the first 0
+    # (k, order + 1, size): in step i the state is ``sum_j coefficients[i, j] p_j(s)``, s from 0 to 1 over it
     coefficients: Array
-    last: Array
-    hit: bool
-    is_chebyshev: bool = False
-    touched: int | None = None
+    last: Array  # (size,): the state at the end
+    hit: bool  # whether a guard came to 0 at the end
+    is_chebyshev: bool = False  # whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not
+    touched: int | None = None  # the row whose relative velocity touches 0 at the end, None for none
 
     @property
     def has_event(self) -> bool:
@@ -126,7 +108,7 @@ class Path:
 
 
 def values(
-    coefficients: Array, step: NDArray[np.intp], s: Array, is_chebyshev: bool, integrated: bool = False
+    coefficients: Array, step: Indices, s: Array, is_chebyshev: bool, integrated: bool = False
 ) -> Array:
     """Return the values of the polynomials of some steps at places from 0 to 1, or their integrals from 0 on."""
     _, terms, size = coefficients.shape

@@ -9,14 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements.book import RowEntry
 
-__all__ = ["PiecewiseMatrices", "Regions"]
-
-Array = NDArray[np.float64]
-
 _NONE = np.empty(0, dtype=np.int16)
-Indices = NDArray[np.intp]
 Regions = NDArray[np.int16]
 
 _WITHIN = 1e-9
@@ -82,14 +78,7 @@ class PiecewiseMatrices:
         return np.asarray((self.places(regions)[self.owner] == self.within).nonzero()[0])
 
     def at(self, y: Array, q: Array, regions: Regions | None) -> Regions:
-        """Return the regions in which a state lies; those given are kept where it lies within or at their borders.
-
-        Parameters
-        ----------
-        y, q : array
-            States and inputs.
-        regions : array (p,) or None
-        """
+        """Return the regions in which a state lies; those given are kept where it lies within or at their borders."""
         if not self.count:
             return _NONE
         q = q[: self.border_q.shape[1]]
@@ -125,7 +114,7 @@ class PiecewiseMatrices:
         np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
         return upper, lower, sizes
 
-    def shown(self, labels: NDArray[np.int8], regions: Regions) -> NDArray[np.int8]:
+    def shown(self, labels: Modes, regions: Regions) -> Modes:
         """Return the modes that rows show, with those that show regions."""
         labels = labels.copy()
         labels[self.row] = self.mode[self.places(regions)]

@@ -12,18 +12,15 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.model import quantities as of
+from stickslip.model.arrays import Array
 from stickslip.model.elements import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity
 from stickslip.model.signals import Constant, Load, Signal
 
-__all__ = ["BlockPlace", "Form", "Key", "Node", "Reader", "differences"]
-
 _Found = TypeVar("_Found")
-Array = NDArray[np.float64]
 Key = tuple[str, int, int]
 """Kind of an input, its number, and for functions which of their values."""
 
@@ -67,30 +64,18 @@ class BlockPlace:
 
 @dataclass
 class Node:
-    """A function among the inputs, that returns `width` values; `label` is how messages name it.
-
-    Attributes
-    ----------
-    values : callable or None
-        ``values(t, arguments)`` returns `width` numbers; None for heat and tables.
-    given : callable or None
-        ``given(t, arguments)`` returns their derivatives, a line each; None where differences are taken.
-    row : int
-        The row whose heat it is, -1 for a function.
-    timed : bool
-        Whether it depends on time beside its arguments.
-    table : Table or None
-        Straight lines, each of which holds in a region of the one argument.
-    """
+    """A function among the inputs, that returns `width` values; `label` is how messages name it."""
 
     label: str
     arguments: list[Form]
+    # ``values(t, arguments)`` returns `width` numbers; None for heat and tables
     values: Callable[[float, Array], Array] | None = None
+    # ``given(t, arguments)`` returns their derivatives, a line each; None where differences are taken
     given: Callable[[float, Array], Array] | None = None
-    row: int = -1
+    row: int = -1  # the row whose heat it is, -1 for a function
     width: int = 1
-    timed: bool = False
-    table: of.Table | None = None
+    timed: bool = False  # whether it depends on time beside its arguments
+    table: of.Table | None = None  # straight lines, each of which holds in a region of the one argument
     calls: int = 0
     known: dict[tuple[float, ...], Array] = field(default_factory=dict)
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.dependence import Dependence, Friction, Part
@@ -22,6 +21,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
+from stickslip.model.arrays import Array
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -30,10 +30,6 @@ from stickslip.model.piecewise import Linear
 from stickslip.model.quantities import Expression, Output, Position, RelativeVelocity, Stretch, as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
-
-__all__ = ["System"]
-
-Array = NDArray[np.float64]
 
 _DENSE_LIMIT = 150
 """Bodies and rows together from which matrices are kept sparse."""

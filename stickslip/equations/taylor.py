@@ -13,14 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
-
-__all__ = ["TaylorMap", "is_small", "is_small_map"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array
 
 _MOST_ENTRIES = 100_000
 _FASTEST = 1e12
@@ -41,23 +37,10 @@ def is_small_map(system: System, columns: int, rows: int) -> bool:
 class TaylorMap:
     """The map from states, inputs and dwells to the Taylor coefficients in one set of modes.
 
-    Parameters
-    ----------
-    system : System
-    of_states, of_inputs : array
-        Maps from states, and from inputs and dwells, to rates, watched quantities and guards.
-    watched : int
-        How many watched quantities there are.
-    consistent : callable
-        Writes the dependent velocities of states through the independent ones, given those of the drives.
-    order : int
-        Highest order.
-    frozen : bool
-        Whether static coefficients keep their values.
-    link : callable or None
-        Enters the inputs that depend linearly on the state into columns of inputs, from columns of states.
-    waves : Waves
-        The sines.
+    `of_states` and `of_inputs` are the maps from states, and from inputs and dwells, to rates, `watched` quantities and
+    guards. `consistent` writes dependent velocities through the independent ones, given those of the drives; `link`
+    enters the inputs that depend linearly on the state into columns of inputs, from columns of states. Where it is
+    `frozen`, static coefficients keep their values.
     """
 
     def __init__(

@@ -10,16 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
-
-__all__ = ["collapse"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _SOME = 1e-9
 """Part of what adds up, or of the largest, below which a force or a rate is roundoff."""
@@ -30,19 +25,14 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
 
     None where no drives tear them, or each in a single loop: there the largest ratio of force to level decides.
 
-    Parameters
-    ----------
-    motion : Motion
-        One in which all rows that may hold are held.
-    guards : Guards
-        Those of this motion.
+    All rows that may hold are held in this motion.
     """
     system, equations = motion.system, motion.equations
     held, balance = equations.held, equations.balance
     if balance.parting is None:
         return None
     for q in motion.start.q:
-        rate = np.zeros(system.drives) if q is None else system.drive_accelerations(q)
+        rate = system.drive_accelerations(q)
         adds_up = abs(balance.parting) @ np.abs(rate)
         torn = np.abs(balance.parting @ rate) > _SOME * adds_up
         if torn.any():

@@ -6,32 +6,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.equations.guards import ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Struck, struck
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.crossings import root_between
-
-__all__ = [
-    "AtLimit",
-    "Jump",
-    "at_limit",
-    "at_stops",
-    "jumped",
-    "relaxed",
-    "shown_at_end",
-    "until_unseen_crossing",
-]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
 
 _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
@@ -52,48 +37,23 @@ _SAME = 1e-12
 
 
 class AtLimit(NamedTuple):
-    """What has come to its limit at the end of a path.
+    """What has come to its limit at the end of a path."""
 
-    Attributes
-    ----------
-    touching : array (m,) of bool
-        Rows whose relative velocity has come to 0.
-    fired : array (m,) of bool
-        Rows whose guard has.
-    crossed : array of int
-        Borders of regions.
-    let_go : array (m,) of int8, or None
-        Where it is one held row alone, and no other guard is near 0, the direction in which it is pushed.
-    """
-
-    touching: Mask
-    fired: Mask
-    crossed: Indices
+    touching: Mask  # (m,): rows whose relative velocity has come to 0
+    fired: Mask  # (m,): rows whose guard has
+    crossed: Indices  # borders of regions
+    # (m,): where it is one held row alone, and no other guard is near 0, the direction in which it is pushed
     let_go: Modes | None
 
 
 class Jump(NamedTuple):
-    """What impacts and jumping drives do at an instant.
+    """What impacts and jumping drives do at an instant."""
 
-    Attributes
-    ----------
-    parted : array (m,) of bool
-        Rows whose relative velocity jumps.
-    y : array (size,)
-        The state after it.
-    sides : array (m,) of int8
-        +1 where a stop rests at its upper limit then, -1 at its lower one.
-    hit : array (m,) of bool
-        Stops that have been hit.
-    impact : Struck or None
-        What impulses did; None for none.
-    """
-
-    parted: Mask
-    y: Array
-    sides: Modes
-    hit: Mask
-    impact: Struck | None
+    parted: Mask  # (m,): rows whose relative velocity jumps
+    y: Array  # (size,): the state after it
+    sides: Modes  # (m,): +1 where a stop rests at its upper limit then, -1 at its lower one
+    hit: Mask  # (m,): stops that have been hit
+    impact: Struck | None  # what impulses did; None for none
 
 
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
@@ -135,23 +95,8 @@ def at_stops(
 ) -> tuple[Modes, Mask]:
     """Return at which limits stops are, and which of them have come there only now.
 
-    Parameters
-    ----------
-    system : System
-    y, q : array
-        States and inputs.
-    before : array (m,), optional
-        The modes that rows showed, None at the start.
-    largest : array (size,), optional
-        How large the states have been on the way.
-    crossed : array of int, optional
-        Borders that have been found at 0.
-
-    Returns
-    -------
-    array (m,) of int8
-        +1 at the upper limit, -1 at the lower one, 0 elsewhere.
-    array (m,) of bool
+    `before` are the modes that rows showed, None at the start, and `crossed` borders that have been found at 0. A limit
+    is +1, the upper one, or -1; elsewhere stands 0.
     """
     sides = np.zeros(system.m, dtype=np.int8)
     if not system.has_stops:
@@ -330,14 +275,14 @@ def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]
     return end, sorted(ones)
 
 
-def _signed(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+def _signed(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     system = motion.system
     q = motion.loads(taus) if system.drives else np.empty(0)
     w = system.relative_velocity(motion.exact(taus, states), q)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 
-def _signed_rates(motion: Motion, taus: Array, states: Array, rows: NDArray[np.intp]) -> Array:
+def _signed_rates(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     """Return how fast relative velocities grow away from 0."""
     system = motion.system
     dq = np.zeros((system.inputs + system.dwelling.size, taus.size))

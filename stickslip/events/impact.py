@@ -16,17 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
-
-__all__ = ["Jammed", "Struck", "struck"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Sides = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
@@ -36,61 +30,32 @@ _NO_DISTANCE = 1e-8
 
 
 class Jammed(Exception):
-    """No velocities satisfy the rows: drives press rigid ones together.
+    """No velocities satisfy the rows: drives press rigid ones together."""
 
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
-
-    def __init__(self, rows: NDArray[np.intp]) -> None:
+    def __init__(self, rows: Indices) -> None:
         super().__init__("no velocities satisfy the rows")
         self.rows = rows
 
 
 class Struck(NamedTuple):
-    """What an impact does.
+    """What an impact does."""
 
-    Attributes
-    ----------
-    v : array (n,)
-        Velocities of the bodies after it.
-    impulses : array (m,)
-        Of all rows; they act with ``-c_i r`` on body i.
-    lost : array (m,)
-        The energy in J that each row took: over an impulse r its relative velocity goes from w- to w+, and the work is
-        ``r (w- + w+) / 2``.
-    """
-
-    v: Array
-    impulses: Array
+    v: Array  # (n,): velocities of the bodies after it
+    impulses: Array  # (m,): of all rows; they act with ``-c_i r`` on body i
+    # (m,): the energy in J that each row took: over an impulse r its relative velocity goes from w- to w+,
+    # and the work is ``r (w- + w+) / 2``
     lost: Array
 
 
-def struck(system: System, v: Array, before: Array, after: Array, sides: Sides, hit: Mask) -> Struck:
+def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, hit: Mask) -> Struck:
     """Return the velocities after impacts, and after jumps of drives.
 
     First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
     that turns a free one-way clutch forward, or drives a stop into its limit that just parted or parts from it, these
     and all others take part in a second impact without restitution. So no impact makes energy.
 
-    Parameters
-    ----------
-    system : System
-    v : array (n,)
-        Velocities of the bodies before.
-    before, after : array (d,)
-        Velocities of the drives.
-    sides : array (m,)
-        +1 where a stop is at its upper limit, -1 at its lower one, 0 elsewhere.
-    hit : array (m,) of bool
-        Stops that come to their limit now.
-
-    Raises
-    ------
-    Jammed
-        If no velocities satisfy all rows.
+    Drives have the velocities `before` and `after`; `sides` are +1 where a stop is at its upper limit and -1 at its
+    lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
     """
     speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
     least = _SAME * speed * system.largest_lever
@@ -152,7 +117,7 @@ def _nearest(
     return np.asarray(system.balance(closed.tobytes()).project(v, u)), impulses
 
 
-def _complementary(gram: Array, short: Array, rows: NDArray[np.intp]) -> Array:
+def _complementary(gram: Array, short: Array, rows: Indices) -> Array:
     """Return ``P >= 0`` complementary to ``gram P - short >= 0``, with `gram` symmetric and not negative."""
     size = np.sqrt(np.maximum(gram.diagonal(), 0.0))
     stiff = size > 0

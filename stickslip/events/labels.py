@@ -5,18 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Uncertainty
-
-__all__ = ["label"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Mask, Modes
 
 _DIFFERENCED = 1e-6
 _HIGHEST = 8
@@ -35,20 +29,8 @@ def label(
 ) -> tuple[Modes, Mask]:
     """Return the modes that rows show, and which open rows keep theirs though their velocity has died away.
 
-    Parameters
-    ----------
-    motion : Motion
-    named : array (m,)
-        The signs of the relative velocities.
-    w : array (m,)
-        Relative velocities.
-    resting : array (m,) of bool
-        Rows whose relative velocity is 0.
-    before : array (m,) or None
-        The modes that rows showed so far, None at the start.
-    crossed : array (m,) of bool
-        Rows whose velocity was beyond 0 by more than is uncertain: it has not died away.
-    uncertainty : Uncertainty
+    `named` are the signs of the relative velocities `w`, `before` the modes shown so far, None at the start. Where a
+    velocity has `crossed` 0 by more than is uncertain, it has not died away.
     """
     equations, modes = motion.equations, motion.equations.modes
     if not (equations.open.size or equations.free.size or equations.at_level.size):

@@ -6,11 +6,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["nonnegative_least_squares"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array, Mask
 
 _TINY = 1e-13
 _ROUNDS = 100
@@ -22,15 +19,7 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     The columns that count are linearly independent, because each enters with a part that the others cannot explain.
     Each round leaves a smaller residual than all before, so no set of columns comes twice, and the rounds end.
 
-    Parameters
-    ----------
-    matrix : array (n, m)
-    target : array (n,)
-
-    Raises
-    ------
-    ArithmeticError
-        If roundoff keeps the rounds from ending.
+    If roundoff keeps them from it, that is an ArithmeticError.
     """
     count = matrix.shape[1]
     x, counts = np.zeros(count), np.zeros(count, dtype=bool)
@@ -59,7 +48,7 @@ def nonnegative_least_squares(matrix: Array, target: Array) -> Array:
     raise ArithmeticError("an impact or a share of forces is too ill-conditioned to solve")
 
 
-def _solved(matrix: Array, target: Array, counts: NDArray[np.bool_]) -> Array:
+def _solved(matrix: Array, target: Array, counts: Mask) -> Array:
     found = np.zeros(counts.size)
     found[counts] = np.linalg.lstsq(matrix[:, counts], target, rcond=None)[0]
     return found

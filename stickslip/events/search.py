@@ -7,10 +7,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance, joined
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
 from stickslip.equations.motion import Motion
@@ -18,12 +18,7 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
-
-__all__ = ["Inconsistent", "Search", "Situation", "Uncertainty"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9
 """Part of the largest relative acceleration below which a row does not move along."""
@@ -33,58 +28,30 @@ _MOST_TRIALS = 1000
 
 
 class Inconsistent(Exception):
-    """No set of modes satisfies the laws of all rows at rest.
+    """No set of modes satisfies the laws of all rows at rest."""
 
-    Parameters
-    ----------
-    rows : array of int
-        The rows concerned.
-    """
-
-    def __init__(self, rows: NDArray[np.intp]) -> None:
+    def __init__(self, rows: Indices) -> None:
         super().__init__("no consistent modes")
         self.rows = rows
 
 
 class Situation(NamedTuple):
-    """What is known at an instant at which modes may change.
+    """What is known at an instant at which modes may change."""
 
-    Attributes
-    ----------
-    t : float
-        Time in s; loads count with their right limits.
-    y : array (size,)
-    labels : array (m,) or None
-        Modes before, None at the start.
-    since : array (m,)
-        When each row last became held, in s.
-    touching : array (m,) of bool
-        Rows whose relative velocity has been found to be 0.
-    fired : array (m,) of bool
-        Rows found at their limit.
-    was : array (size,), optional
-        Bounds of the sizes of the states since the modes before began.
-    let_go : array (m,) of int, optional
-        The direction in which a held row is pushed that alone has come to its limit.
-    regions : array (p,), optional
-        The regions of the piecewise-linear functions before, None at the start.
-    sides : array (m,), optional
-        +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere.
-    touched : int or None
-        The row whose relative velocity only touches 0.
-    """
-
-    t: float
-    y: Array
-    labels: Modes | None
-    since: Array
-    touching: Mask
-    fired: Mask
-    was: Array | None = None
+    t: float  # time in s; loads count with their right limits
+    y: Array  # (size,)
+    labels: Modes | None  # (m,): modes before, None at the start
+    since: Array  # (m,): when each row last became held, in s
+    touching: Mask  # (m,): rows whose relative velocity has been found to be 0
+    fired: Mask  # (m,): rows found at their limit
+    was: Array | None = None  # (size,): bounds of the sizes of the states since the modes before began
+    # (m,): the direction in which a held row is pushed that alone has come to its limit
     let_go: Modes | None = None
+    # (p,): the regions of the piecewise-linear functions before, None at the start
     regions: Regions | None = None
+    # (m,): +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere
     sides: Modes | None = None
-    touched: int | None = None
+    touched: int | None = None  # the row whose relative velocity only touches 0
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""
@@ -98,20 +65,11 @@ class Situation(NamedTuple):
 
 
 class Uncertainty(NamedTuple):
-    """What the errors of a run leave uncertain.
+    """What the errors of a run leave uncertain."""
 
-    Attributes
-    ----------
-    velocity_resolution : float
-        Velocity in m/s or rad/s that the tolerances do not resolve.
-    force_uncertainty : float
-        Part of the forces that is uncertain.
-    velocity_uncertainty : float
-        Velocity in m/s or rad/s by which a row has to pass 0 before that is an event: what errors of steps add up to.
-    """
-
-    velocity_resolution: float
-    force_uncertainty: float
+    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
+    force_uncertainty: float  # part of the forces that is uncertain
+    # velocity in m/s or rad/s by which a row has to pass 0 for an event: what errors of steps add up to
     velocity_uncertainty: float
 
 
@@ -240,7 +198,7 @@ class Search:
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
         return following
 
-    def _farthest(self, motion: Motion, rows: NDArray[np.intp], ratio: Array) -> Mask:
+    def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
 
         Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
@@ -256,7 +214,7 @@ class Search:
             largest = each[number]
         return np.asarray(ratio >= largest * (1 - AT_LIMIT))
 
-    def _released(self, trial: Modes, motion: Motion, rows: NDArray[np.intp], side: Array) -> Modes:
+    def _released(self, trial: Modes, motion: Motion, rows: Indices, side: Array) -> Modes:
         """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
 
         Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
@@ -286,11 +244,11 @@ class Search:
         following[rows] = self._moving(rows, side)
         return following
 
-    def _moving(self, rows: NDArray[np.intp], side: Array) -> Modes:
+    def _moving(self, rows: Indices, side: Array) -> Modes:
         """Return the modes of rows that are let go to the side to which they are pushed."""
         return np.where(self._system.is_stop[rows], APART, np.sign(side)).astype(np.int8)
 
-    def _spared(self, motion: Motion, rows: NDArray[np.intp], slopes: Array) -> Mask:
+    def _spared(self, motion: Motion, rows: Indices, slopes: Array) -> Mask:
         """Tell which of some held rows others can spare: in each loop, of rows that tie all together where that goes.
 
         Where it does not, those go first whose guards fall fastest.
@@ -310,7 +268,7 @@ class Search:
                 spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
         return spared
 
-    def _can_spare(self, motion: Motion, rows: NDArray[np.intp]) -> bool:
+    def _can_spare(self, motion: Motion, rows: Indices) -> bool:
         """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
         balance = motion.equations.balance
         rest = motion.equations.is_held.copy()
@@ -318,20 +276,19 @@ class Search:
         others = self._system.balance(rest.tobytes())
         return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
-    def _parts(self, motion: Motion, others: Balance, rows: NDArray[np.intp]) -> bool:
+    def _parts(self, motion: Motion, others: Balance, rows: Indices) -> bool:
         """Tell whether drives that move apart part the ends of some rows when only others hold."""
         system = self._system
         if not system.drives:
             return False
         for q in motion.start.q:
-            if q is not None:
-                rate = system.drive_accelerations(q)
-                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-                if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
-                    return True
+            rate = system.drive_accelerations(q)
+            led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
+            if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
+                return True
         return False
 
-    def _ratios(self, motion: Motion, guards: Guards, over: NDArray[np.intp]) -> Array:
+    def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
         found = np.empty(over.size)
         expansion, noise = motion.start, ROUNDOFF * guards.majorant
@@ -339,8 +296,7 @@ class Search:
             sign, ratio = guards.direction[i], np.inf
             source = int(guards.rows.source[i])
             for k in range(3):
-                q = expansion.q[k]
-                level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
+                level = float(guards.start[k, i] + sign * expansion.z[k, source])
                 force = sign * float(expansion.z[k, source])
                 if abs(force) > noise[k, i] or abs(level) > noise[k, i]:
                     ratio = force / level if level > noise[k, i] else np.inf
@@ -392,7 +348,7 @@ class Search:
                     return found
         raise Inconsistent(rows)
 
-    def _combinations(self, rows: NDArray[np.intp]) -> Iterator[Modes]:
+    def _combinations(self, rows: Indices) -> Iterator[Modes]:
         base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
         system = self._system
         choices = [

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.equations.guards import ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import APART, FREE, OPEN
@@ -17,47 +17,24 @@ from stickslip.equations.system import System
 from stickslip.events.impact import Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
-
-__all__ = ["Settled", "carried_on", "only_bends", "settle"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Mask, Modes
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Consistent modes and the motion that starts with them.
+    """Consistent modes and the motion that starts with them."""
 
-    Attributes
-    ----------
-    labels : array (m,)
-        The mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is.
-    motion : Motion
-    guards : Guards
-    impact : Struck or None
-        With which the motion began; None for none.
-    """
-
-    labels: Modes
+    labels: Modes  # (m,): the mode that each row shows: -1, 0 or +1; OPEN where a gap or stop is
     motion: Motion
     guards: Guards
-    impact: Struck | None = None
+    impact: Struck | None = None  # with which the motion began; None for none
 
 
 def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
     """Tell whether modes may go on at a break of loads: all rows are pressed, no velocity jumps, and none is 0 by now.
 
-    Parameters
-    ----------
-    now : Settled
-        Up to `t`.
-    stretch : Stretch
-        The loads from there on.
-    t : float
-        Time in s.
-    y, largest : array (size,)
-        State there, and bounds of the sizes of the states on the way.
+    `now` is the motion up to `t`, `stretch` the loads from there on; `largest` bounds the sizes of the states on the
+    way.
     """
     motion, system = now.motion, now.motion.system
     if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
@@ -71,19 +48,7 @@ def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Arra
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
-    """Return what goes on in the same modes after a sample or a break, None where these may not hold.
-
-    Parameters
-    ----------
-    now : Settled
-        Up to `t`.
-    stretch : Stretch
-        The loads from there on.
-    t : float
-        Time in s.
-    y : array (size,)
-        State there.
-    """
+    """Return what goes on in the same modes after a sample or a break, None where these may not hold."""
     motion = now.motion
     if motion.equations.modes.max(initial=0) >= OPEN:
         return None
@@ -102,17 +67,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
     that others can spare carries its level instead (MODEL rule 8).
 
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-    now : Situation
-    uncertainty : Uncertainty
-
-    Raises
-    ------
-    Inconsistent
-        If no set of modes is consistent.
+    If no set of modes is consistent, that is `Inconsistent`.
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)

@@ -11,17 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
-
-__all__ = ["Share", "share"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _SOON = 1e-6
 """How far ahead to look, as a part of the time in which a force changes by as much as it is."""
@@ -32,31 +27,18 @@ _SELF_STRESS = 1e-9
 
 @dataclass(frozen=True)
 class Share:
-    """Rows whose limits matter.
-
-    Attributes
-    ----------
-    rows : array of int
-    side : array
-        +1 where the upper limit matters, -1 where the lower one.
-    holds : bool
-        Whether there are forces within all limits: the rows then carry what is their limit. If not, they move.
-    """
+    """Rows whose limits matter."""
 
     rows: Indices
-    side: Array
+    side: Array  # +1 where the upper limit matters, -1 where the lower one
+    # whether there are forces within all limits: the rows then carry their limit; if not, they move
     holds: bool
 
 
 def share(motion: Motion, guards: Guards) -> Share | None:
     """Return how the held rows of a motion share what they hold just after its start, None where nothing is shared.
 
-    Parameters
-    ----------
-    motion : Motion
-        One in which all rows that may share are held.
-    guards : Guards
-        Those of this motion.
+    All rows that may share are held in this motion.
     """
     held, balance = motion.equations.held, motion.equations.balance
     if balance.loop.max(initial=-1) < 0:

@@ -9,14 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.forest import Forest
-
-__all__ = ["Outcome", "Tree", "settle_tree"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices, Modes
 
 _CLEAR = 1e-9
 """Forces nearer to their levels than this part of them are settled with the whole scene."""
@@ -26,59 +21,34 @@ _MOVES = 1e-7
 
 
 class Tree(NamedTuple):
-    """Bodies that held rows, and the row at its limit, join.
+    """Bodies that held rows, and the row at its limit, join."""
 
-    Attributes
-    ----------
-    bodies : array (k,) of int
-        In order of their places.
-    inertia, force : array (k,)
-        And the forces on them, all but those of the rows.
-    rows : array (h,) of int
-        The rows, the one at its limit first.
-    upper, lower : array (h,)
-        Levels that they hold forward and backward.
-    forward, backward : array (h,)
-        Forces while they slip.
-    lead : float or None
-        Acceleration of the ground or drive that one of the rows joins to, None where none does.
-    """
-
-    bodies: Indices
+    bodies: Indices  # (k,): in order of their places
+    # (k,): their inertias, and the forces on them, all but those of the rows
     inertia: Array
     force: Array
-    rows: Indices
+    rows: Indices  # (h,): the rows, the one at its limit first
+    # (h,): levels that they hold forward and backward
     upper: Array
     lower: Array
+    # (h,): forces while they slip
     forward: Array
     backward: Array
+    # acceleration of the ground or drive that one of the rows joins to, None where none does
     lead: float | None
 
 
 class Outcome(NamedTuple):
-    """What goes on.
+    """What goes on."""
 
-    Attributes
-    ----------
-    mode : array (h,) of int8
-        Of the rows of the tree.
-    label : array (k,) of int
-        Bodies with the same number stay together.
-    """
-
-    mode: NDArray[np.int8]
-    label: Indices
+    mode: Modes  # (h,): of the rows of the tree
+    label: Indices  # (k,): bodies with the same number stay together
 
 
 def settle_tree(forest: Forest, tree: Tree, side: int) -> Outcome | None:
     """Return the modes in which a tree goes on, None where that is not clear.
 
-    Parameters
-    ----------
-    forest : Forest
-    tree : Tree
-    side : int
-        The direction in which the first row lets go, 0 where it has come to rest.
+    `side` is the direction in which the first row lets go, 0 where it has come to rest.
     """
     if tree.bodies.size == 1 and tree.rows.size == 1:
         return _settle_one(forest, tree, side)
@@ -146,7 +116,7 @@ def _settle_one(forest: Forest, tree: Tree, side: int) -> Outcome | None:
 def _release(
     tree: Tree,
     forest: Forest,
-    mode: NDArray[np.int8],
+    mode: Modes,
     force: Array,
     k: int,
     side: int,
@@ -162,7 +132,7 @@ def _release(
 
 
 def _move(
-    tree: Tree, mode: NDArray[np.int8], force: Array, place: Indices, beyond: Indices, parent: Indices
+    tree: Tree, mode: Modes, force: Array, place: Indices, beyond: Indices, parent: Indices
 ) -> tuple[Indices, Array]:
     """Return which bodies stay together, and the accelerations of all."""
     label = np.zeros(tree.bodies.size, dtype=np.intp)

@@ -12,25 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = [
-    "NamedArguments",
-    "as_number",
-    "check_entries",
-    "check_name",
-    "check_takes",
-    "file_path",
-    "finite",
-    "flag",
-    "in_order",
-    "limit",
-    "name_of",
-    "names",
-    "numbers",
-    "sequence",
-    "whole",
-]
+from stickslip.model.arrays import Array
 
 _MOST = 100_000_000
 
@@ -203,7 +186,7 @@ def name_of(function: Callable[..., Any]) -> str:
     return str(getattr(function, "__qualname__", simple))
 
 
-def numbers(values: Any, what: str) -> NDArray[np.float64]:
+def numbers(values: Any, what: str) -> Array:
     """Return numbers in one line as an array; which of them make sense is not looked at.
 
     `what` begins the message of what is refused.

@@ -6,17 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, limit
 from stickslip.model.elements.block import Sampled, StateSpace
 from stickslip.model.quantities import as_expression, output
 from stickslip.model.signals import Load
-
-__all__ = ["pid"]
-
-Array = NDArray[np.float64]
 
 
 def pid(

@@ -9,8 +9,6 @@ from math import ceil, isfinite
 import numpy as np
 import scipy
 
-__all__ = ["crossings", "positive_pieces", "root_between"]
-
 _SAMPLES_AT_LEAST = 20
 _ROUNDOFF = 1e-12
 

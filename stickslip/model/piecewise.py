@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Linear", "Region"]
-
 
 @dataclass(frozen=True)
 class Linear:
@@ -37,18 +35,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the state space in which a piecewise-linear function is linear.
+    """A part of the state space in which a piecewise-linear function is linear."""
 
-    Attributes
-    ----------
-    value : Linear
-        The function there.
-    borders : tuple of (Linear, int)
-        Expressions that are positive inside, and the number of the region beyond each.
-    mode : int
-        What a row shows while its function is there: OPEN, FORWARD or BACKWARD.
-    """
-
-    value: Linear
+    value: Linear  # the function there
+    # expressions that are positive inside, and the number of the region beyond each
     borders: tuple[tuple[Linear, int], ...] = ()
-    mode: int = 0
+    mode: int = 0  # what a row shows while its function is there: OPEN, FORWARD or BACKWARD

@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import (
     as_number,
     check_entries,
@@ -30,36 +30,6 @@ from stickslip.model.checks import (
 )
 from stickslip.model.signal_makers import signal_from_dict
 from stickslip.model.signals import ZERO, Constant, Line, Load, Signal, as_signal
-
-__all__ = [
-    "TIME",
-    "Expression",
-    "Feedback",
-    "Normal",
-    "Output",
-    "Position",
-    "Power",
-    "Quantity",
-    "RelativeVelocity",
-    "Stretch",
-    "Table",
-    "Velocity",
-    "as_expression",
-    "as_load",
-    "feedback",
-    "load_from_dict",
-    "normal",
-    "output",
-    "position",
-    "power",
-    "relative_velocity",
-    "saturate",
-    "stretch",
-    "table",
-    "velocity",
-]
-
-Array = NDArray[np.float64]
 
 
 class Quantity(Load):

@@ -12,7 +12,8 @@ import numpy as np
 
 from stickslip.model.checks import check_entries
 from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row
-from stickslip.model.elements.base import GROUND, Motion, check_motion, listed
+from stickslip.model.elements.base import Motion, check_motion, listed
+from stickslip.model.elements.book import GROUND
 from stickslip.model.laws import Law, PreSlip, Shape
 from stickslip.model.laws.dry_friction import law_from_dict
 from stickslip.model.quantities import (
@@ -25,8 +26,6 @@ from stickslip.model.quantities import (
     Velocity,
     load_from_dict,
 )
-
-__all__ = ["Scene"]
 
 _ROUNDOFF = 1e-9
 

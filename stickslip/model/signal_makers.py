@@ -10,8 +10,6 @@ from typing import Any
 from stickslip.model.checks import check_entries, check_takes, finite, sequence
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, as_signal
 
-__all__ = ["piecewise_linear", "signal", "signal_from_dict", "sine", "step", "triangle"]
-
 
 def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
     """Return straight lines between the points ``(times[i], values[i])``.

@@ -14,27 +14,10 @@ from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
-
-__all__ = [
-    "ZERO",
-    "Clipped",
-    "Constant",
-    "Function",
-    "Line",
-    "Load",
-    "PiecewiseLinear",
-    "Signal",
-    "Sine",
-    "Sum",
-    "as_signal",
-    "time_scale",
-]
-
-Array = NDArray[np.float64]
 
 _SAMPLES_PER_PERIOD = 16
 

@@ -8,8 +8,6 @@ from stickslip.model.checks import NamedArguments, check_name, flag
 from stickslip.model.quantities import Expression, as_expression
 from stickslip.model.signals import Constant, Load
 
-__all__ = ["When"]
-
 
 @dataclass(frozen=True)
 class When(metaclass=NamedArguments):

@@ -9,8 +9,6 @@ import numpy as np
 from stickslip.plots.style import COLOURS, STUDY, check_is, own_axes, within_or_beside
 from stickslip.results.units import units
 
-__all__ = ["bifurcation"]
-
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
 """What marks each kind of point on a branch."""
 

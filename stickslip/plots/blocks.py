@@ -9,8 +9,6 @@ import numpy as np
 from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.outcome import Drawable
 
-__all__ = ["block"]
-
 _CURVES = 8
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.elements import Contact
 from stickslip.model.laws.table import steady_forces
 from stickslip.model.modes import Mode
@@ -33,10 +33,6 @@ from stickslip.plots.style import (
 )
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
-
-__all__ = ["characteristic", "contact_forces", "load_of_contacts", "normal_forces", "phase_portrait"]
-
-Array = NDArray[np.float64]
 
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
 

@@ -7,8 +7,6 @@ from typing import Any
 from stickslip.plots.style import COLOURS, TIME, check_is, many_axes, new_figure, within_or_beside
 from stickslip.results.units import units
 
-__all__ = ["fit"]
-
 
 def fit(found: Any, *, axes: Any = None) -> Any:
     """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.

@@ -11,8 +11,6 @@ from typing import Any
 
 from matplotlib import rc_context
 
-__all__ = ["STYLE", "bitmap", "table", "vector"]
-
 STYLE = """
 <style>
 .stickslip table { border-collapse: collapse; font-size: 0.9em; margin: 0.4em 0; }

@@ -10,8 +10,6 @@ from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
 
-__all__ = ["has_limits", "stretch"]
-
 
 def has_limits(result: Drawable, row: str) -> bool:
     """Tell whether a row is a gap or a stop."""

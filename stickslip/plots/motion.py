@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.path import Path
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
 from stickslip.plots.style import (
@@ -31,8 +31,6 @@ from stickslip.plots.style import (
 )
 from stickslip.results.outcome import Drawable
 from stickslip.results.units import units
-
-__all__ = ["body_names", "modes", "velocities", "velocity_units"]
 
 MANY = 12
 """More curves or strips than this become a raster."""
@@ -109,13 +107,7 @@ def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: 
 
 
 def body_names(result: Drawable, bodies: Sequence[str] | None) -> list[str]:
-    """Return the bodies and drives to draw: those asked for, else all of the scene.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If there is no such body, or they are no sequence of names.
-    """
+    """Return the bodies and drives to draw: those asked for, else all of the scene."""
     known = [one.name for one in (*result.scene.bodies, *result.scene.drives)]
     wanted = known if bodies is None else checked_names(bodies, "bodies")
     for name in wanted:
@@ -168,7 +160,7 @@ def _stripes(spans: list[tuple[float, float]]) -> Path:
     return Path(np.array(corners, dtype=float).reshape(-1, 2), codes)
 
 
-def _rug(ax: Any, times: NDArray[np.float64], points: dict[str, Any]) -> None:
+def _rug(ax: Any, times: Array, points: dict[str, Any]) -> None:
     """Draw ticks along the bottom at computed times, every so many where all of them would run together."""
     every = -(-times.size // _TICKS)
     if every > 1:

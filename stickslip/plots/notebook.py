@@ -20,16 +20,6 @@ from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.outcome import Drawable, Event
 from stickslip.results.units import units
 
-__all__ = [
-    "cycle_html",
-    "elements_table",
-    "events_table",
-    "final_table",
-    "result_html",
-    "scene_html",
-    "study_html",
-]
-
 _EVENTS = 12
 _ELEMENTS = 40
 _ENDS = ("a", "b", "body", "sun", "carrier", "ring")

@@ -14,8 +14,6 @@ from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Drawable
 from stickslip.results.shares import share
 
-__all__ = ["report"]
-
 _EVENTS = 200
 _ROWS = 40
 _POINTS = 300
@@ -45,14 +43,7 @@ pre {{ white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.8rem; backgr
 
 @apart_from_pyplot()
 def report(result: Drawable, title: str) -> str:
-    """Return a page on a result: scene, motion, modes, forces, energies, events with their causes, accuracy.
-
-    Parameters
-    ----------
-    result : Result
-    title : str
-        Heading of the page.
-    """
+    """Return a page on a result: scene, motion, modes, forces, energies, events with their causes, accuracy."""
     if not result.t.size:
         return _page(title, [("Outcome", f"<p>{escape(result.message)}</p>"), _scene(result)])
     sections = [

@@ -36,8 +36,6 @@ from stickslip.plots import symbols
 from stickslip.plots.style import new_figure, own_axes
 from stickslip.results.units import units
 
-__all__ = ["schematic"]
-
 MOST = 12
 """More bodies and drives than this are not drawn."""
 

@@ -13,35 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import names as checked_names
 from stickslip.results.outcome import Drawable, check_result
-
-__all__ = [
-    "COLOURS",
-    "FINE",
-    "NORMAL",
-    "TIME",
-    "WITH_DOTS",
-    "apart_from_pyplot",
-    "beside",
-    "color_bar",
-    "contact_names",
-    "dots",
-    "edges",
-    "even_points",
-    "keep_names_inside",
-    "look",
-    "makes_room",
-    "many_axes",
-    "mark_events",
-    "new_figure",
-    "of_result",
-    "over_time",
-    "own_axes",
-    "raster",
-    "robust",
-    "value_raster",
-]
 
 TIME = "time [s]"
 FINE = 1500
@@ -120,13 +94,7 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
-    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more.
-
-    Raises
-    ------
-    TypeError
-        If what is given are no axes.
-    """
+    """Return the axes given, or those of a new figure; call it when nothing else can be refused any more."""
     if ax is None:
         return new_figure(width, height, layout="constrained").subplots()
     if not isinstance(ax, Axes):
@@ -139,10 +107,7 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
 def many_axes(axes: Any, count: int, what: str) -> list[Any]:
     """Return axes given for the panels of a figure.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If they are no axes, or not as many as panels; `what` begins the message.
+    They must be as many as panels; `what` begins the message.
     """
     listed = list(axes) if isinstance(axes, Iterable) else [axes]
     if len(listed) != count:
@@ -197,13 +162,7 @@ def mark_events(ax: Any, result: Drawable) -> None:
 
 
 def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
-    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row.
-    """
+    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
     known = [row.name for row in result.scene.rows]
     wanted = known if contacts is None else checked_names(contacts, "contacts")
     for name in wanted:
@@ -212,7 +171,7 @@ def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]
     return wanted
 
 
-def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+def edges(centres: Array) -> Array:
     """Return the edges of cells around rising centres."""
     if centres.size < 2:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
@@ -220,7 +179,7 @@ def edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([centres[:1], middles, centres[-1:]])
 
 
-def raster(ax: Any, t: NDArray[np.float64], rows: NDArray[Any], names: list[str], **options: Any) -> Any:
+def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: Any) -> Any:
     """Draw a row of colours per name over time, the first on top, and return the mesh."""
     places = np.arange(len(names) + 1) - 0.5
     keep = np.concatenate([[True], np.diff(t) > 0])
@@ -252,7 +211,7 @@ def color_bar(ax: Any, mesh: Any, label: str, **options: Any) -> Any:
     return ax.figure.colorbar(mesh, label=label, **options)
 
 
-def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
+def robust(values: Array) -> tuple[dict[str, float], str]:
     """Return limits of a colour scale that a few extremes do not stretch until all else looks alike.
 
     The text says at which ends of the colour bar an arrow tells that values lie beyond.
@@ -267,22 +226,14 @@ def robust(values: NDArray[np.float64]) -> tuple[dict[str, float], str]:
     return {"vmin": low, "vmax": high}, ends
 
 
-def value_raster(
-    ax: Any, t: NDArray[np.float64], rows: NDArray[np.float64], names: list[str], label: str
-) -> None:
+def value_raster(ax: Any, t: Array, rows: Array, names: list[str], label: str) -> None:
     """Draw numbers as a raster with its colour bar."""
     limits, ends = robust(rows)
     color_bar(ax, raster(ax, t, rows, names, cmap="cividis", **limits), label, extend=ends)
 
 
 def check_is(thing: Any, kind: str, what: str) -> None:
-    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots.
-
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
-    """
+    """Refuse what is not of the class that is drawn; it is known by name, for studies come after plots."""
     if kind not in (one.__name__ for one in type(thing).__mro__):
         raise TypeError(f"{what}: expected a {kind}, got {type(thing).__name__}")
 

@@ -10,8 +10,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from stickslip.plots.style import STUDY, check_is, own_axes, robust
 
-__all__ = ["sweep_map"]
-
 
 def sweep_map(
     result: Any,

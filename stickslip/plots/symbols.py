@@ -7,23 +7,6 @@ from typing import Any
 
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-__all__ = [
-    "Symbol",
-    "dashpot",
-    "gap",
-    "gears",
-    "ground",
-    "link",
-    "one_way",
-    "one_way_up",
-    "planetary",
-    "plates",
-    "relation",
-    "spring",
-    "spring_and_dashpot",
-    "stop",
-]
-
 Symbol = Callable[[Any, float, float, float], None]
 """Draws on axes, at a place x, from a lower to an upper end."""
 

@@ -19,8 +19,6 @@ from stickslip.plots.style import (
     within_or_beside,
 )
 
-__all__ = ["tradeoff", "work_precision"]
-
 _NOTES = 6
 _APART = 0.4
 """Decades between families below what the reference can tell."""

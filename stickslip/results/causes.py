@@ -7,18 +7,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.laws import Law
 from stickslip.model.laws.base import Character
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event, Outcome
 from stickslip.results.samples import Samples
 from stickslip.results.units import units
-
-__all__ = ["event_sentences"]
-
-Array = NDArray[np.float64]
 
 _AT_ONCE = 1_000_000
 _WORDS = {Mode.BACKWARD: "backward", Mode.STUCK: "nowhere", Mode.FORWARD: "forward"}
@@ -87,7 +83,7 @@ def _limits(samples: Samples, events: list[Event], rows: list[int]) -> list[_Lim
     return found
 
 
-def _at_events(at: Samples, rows: NDArray[np.intp]) -> Array:
+def _at_events(at: Samples, rows: Indices) -> Array:
     """Return force, level and relative velocity of one row at each time."""
     return np.array(
         [table[rows, np.arange(rows.size)] for table in (at.forces, at.breakaways, at.relative_velocities)]

@@ -11,23 +11,12 @@ from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Trajectory
 
-__all__ = ["final_scene"]
-
 
 def final_scene(trajectory: Trajectory) -> Scene:
     """Return the scene at the end of a motion: simulated from that time on, it goes on as the motion would have.
 
     Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
     end. Loads stay as they are: they are functions of the same time.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-
-    Raises
-    ------
-    ValueError
-        If nothing was computed, or only the requested outputs were kept.
     """
     if not trajectory.pieces:
         raise ValueError("final_scene: nothing was computed, so there is no end to go on from")

@@ -9,15 +9,11 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.results.outcome import Runs
 from stickslip.results.samples import Samples, integrated
-
-__all__ = ["EnergyLedger", "energy"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
+from stickslip.model.arrays import Modes
 from stickslip.model.elements import KINDS, AnyBlock, Contact, Gap, OneWay, Sampled, StateSpace, Stop
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table, as_expression
@@ -20,35 +20,19 @@ from stickslip.results.causes import event_sentences
 from stickslip.results.outcome import Outcome, Runs
 from stickslip.results.units import units
 
-__all__ = ["explain_result", "explain_scene", "span_of"]
-
-Array = NDArray[np.float64]
-
 _LISTED = 12
 _MODE_SETS = 20
 
 
 def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
-    """Return what a scene is compiled to, and which engine takes it.
-
-    Parameters
-    ----------
-    system : System
-    loads : Loads
-        Over the time span.
-    engine, reason : str
-        The engine, and why it is chosen.
-    """
+    """Return what a scene is compiled to, and which engine takes it."""
     return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
 
 
 def explain_result(result: Runs) -> str:
     """Return what was compiled, which guards were watched, and why each event happened, run by run.
 
-    Parameters
-    ----------
-    result : Result or Joined
-        One that kept only its outputs gets causes without numbers.
+    A result that kept only its outputs gets causes without numbers.
     """
     parts = []
     for run in result.runs:
@@ -278,7 +262,7 @@ def _block(block: AnyBlock) -> str:
 
 def _watched(result: Outcome) -> list[str]:
     """Return which guards were watched in which sets of modes, and for how long."""
-    seen: dict[bytes, tuple[NDArray[np.int8], list[float]]] = {}
+    seen: dict[bytes, tuple[Modes, list[float]]] = {}
     trajectory = result.samples.trajectory
     for modes, duration in trajectory.each_modes():
         seen.setdefault(modes.tobytes(), (modes, []))[1].append(duration)
@@ -299,7 +283,7 @@ def _watched(result: Outcome) -> list[str]:
     return lines
 
 
-def _modes(system: System, modes: NDArray[np.int8]) -> str:
+def _modes(system: System, modes: Modes) -> str:
     words = {
         Mode.STUCK: "stuck",
         Mode.FORWARD: "forward",

@@ -23,8 +23,6 @@ from stickslip.results.samples import Samples
 from stickslip.results.tables import how_it_ended
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
-__all__ = ["Kept", "read", "save"]
-
 _FORMAT = 4
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
@@ -98,18 +96,7 @@ class Kept:
 def read(path: Target, scene: Scene | None = None) -> Kept:
     """Return what `save` wrote.
 
-    Parameters
-    ----------
-    path : path
-    scene : Scene, optional
-        The simulated scene, where its signals or laws are code that no file holds.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is not such a file, or the scene is missing or another one.
+    Where signals or laws of the scene are code that no file holds, it has to be given.
     """
     try:
         with np.load(file_path(path, "load"), allow_pickle=False) as file:

@@ -11,18 +11,13 @@ from numpy.typing import NDArray
 from stickslip.results.outcome import Outcome
 from stickslip.results.samples import Samples
 
-__all__ = ["joined", "of_each"]
-
 T = TypeVar("T")
 
 
 def of_each(runs: Sequence[Outcome], read: Callable[[Samples], T]) -> list[T | None]:
     """Return what is read of each run, and None where a run does not know what it is asked for.
 
-    Raises
-    ------
-    ValueError
-        If no run knows it.
+    If no run knows it, its ValueError goes on.
     """
     found: list[T | None] = []
     fault: ValueError | None = None

@@ -7,16 +7,11 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Protocol, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stickslip.model.arrays import Array, Modes
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 
-__all__ = ["Drawable", "Event", "Outcome", "Runs", "Target", "check_result"]
-
-Array = NDArray[np.float64]
 Target = str | PathLike[str]
 
 
@@ -145,7 +140,7 @@ class Drawable(Runs, Protocol):
         """Return a contact's normal force at the times `t`."""
         ...
 
-    def mode(self, contact: str) -> NDArray[np.int8]:
+    def mode(self, contact: str) -> Modes:
         """Return a row's modes at the times `t`."""
         ...
 
@@ -173,10 +168,7 @@ class Drawable(Runs, Protocol):
 def check_result(result: Any, what: str) -> None:
     """Refuse what is no result of a simulation.
 
-    Raises
-    ------
-    TypeError
-        `what` begins the message.
+    `what` begins the message.
     """
     if not hasattr(result, "runs"):
         raise TypeError(

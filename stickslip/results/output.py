@@ -5,8 +5,6 @@ from __future__ import annotations
 from stickslip.model.quantities import output as output_of
 from stickslip.results import files, tables
 
-__all__ = ["output"]
-
 
 class _Output:
     """``output(block)`` is a quantity; ``output.to_csv`` and its sisters write results."""

@@ -18,13 +18,8 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.pickled import PickledByFields
-
-__all__ = ["Patches", "Patchwork", "Series"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _AT_ONCE = 100_000
 _DEGREES = (3, 6, 10, 15)
@@ -39,18 +34,8 @@ _NOTHING = 1e-18
 class Patches:
     """Collects what a run expands: at each tick some bodies and rows.
 
-    Parameters
-    ----------
-    system : System
-    t : float
-        Start in s.
-    unit : float
-        Time in s by which the series are scaled.
-    labels : array (m,)
-        Modes that the rows show at the start: open ones keep theirs.
-    drives : (array (d,), array (d, 2))
-        Positions, and velocities and accelerations, of the drives at the start `since`.
-    since : float
+    `unit` is the time in s by which the series are scaled; open rows keep their `labels`. Drives have their positions,
+    and velocities and accelerations, at the time `since`.
     """
 
     def __init__(
@@ -104,24 +89,16 @@ class Patches:
 
 @dataclass(frozen=True)
 class Series(PickledByFields):
-    """Polynomials of many things, those of one thing together and in order of time.
+    """Polynomials of many things, those of one thing together and in order of time."""
 
-    Attributes
-    ----------
-    tick, thing : array (r,) of int
-        From which tick on an entry holds, and for which body or row.
-    origin : array (r,)
-    first, second : array (r,)
-        Position and lead of a body; mode and start of rest of a row.
-    terms : array (r, order + 1)
-    """
-
+    # (r,): from which tick on an entry holds, and for which body or row
     tick: Indices
     thing: Indices
-    origin: Array
+    origin: Array  # (r,)
+    # (r,): position and lead of a body; mode and start of rest of a row
     first: Array
     second: Array
-    terms: Array
+    terms: Array  # (r, order + 1)
 
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> Series:
@@ -152,14 +129,7 @@ class Series(PickledByFields):
     def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
-        Parameters
-        ----------
-        held : Held
-            Which entries.
-        t : array
-            The times in s, in the shape of `held` or the same for each of its things.
-        unit : float
-            Time in s by which the series are scaled.
+        The times are in the shape of `held`, or the same for each of its things.
         """
         t, stops = t.ravel(), np.append(0, np.cumsum(held.counts))
         found = np.empty(stops[-1])
@@ -178,21 +148,11 @@ class Series(PickledByFields):
 
 @dataclass(frozen=True)
 class Held:
-    """Which entries of series hold at some times, for one thing after the other.
+    """Which entries of series hold at some times, for one thing after the other."""
 
-    Attributes
-    ----------
-    entries : slice
-        The entries of these things.
-    counts : array of int
-        At how many times in a row each of them holds.
-    shape : (int, int)
-        How many things and times there are.
-    """
-
-    entries: slice
-    counts: Indices
-    shape: tuple[int, int]
+    entries: slice  # the entries of these things
+    counts: Indices  # at how many times in a row each of them holds
+    shape: tuple[int, int]  # how many things and times there are
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return at all times what each entry has, a line for each thing."""
@@ -270,17 +230,10 @@ def _degrees(terms: Array, reach: Array) -> Indices:
 
 @dataclass(frozen=True)
 class Patchwork(PickledByFields):
-    """A motion between two breaks of the loads, with all its events.
-
-    Attributes
-    ----------
-    starts : array (p,)
-        When each piece begins: the start, and every event.
-    stop : float
-    """
+    """A motion between two breaks of the loads, with all its events."""
 
     system: System = field(repr=False)
-    starts: Array
+    starts: Array  # (p,): when each piece begins: the start, and every event
     stop: float
     unit: float
     labels: Modes = field(repr=False)

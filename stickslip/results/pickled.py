@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-__all__ = ["PickledByFields"]
-
 
 class PickledByFields:
     """A dataclass that leaves out of a pickle what follows from its fields and was kept."""

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.path import gauss_nodes
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.trajectory import Trajectory
-
-__all__ = ["of_bodies", "of_drives"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _PER_PERIOD = 8
 _NODES = 10
@@ -23,16 +18,6 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
 
     ``x(t) - x_0 = integral of v dt``. The polynomials of free bodies are integrated term by term; bodies that are
     held go where those that hold them go.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    piece_of : array (k,) of int
-        The piece of each time.
-    taus : array (k,)
-        Times in s since its start.
-    bodies : slice, optional
-        Which bodies; by default all.
     """
     system = trajectory.system
     if not taus.size:
@@ -60,12 +45,6 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     """Return how far the drives have come since the start of the trajectory, in m or rad, a line each.
 
     Their velocities are integrated by Gauss quadrature between breaks and over parts of periods.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-    times : array (k,)
-        In s.
     """
     if not times.size:
         return np.zeros((trajectory.system.drives, 0))

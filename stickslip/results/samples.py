@@ -19,18 +19,13 @@ from stickslip.equations.path import gauss_nodes
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements import GROUND, Sampled
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
-
-__all__ = ["Samples", "integrated"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
@@ -43,25 +38,15 @@ _MOST_NODES = 10
 
 @dataclass(frozen=True)
 class Samples(PickledByFields):
-    """A trajectory at some times.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-    t : array (k,)
-        Times in s.
-    kept : array (size, k) or None
-        States there; None where they are read when they are needed.
-    piece_of : array (k,) of int
-        The piece that each time belongs to: at an event there is one before and one after.
-    rows : slice
-        The rows whose quantities are read: all, or one of many.
-    """
+    """A trajectory at some times."""
 
     trajectory: Trajectory = field(repr=False)
-    t: Array = field(repr=False)
+    t: Array = field(repr=False)  # (k,): times in s
+    # (size, k): states there; None where they are read when they are needed
     kept: Array | None = field(repr=False)
+    # (k,): the piece that each time belongs to: at an event there is one before and one after
     piece_of: Indices = field(repr=False)
+    # the rows whose quantities are read: all, or one of many
     rows: slice = field(default_factory=lambda: slice(None), repr=False)
 
     @classmethod
@@ -72,13 +57,7 @@ class Samples(PickledByFields):
 
     @classmethod
     def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
-        """Return a trajectory at times in s, right limits at events.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside, or only the requested outputs were kept.
-        """
+        """Return a trajectory at times in s, right limits at events."""
         piece_of = trajectory.places(times)
         return cls._of(trajectory, times, piece_of, trajectory.local(piece_of, times))
 
@@ -427,18 +406,7 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     Every step of the solver, every part of a period of the loads, and the times themselves bound an interval. Its
     nodes are enough for the polynomials within the steps.
 
-    Parameters
-    ----------
-    samples : Samples
-    lines : int
-        How many quantities the integrand has.
-    integrand : callable
-        Returns them at the times of other samples, a line each.
-
-    Raises
-    ------
-    ValueError
-        If only the requested outputs were kept.
+    `integrand` returns so many `lines` at the times of other samples.
     """
     trajectory = samples.trajectory
     out, base = np.zeros((lines, samples.t.size)), np.zeros(lines)

@@ -6,18 +6,13 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Trajectory, kind_of
-
-__all__ = ["at_steps", "fit_for_plot", "refined"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _STRAIGHT = 1e-3
 """How far straight lines between the times may be off, as a part of each quantity's range."""
@@ -35,10 +30,6 @@ def fit_for_plot(trajectory: Trajectory) -> Samples:
     Within a step of length 1 a straight line over a part ``1/k`` is off by at most ``max|y''| / (8 k^2)``. The second
     derivative is bounded by the coefficients of the step's polynomial. Velocities and positions are right to 1e-3 of
     their ranges, also positions that are no states. Both limits stand at every event, and all ends of steps are kept.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
     """
     return Samples.at_local(trajectory, *_fit(trajectory))
 
@@ -92,14 +83,8 @@ def _firsts(paths: list[Path]) -> Indices:
 def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
     """Return pieces and local times: the ends of steps, and evenly spaced times within each.
 
-    Parameters
-    ----------
-    ends : array (k,)
-        Local times at which steps end, of one piece after the other, the start of each among them.
-    counts : array (k,)
-        Into how many parts the step from there on is cut; that of the last one of a piece counts nothing.
-    sizes : array (p,)
-        How many ends each piece has.
+    `ends` are those of one piece after the other, its start among them, and `sizes` how many each piece has. The step
+    from each on is cut into `counts` parts; the last of a piece counts nothing.
     """
     counts, lengths = counts.copy(), np.diff(ends, append=0.0)
     lasts = np.cumsum(sizes) - 1

@@ -10,8 +10,6 @@ from stickslip.results.in_a_row import of_each
 from stickslip.results.outcome import Runs
 from stickslip.results.samples import Samples
 
-__all__ = ["share"]
-
 _OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
 _OF_GAPS = (Mode.BACKWARD, Mode.OPEN, Mode.FORWARD)
 _PARTS = 32

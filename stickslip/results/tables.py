@@ -18,8 +18,6 @@ from stickslip.results.outcome import Drawable, Event, Outcome, Target, check_re
 from stickslip.results.samples import Samples
 from stickslip.results.units import units as units_of
 
-__all__ = ["column_units", "columns", "how_it_ended", "summary", "to_csv", "to_frame", "to_json"]
-
 
 def columns(result: Drawable) -> dict[str, NDArray[Any]]:
     """Return motion, forces, modes, powers and energies of a result, under their names in files.

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
@@ -18,14 +17,9 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
-
-__all__ = ["Piece", "Pieces", "Trajectory", "balances_kept", "by_piece", "kind_of"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
 
 _BALANCE_BYTES = 32_000_000
 """Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""
@@ -37,40 +31,20 @@ _AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Piece:
-    """One motion, from one event or break of the loads to the next.
+    """One motion, from one event or break of the loads to the next."""
 
-    Attributes
-    ----------
-    t, stop : float
-        Start and end in s.
-    y : array (size,)
-        State at the start.
-    modes : array (m,) of int8
-        Modes as the equations know them.
-    labels : array (m,) of int8
-        Modes that the rows show: -1, 0 or +1.
-    since : array (m,)
-        When each row last became held, in s.
-    regions : array (p,) of int16
-        The region of each piecewise-linear function.
-    impulses : array (m,) or None
-        Of the rows, with which the motion began; None for none.
-    lost : array (m,) or None
-        The energy in J that each row took with its impulse.
-    path : Path or None
-        The states; None where only the requested outputs were kept.
-    """
-
+    # start and end in s
     t: float
     stop: float
-    y: Array = field(repr=False)
-    modes: Modes
-    labels: Modes
-    since: Array = field(repr=False)
-    regions: Regions = field(repr=False)
+    y: Array = field(repr=False)  # (size,): state at the start
+    modes: Modes  # (m,): modes as the equations know them
+    labels: Modes  # (m,): modes that the rows show: -1, 0 or +1
+    since: Array = field(repr=False)  # (m,): when each row last became held, in s
+    regions: Regions = field(repr=False)  # (p,): the region of each piecewise-linear function
+    # (m,): of the rows, with which it began; None for none
     impulses: Array | None = field(repr=False)
-    lost: Array | None = field(repr=False)
-    path: Path | None = field(repr=False)
+    lost: Array | None = field(repr=False)  # (m,): the energy in J that each row took with its impulse
+    path: Path | None = field(repr=False)  # the states; None where only the requested outputs were kept
 
     @property
     def end(self) -> float:
@@ -133,17 +107,10 @@ class Pieces(PickledByFields, Sequence[Piece]):
 
 @dataclass(frozen=True)
 class Trajectory(PickledByFields):
-    """All pieces of a simulated motion, in order of time.
-
-    Attributes
-    ----------
-    system : System
-    span : (float, float, bool)
-        Start and end in s of the loads, and whether a fixed-step method read them.
-    pieces : sequence of Piece
-    """
+    """All pieces of a simulated motion, in order of time."""
 
     system: System = field(repr=False)
+    # start and end in s of the loads, and whether a fixed-step method read them
     span: tuple[float, float, bool]
     pieces: Sequence[Piece] = field(repr=False)
     _balances: dict[bytes, Balance] = field(default_factory=dict, repr=False, compare=False)
@@ -190,13 +157,7 @@ class Trajectory(PickledByFields):
         return Motion(equations, self.loads.after(piece.t), piece.t, piece.y, piece.since)
 
     def places(self, times: Array) -> Indices:
-        """Return the piece that holds each time, the later one at an event.
-
-        Raises
-        ------
-        ValueError
-            If a time lies outside, or only the requested outputs were kept.
-        """
+        """Return the piece that holds each time, the later one at an event."""
         if not times.size:
             return np.empty(0, dtype=np.intp)
         if not self.pieces:
@@ -254,13 +215,7 @@ class Trajectory(PickledByFields):
                 yield np.ascontiguousarray(inner[:, k]), duration
 
     def steps(self, number: int) -> Array:
-        """Return the local times at which steps of a piece end, its start among them.
-
-        Raises
-        ------
-        ValueError
-            If only the requested outputs were kept.
-        """
+        """Return the local times at which steps of a piece end, its start among them."""
         part, k = self.part(number)
         if isinstance(part, Patchwork):
             return np.asarray(part.ends(k) - part.starts[k])
@@ -312,13 +267,6 @@ class Trajectory(PickledByFields):
         """Return the states at local times of pieces, one column each.
 
         Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
-
-        Parameters
-        ----------
-        piece_of : array (k,) of int
-            The piece of each time.
-        taus : array (k,)
-            Times in s since its start.
         """
         found = self.evaluated(piece_of, taus)
         self._tie(piece_of, taus, found)
@@ -327,14 +275,7 @@ class Trajectory(PickledByFields):
     def evaluated(self, piece_of: Indices, taus: Array, integrated: bool = False) -> Array:
         """Return the polynomials of the steps at local times of pieces, one column each.
 
-        Parameters
-        ----------
-        piece_of : array (k,) of int
-            The piece of each time.
-        taus : array (k,)
-            Times in s since its start.
-        integrated : bool
-            Whether the velocities are integrated from the start of each piece.
+        If `integrated`, the velocities are, from the start of each piece.
         """
         found = np.empty((self.system.n if integrated else self.system.size, taus.size))
         blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
@@ -403,14 +344,8 @@ class Trajectory(PickledByFields):
     ) -> None:
         """Write what depends on others through the rows that hold it, in place.
 
-        Parameters
-        ----------
-        held : iterable of (bytes, array of int or slice)
-            Sets of held rows, and the columns in which each holds.
-        v : array (n, k)
-            Velocities of the bodies, or what follows the same ties.
-        drives : array (d, k) or None
-            The same of the drives.
+        `v` are velocities of the bodies, or what follows the same ties, and `drives` the same of the drives; `held`
+        tells which sets of rows hold in which columns.
         """
         for key, chosen in held:
             balance = self.balance(key)

@@ -9,19 +9,12 @@ from stickslip.model.elements import GROUND, Body, Drive, Force
 from stickslip.model.elements.base import Motion, Radii
 from stickslip.model.scene import Scene
 
-__all__ = ["Units", "units"]
-
 
 @dataclass(frozen=True)
 class Units:
-    """SI units of a body's or a row's quantities.
+    """SI units of a body's or a row's quantities."""
 
-    Attributes
-    ----------
-    inertia, position, velocity, force, stiffness, damping : str
-        Of rotation, of translation, or both beside each other.
-    """
-
+    # of rotation, of translation, or both beside each other
     inertia: str
     position: str
     velocity: str
@@ -50,11 +43,7 @@ def units(scene: Scene, *elements: Any) -> Units:
     A tie or a gear has the units of its first member whose coefficient is 1 or -1 (of a gear `a`, of a planetary the
     sun): its force is the one on that member.
 
-    Parameters
-    ----------
-    scene : Scene
-    *elements : Element
-        Bodies, drives, forces, or what joins bodies; by default all bodies and drives.
+    Without elements, they are those of all bodies and drives.
     """
     motions = {_motion(scene, element) for element in elements or (*scene.bodies, *scene.drives)}
     return _OF[motions.pop()] if len(motions) == 1 else _BOTH

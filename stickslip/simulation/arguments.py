@@ -14,27 +14,13 @@ from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, flag, in_order, numbers
 from stickslip.model.laws.base import Use
 from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
 from stickslip.simulation.tolerances import largest_value
-
-__all__ = [
-    "Formulation",
-    "Times",
-    "between",
-    "check_laws",
-    "check_ties",
-    "choice",
-    "longest_step",
-    "margin",
-    "outputs",
-    "span",
-    "step_length",
-    "user_events",
-]
 
 Formulation = Literal["contact-force", "merged", "multiplier"]
 Times = Sequence[float] | NDArray[Any]
@@ -201,9 +187,7 @@ def user_events(scene: Scene, events: Iterable[When]) -> list[When]:
     return listed
 
 
-def outputs(
-    t_eval: Iterable[float] | None, start: float, stop: float, dense: bool
-) -> NDArray[np.float64] | None:
+def outputs(t_eval: Iterable[float] | None, start: float, stop: float, dense: bool) -> Array | None:
     """Return the output times, None for every computed point."""
     kept = flag(dense, "simulate: dense_output")
     if t_eval is None:

@@ -11,17 +11,13 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
-
-__all__ = ["Borders"]
-
-Array = NDArray[np.float64]
 
 _MORE = 3
 """By how much more than the state's the order of a quantity is taken that is a function of it."""

@@ -10,8 +10,6 @@ from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
 
-__all__ = ["choose", "why_stiff"]
-
 _STIFF, _LONG = 100.0, 1e4
 """A decay this many times faster than all oscillations, over this many decay times, is left to an implicit method."""
 

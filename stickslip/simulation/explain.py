@@ -10,8 +10,6 @@ from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
 
-__all__ = ["explain"]
-
 
 def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
     """Return what is compiled and why; for a result also what was watched and why each event happened.

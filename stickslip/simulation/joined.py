@@ -12,16 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
+from stickslip.results.outcome import Event
 from stickslip.results.samples import Samples
 from stickslip.simulation.readable import Readable, times_within
-from stickslip.simulation.result import Event, Result
-
-__all__ = ["Joined", "join"]
-
-Array = NDArray[np.float64]
+from stickslip.simulation.result import Result
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,9 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of
-
-__all__ = ["Local"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
@@ -211,16 +207,9 @@ class Local:
         if led.size:
             k = int(forest.drive[led[0]])
             lead = float(parts.drive[k, 1]) if k >= 0 else 0.0
+        to_forward, to_backward = parts.levels(rows, t)[0]
         tree = Tree(
-            bodies,
-            parts.inertia[bodies],
-            force,
-            rows,
-            parts.levels(rows, 0, t)[0],
-            parts.levels(rows, 1, t)[0],
-            forward,
-            backward,
-            lead,
+            bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead
         )
         return tree, where
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Modes
 from stickslip.model.checks import file_path, numbers, whole
 from stickslip.model.modes import Mode
 from stickslip.results import shares, tables
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
 else:
     # what the protocol declares would hide the fields of the classes that have them
     Drawable = object
-
-__all__ = ["Readable", "times_within"]
-
-Array = NDArray[np.float64]
 
 
 class Readable(PickledByFields, Drawable):
@@ -105,7 +102,7 @@ class Readable(PickledByFields, Drawable):
             )
         return self._read(lambda samples: samples.level(contact, int(direction)))
 
-    def mode(self, contact: str) -> NDArray[np.int8]:
+    def mode(self, contact: str) -> Modes:
         """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap is open.
 
         Raises

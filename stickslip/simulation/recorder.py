@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.balance import Balance
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
+from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.patchwork import Patchwork
@@ -18,27 +18,12 @@ from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
 from stickslip.simulation.result import Result
 
-__all__ = ["Recorder", "cause_of"]
-
-Array = NDArray[np.float64]
-
 
 class Recorder:
     """Collects the pieces of a motion and its events.
 
-    Parameters
-    ----------
-    span : (float, float, bool)
-        Start and end in s, and whether a fixed-step method reads the loads.
-    outputs : array or None
-        Times in s at which outputs are wanted, None for times fit for a plot.
-    dense : bool
-        Whether the motion is kept, or only the outputs.
-
-    Attributes
-    ----------
-    fewest_states : int
-        Fewest velocities, positions and bristles that did not depend on others.
+    `outputs` are the times in s at which outputs are wanted, None for times fit for a plot; if not `dense`, nothing
+    else is kept. `fewest_states` counts the velocities, positions and bristles that did not depend on others.
     """
 
     def __init__(

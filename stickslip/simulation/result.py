@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import whole
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
@@ -20,10 +21,6 @@ from stickslip.results.samples import Samples
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
 from stickslip.simulation.readable import Readable, times_within
-
-__all__ = ["Event", "Result", "SimulationError", "SimulationInterrupted", "load"]
-
-Array = NDArray[np.float64]
 
 
 class SimulationError(RuntimeError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Engine
 from stickslip.equations.loads import Loads
@@ -25,18 +24,13 @@ from stickslip.events.endings import (
 from stickslip.events.impact import struck
 from stickslip.events.search import Situation
 from stickslip.events.settle import Settled, carried_on, only_bends, settle
+from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import Borders
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
 from stickslip.simulation.watching import Watch
-
-__all__ = ["Run"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Modes = NDArray[np.int8]
 
 _RESTARTS_WITHOUT_PROGRESS = 100
 _SAME_TIME = 1e-14
@@ -51,14 +45,7 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    Attributes
-    ----------
-    start, stop, t : float
-        The time span, and how far it is, in s.
-    now : Settled or None
-        The motion from there on.
-    stopped : str or None
-        The user's event that has stopped it.
+    `now` is the motion from the time `t` on, and `stopped` the user's event that has stopped it.
     """
 
     def __init__(

@@ -6,8 +6,6 @@ from typing import Any
 
 from stickslip.model.scene import Scene
 
-__all__ = ["draw", "html", "let_scenes_show_themselves"]
-
 
 def draw(scene: Scene, *, ax: Any = None) -> Any:
     """Return the figure of a scene's schematic."""

@@ -29,8 +29,6 @@ from stickslip.simulation.run import Run
 from stickslip.simulation.tolerances import tolerances
 from stickslip.simulation.watching import Watch
 
-__all__ = ["compiled", "simulate"]
-
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
 _FORMULATIONS = get_args(Formulation)
 

@@ -6,16 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
 from stickslip.events.search import Uncertainty
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
-
-__all__ = ["Tolerances", "largest_value", "tolerances"]
-
-Array = NDArray[np.float64]
 
 _TIMES, _AT_MOST = 100.0, 1e-3
 """What errors of steps may add up to: a multiple of what is uncertain, at the most a part of the scene's velocities."""
@@ -32,34 +28,17 @@ _REBOUND = 1e-11
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What the solver is asked for, and what it leaves uncertain.
-
-    Attributes
-    ----------
-    rtol : float
-    atol : array (size,)
-        For each state.
-    margin : float
-        Relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest.
-    rebound : float
-        Relative velocity in m/s or rad/s below which stops do not rebound.
-    velocity_resolution : float
-        Velocity in m/s or rad/s that the tolerances do not resolve.
-    force_uncertainty : float
-        Part of the forces that is uncertain.
-    speed : float
-        Velocity scale in m/s or rad/s.
-    has_errors : bool
-        Whether velocities have errors where they pass 0: not where the engine is exact, or events are at step ends.
-    """
+    """What the solver is asked for, and what it leaves uncertain."""
 
     rtol: float
-    atol: Array
+    atol: Array  # (size,): for each state
+    # relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest
     margin: float
-    rebound: float
-    velocity_resolution: float
-    force_uncertainty: float
-    speed: float
+    rebound: float  # relative velocity in m/s or rad/s below which stops do not rebound
+    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
+    force_uncertainty: float  # part of the forces that is uncertain
+    speed: float  # velocity scale in m/s or rad/s
+    # whether velocities have errors where they pass 0: not of exact engines, or where events are at step ends
     has_errors: bool
 
     def uncertainty(self, fastest: float) -> Uncertainty:
@@ -86,10 +65,7 @@ def tolerances(
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
     them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain.
 
-    Raises
-    ------
-    ValueError
-        If a pre-slip velocity is too small for double precision.
+    Where that is too small for double precision it is refused.
     """
     speed, frequency = _speed(system, start, stop)
     # the smallest pre-slip velocity

@@ -12,17 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.crossings import root_between
 from stickslip.model.when import When
-
-__all__ = ["DEGREE", "ROUGH", "TINY", "Crossing", "Watch", "signs_along"]
-
-Array = NDArray[np.float64]
 
 DEGREE = 20
 """Order of the polynomial that a quantity is taken for within a step."""
@@ -108,14 +104,8 @@ def signs_along(
 ) -> list[tuple[float, int]]:
     """Return where a quantity takes a sign between two times, and which: at `left`, and after each of its roots.
 
-    Parameters
-    ----------
-    values : array (k,)
-        Its values at the Chebyshev points between the times.
-    exact : callable
-        The quantity itself.
-    rough, noise : float
-        Sizes below which it counts as 0 before its sign is known, and after.
+    `values` are those at the Chebyshev points between the times, `exact` is the quantity itself. Below `rough` it
+    counts as 0 before its sign is known, below `noise` after.
     """
     signs = np.sign(np.where(np.abs(values) > rough, values, 0.0)).astype(int)
     c = from_nodes(values.size - 1) @ values

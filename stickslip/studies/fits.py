@@ -6,14 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
-
-__all__ = ["Fit", "Measured"]
-
-Array = NDArray[np.float64]
 
 _POOR = 0.5
 """A standard error larger than this part of a value says that it is not determined."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, numbers, whole
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
@@ -17,10 +17,6 @@ from stickslip.studies.derivatives.sensitivities import from_variation
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.fits import Fit, Measured
 from stickslip.studies.parameters import Parameter, named_parameters
-
-__all__ = ["fit"]
-
-Array = NDArray[np.float64]
 
 _QUANTITIES = ("velocity", "position", "force")
 _SCREENED = 6

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.checks import finite, names
 from stickslip.model.elements import Force
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
-__all__ = ["LinearModel", "linearize"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _AHEAD = 1e-6
@@ -196,7 +194,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     return LinearModel(A, B, C, D, names, inputs, outputs, modes, t)
 
 
-def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, NDArray[np.intp]]:
+def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, Indices]:
     """Return names of the states, how all states follow from them, and their places among these."""
     n, size = system.n, system.size
     free = np.ones(size, dtype=bool)
@@ -217,7 +215,7 @@ def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, NDA
     return tuple(names[k] for k in chosen.tolist()), to_states, chosen
 
 
-def _fixed_positions(system: System, motion: Motion) -> tuple[NDArray[np.intp], Array]:
+def _fixed_positions(system: System, motion: Motion) -> tuple[Indices, Array]:
     """Return the places of positions that follow from others because stops are closed, and how they do."""
     closed = (motion.equations.is_held & system.is_stop).nonzero()[0]
     lines = np.zeros((closed.size, system.size))

@@ -15,8 +15,6 @@ from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
 
-__all__ = ["Parameter", "named_parameters"]
-
 _STEP = re.compile(r"\.([A-Za-z_]\w*)|\[(\d+)\]")
 _AT_START = {"velocity", "position", "rested"}
 _SCALE = "scale"
@@ -27,39 +25,21 @@ _OF_LOADS = ("amplitude", "offset", "value", "values")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a scene.
+    """One number of a scene."""
 
-    Parameters
-    ----------
-    name : str
-        ``"ELEMENT.FIELD"`` with the name of a body, drive, contact or another row, or ``"KIND[NUMBER].FIELD"`` as in
-        ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in brackets:
-        ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``, ``"lever.coefficients.a"``.
-        A load that is a number is its own value; ``"c.normal.scale"`` multiplies any load by a number that is 1.
-    place : int
-        Place of its element among ``scene.elements``.
-    steps : tuple of str or int
-        Fields and entries that lead to it.
-    value : float
-        In the scene it was read from.
-    only_at_start : bool
-        Whether it says where the motion starts, not how it goes on.
-    """
-
+    # ``"ELEMENT.FIELD"`` with the name of a body, drive, contact or another row, or ``"KIND[NUMBER].FIELD"``
+    # as in ``"springs[0].stiffness"``. Fields of fields follow after further dots, entries of sequences in
+    # brackets: ``"c.law.mu_static"``, ``"c.normal.amplitude"``, ``"forces[0].signal.values[2]"``,
+    # ``"lever.coefficients.a"``. A load that is a number is its own value; ``"c.normal.scale"`` multiplies
+    # any load by a number that is 1
     name: str
-    place: int
-    steps: tuple[str | int, ...]
-    value: float
-    only_at_start: bool
+    place: int  # place of its element among ``scene.elements``
+    steps: tuple[str | int, ...]  # fields and entries that lead to it
+    value: float  # in the scene it was read from
+    only_at_start: bool  # whether it says where the motion starts, not how it goes on
 
     def set(self, scene: Scene, value: float) -> Scene:
-        """Return the scene with the parameter at another value.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the scene refuses the value.
-        """
+        """Return the scene with the parameter at another value."""
         elements: list[Any] = list(scene.elements)
         elements[self.place] = _changed(elements[self.place], self.steps, float(value))
         return Scene(*elements, motion=scene.motion)
@@ -91,10 +71,7 @@ class Parameter:
 def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Parameter]:
     """Return the parameters of a scene that have these names.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If a name leads to no number; `what` begins the message.
+    `what` begins the message where a name leads to no number.
     """
     given = checked_names(list(names) if isinstance(names, Mapping) else names, f"{what}: parameters")
     if not given:

@@ -17,34 +17,17 @@ from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters
 
-__all__ = ["SceneRuns", "values_of"]
-
 
 @dataclass(frozen=True)
 class SceneRuns:
-    """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point.
-
-    Parameters
-    ----------
-    scene : Scene
-    t_span : (float, float)
-        Start and end in s.
-    options : mapping
-        Arguments of `simulate`.
-    """
+    """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point."""
 
     scene: Scene
-    t_span: Times
-    options: Mapping[str, Any]
+    t_span: Times  # start and end in s
+    options: Mapping[str, Any]  # arguments of `simulate`
 
     def at(self, point: Mapping[str, float]) -> Scene:
-        """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like.
-
-        Raises
-        ------
-        ValueError, TypeError
-            If the scene has no such number, or refuses the value.
-        """
+        """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like."""
         scene = self.scene
         for parameter in named_parameters(scene, list(point), "sweep"):
             scene = parameter.set(scene, point[parameter.name])
@@ -65,13 +48,7 @@ class SceneRuns:
 
 
 def values_of(text: str) -> list[float]:
-    """Return the values that a text lists: ``1,2,5``, or ``START:STOP:COUNT`` evenly, or with ``:log`` in ratios.
-
-    Raises
-    ------
-    ValueError
-        If it lists no numbers.
-    """
+    """Return the values that a text lists: ``1,2,5``, or ``START:STOP:COUNT`` evenly, or with ``:log`` in ratios."""
     try:
         if ":" not in text:
             return [float(part) for part in text.split(",")]

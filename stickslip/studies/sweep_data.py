@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Index", "Point", "SweepLog", "SweepResult", "Task", "Values", "collect", "tasks"]
-
 Index = tuple[int, ...]
 Point = dict[str, Any]
 Values = dict[str, np.ndarray]

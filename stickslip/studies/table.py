@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-__all__ = ["aligned"]
-
 
 def aligned(
     lead: Sequence[str],
@@ -18,18 +16,8 @@ def aligned(
 ) -> str:
     """Return an aligned table; columns without numbers are left out.
 
-    Parameters
-    ----------
-    lead : sequence of str
-        What each line begins with.
-    columns : mapping
-        Title -> one number per line, NaN where there is none.
-    tail : sequence of str
-        What each line ends with; only the first line of each text is shown.
-    title : str
-        Title of the first column.
-    note : str
-        A last line.
+    A line begins with its `lead` and ends with its `tail`, of which only the first line is shown; between stand the
+    numbers of the `columns` by title, NaN where there is none.
     """
     cells = {name: [_cell(value) for value in column] for name, column in columns.items()}
     cells = {name: column for name, column in cells.items() if any(column)}

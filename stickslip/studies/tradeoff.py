@@ -11,9 +11,9 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, flag
 from stickslip.model.scene import Scene
 from stickslip.results.units import units
@@ -23,8 +23,6 @@ from stickslip.simulation.result import Result, SimulationError
 from stickslip.studies.table import aligned
 from stickslip.studies.tradeoff_setups import Call, calls, reference_calls
 from stickslip.studies.work_precision import Setup, WorkPrecision, work_precision
-
-__all__ = ["Advice", "Skipped", "Tradeoff", "tradeoff"]
 
 _TIMES = 1001
 _REPEATS = 5
@@ -254,7 +252,7 @@ class _VelocityError:
         self._bodies, self._times = len(scene.bodies), np.linspace(*span, _TIMES)
         # an impact that is early by roundoff is no error of a velocity
         self._is_smooth = not scene.stops
-        self._known: tuple[Result, NDArray[np.float64]] | None = None
+        self._known: tuple[Result, Array] | None = None
 
     def __call__(self, result: Result, reference: Result) -> float:
         if self._known is None or self._known[0] is not reference:
@@ -268,7 +266,7 @@ class _VelocityError:
         beside = np.abs(self._velocities(result, near) - self._velocities(reference, near))
         return max(evenly, float(beside.max(initial=0.0)))
 
-    def _velocities(self, result: Result, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _velocities(self, result: Result, times: Array) -> Array:
         return result(times)[: self._bodies]
 
 

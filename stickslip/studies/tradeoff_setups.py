@@ -12,8 +12,6 @@ from stickslip.simulation.choice import choose
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled, simulate
 
-__all__ = ["Call", "calls", "reference_calls"]
-
 TOLERANCES = (3e-2, *(10.0**-k for k in range(2, 12)))
 PRE_SLIP = tuple(10.0**-k for k in range(1, 7))
 """Pre-slip velocities as parts of the velocity scale."""
@@ -26,21 +24,11 @@ _ABSOLUTE = 0.01  # absolute tolerance, as a part of the relative one at the vel
 
 @dataclass(frozen=True)
 class Call:
-    """One call of `simulate`.
+    """One call of `simulate`."""
 
-    Parameters
-    ----------
-    family : str
-        Calls of one family follow each other from cheap to costly.
-    options : dict
-        Keyword arguments.
-    pre_slip : (float, str), optional
-        Velocity in m/s or rad/s and shape of a regularised scene.
-    """
-
-    family: str
-    options: dict[str, Any] = field(default_factory=dict)
-    pre_slip: tuple[float, Shape] | None = None
+    family: str  # calls of one family follow each other from cheap to costly
+    options: dict[str, Any] = field(default_factory=dict)  # keyword arguments
+    pre_slip: tuple[float, Shape] | None = None  # velocity in m/s or rad/s and shape of a regularised scene
 
     def run(self, scene: Scene, span: tuple[float, float]) -> Result:
         """Simulate."""
@@ -70,13 +58,7 @@ class Call:
 def calls(scene: Scene, span: tuple[float, float], scale: float) -> list[Call]:
     """Return the calls that are applicable, family by family, from cheap to costly.
 
-    Parameters
-    ----------
-    scene : Scene
-    span : (float, float)
-        Time span in s.
-    scale : float
-        Size of the velocities in m/s or rad/s.
+    `scale` is the size of the velocities in m/s or rad/s.
     """
     found = [*_series(scene, span), *_event_exact(scene, scale), *_fixed_steps(span)]
     if scene.contacts and all(isinstance(contact.law, DryFriction) for contact in scene.contacts):

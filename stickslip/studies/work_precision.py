@@ -18,8 +18,6 @@ from tqdm import tqdm
 
 from stickslip.studies.table import aligned
 
-__all__ = ["Setup", "WorkPrecision", "WorkRow", "work_precision"]
-
 _COUNTERS = {"steps": ("steps",), "nfev": ("nfev",), "njev": ("njev",), "nguards": ("nguards", "guard_calls")}
 
 

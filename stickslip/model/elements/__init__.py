@@ -1,8 +1,9 @@
 """The elements of a scene, as frozen data, and the registry of their kinds: a file and a line here each."""
 
-from stickslip.model.elements.base import GROUND, Book, Element, Link, Named, Row
+from stickslip.model.elements.base import Element, Link, Named, Row
 from stickslip.model.elements.block import AnyBlock, Block, Sampled, StateSpace
 from stickslip.model.elements.body import Body
+from stickslip.model.elements.book import GROUND, Book
 from stickslip.model.elements.contact import Contact
 from stickslip.model.elements.damper import Damper
 from stickslip.model.elements.drive import Drive

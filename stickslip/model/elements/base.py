@@ -13,21 +13,6 @@ from stickslip.model.laws.dry_friction import Law
 from stickslip.model.quantities import Quantity, as_load
 from stickslip.model.signals import Load
 
-__all__ = [
-    "GROUND",
-    "Book",
-    "Element",
-    "Link",
-    "Motion",
-    "Moving",
-    "Named",
-    "Radii",
-    "Row",
-    "check_members",
-    "check_motion",
-    "listed",
-]
-
 Motion = Literal["rotation", "translation"]
 """How a body moves: it decides the units that tables and drawings show, and no number."""
 

@@ -10,16 +10,14 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import in_order, limit, sequence, whole
-from stickslip.model.elements.base import Book, Named
+from stickslip.model.elements.base import Named
+from stickslip.model.elements.book import Book
 from stickslip.model.quantities import Expression, Quantity, as_expression
 from stickslip.model.signals import Load
 
-__all__ = ["AnyBlock", "Block", "Sampled", "StateSpace"]
-
-Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Any]
 Numbers = tuple[float, ...]
 

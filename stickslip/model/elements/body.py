@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Motion, Moving
-
-__all__ = ["Body"]
-
+from stickslip.model.elements.base import Motion, Moving
+from stickslip.model.elements.book import Book
 
 _LEAST = 1e-300
 """Smaller numbers have no inverse."""

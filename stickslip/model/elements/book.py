@@ -11,50 +11,29 @@ from stickslip.model.piecewise import Region
 from stickslip.model.quantities import Quantity
 from stickslip.model.signals import ZERO, Constant, Load
 
-__all__ = ["GROUND", "Book", "Coupling", "RowEntry"]
-
 GROUND = "ground"
 """Name of the ground: a body that never moves."""
 
 
 @dataclass(frozen=True)
 class RowEntry:
-    """``w = sum c_i v_i`` over bodies and drives; its force r acts with ``-c_i r`` on body i.
-
-    Attributes
-    ----------
-    coefficients : dict of int to float
-        By index of the body or drive.
-    law : Law or None
-        The friction law; None for a row of another kind.
-    kind : str
-        "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its force
-        is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes).
-    normal : Signal or Quantity
-        In N.
-    rested : float
-        How long in s it has been held at the start.
-    deflection : float
-        Of its bristles at the start, in m or rad.
-    slipping : bool
-        Whether it starts as one that has slipped.
-    restitution : float
-        Of impacts.
-    regions : sequence of Region
-        Of a gap and a stop: a continuous piecewise-linear function of its stretch and of the rate of that. In each set
-        of modes it is in one of its regions, which the row shows; their borders are guards like all others, and name
-        each other by their place in this sequence. The value is the force of a gap; that of a stop has none.
-    """
+    """``w = sum c_i v_i`` over bodies and drives; its force r acts with ``-c_i r`` on body i."""
 
     name: str
-    coefficients: Mapping[int, float]
-    law: Law | None = None
+    coefficients: Mapping[int, float]  # by index of the body or drive
+    law: Law | None = None  # the friction law; None for a row of another kind
+    # "friction", "tie" (always held), "one-way" (held while its force is positive) or "gap" (never held: its
+    # force is a piecewise-linear function of the state), or "stop" (held at its limits while it pushes)
     kind: str = "friction"
-    normal: Load = ZERO
-    rested: float = 0.0
-    deflection: float = 0.0
-    slipping: bool = False
-    restitution: float = 0.0
+    normal: Load = ZERO  # in N
+    rested: float = 0.0  # how long in s it has been held at the start
+    deflection: float = 0.0  # of its bristles at the start, in m or rad
+    slipping: bool = False  # whether it starts as one that has slipped
+    restitution: float = 0.0  # of impacts
+    # of a gap and a stop: a continuous piecewise-linear function of its stretch and of the rate of that. In
+    # each set of modes it is in one of its regions, which the row shows; their borders are guards like all
+    # others, and name each other by their place in this sequence. The value is the force of a gap; that of a
+    # stop has none
     regions: Sequence[Region] = ()
 
 
@@ -72,12 +51,7 @@ class Coupling:
 class Book:
     """What elements enter, in the order of the elements, and loads that are watched without acting on anything.
 
-    Attributes
-    ----------
-    index : dict of str to int
-        The number of each body and drive: first the bodies, then the drives, last the ground.
-    row_index : dict of str to int
-        The number of each row.
+    Each body, drive and row has a number; bodies come before drives, and the ground last.
     """
 
     def __init__(self, elements: Iterable[Any], watched: Sequence[Load] = ()) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 
 from stickslip.model.checks import flag
-from stickslip.model.elements.base import Book, Radii, Row
+from stickslip.model.elements.base import Radii, Row
+from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction, Law
 from stickslip.model.signals import Load
-
-__all__ = ["Contact"]
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Radii
-
-__all__ = ["Damper"]
+from stickslip.model.elements.base import Radii
+from stickslip.model.elements.book import Book
 
 
 @dataclass(frozen=True)

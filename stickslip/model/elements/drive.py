@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Motion, Moving
+from stickslip.model.elements.base import Motion, Moving
+from stickslip.model.elements.book import Book
 from stickslip.model.signals import Signal, as_signal
-
-__all__ = ["Drive"]
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stickslip.model.elements.base import Book, Element, listed
+from stickslip.model.elements.base import Element, listed
+from stickslip.model.elements.book import Book
 from stickslip.model.signals import Load
-
-__all__ = ["Force"]
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Book, Row
-
-__all__ = ["Planetary"]
+from stickslip.model.elements.base import Row
+from stickslip.model.elements.book import Book
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import KW_ONLY, dataclass
 from math import inf, isfinite
 
-from stickslip.model.elements.base import Book, Radii, Row
+from stickslip.model.elements.base import Radii, Row
+from stickslip.model.elements.book import Book
 from stickslip.model.modes import Mode
 from stickslip.model.piecewise import Linear, Region
-
-__all__ = ["Stop"]
 
 
 @dataclass(frozen=True)

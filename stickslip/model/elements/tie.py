@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from stickslip.model.checks import finite
-from stickslip.model.elements.base import Book, Row
-
-__all__ = ["Tie"]
+from stickslip.model.elements.base import Row
+from stickslip.model.elements.book import Book
 
 
 @dataclass(frozen=True)

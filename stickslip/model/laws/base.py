@@ -10,11 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
-
-__all__ = ["Character", "Kernel", "Use", "like"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,31 +19,20 @@ class Character:
     """How a law behaves near rest, and what it asks of a solver.
 
     A law either sticks exactly, or has a slip state, or has no modes at all.
-
-    Attributes
-    ----------
-    sticks : bool
-        At rest its force is whatever keeps it there, within ``mu_st N`` on both sides.
-    has_slip_state : bool
-        A binary state tells whether its force builds up with velocity, as its kernel says, or slips with ``mu_k N``.
-    slips_beyond : float
-        Relative velocity in m/s or rad/s from which it slips; without modes, from which it is said to slip.
-    rests_below : float
-        Relative velocity in m/s or rad/s below which a slipping contact counts as at rest, or no longer slips.
-    resolution : float
-        Range of relative velocity in m/s or rad/s in which its force turns over: the tolerances resolve it.
-    stiffness : float or None
-        Force in N or N m per unit of a state of its own, a bristle; None where it has none.
-    velocity_dependent : str
-        What makes its force depend on velocity: then the motion has no Taylor series. Empty where nothing does.
     """
 
-    sticks: bool = False
+    sticks: bool = False  # at rest its force is whatever keeps it there, within ``mu_st N`` on both sides
+    # a binary state tells whether its force builds up with velocity, as its kernel says, or is ``mu_k N``
     has_slip_state: bool = False
+    # relative velocity in m/s or rad/s from which it slips; without modes, from which it is said to slip
     slips_beyond: float = 0.0
+    # relative velocity in m/s or rad/s below which a slipping contact counts as at rest, or no longer slips
     rests_below: float = 0.0
+    # range of relative velocity in m/s or rad/s in which its force turns over: the tolerances resolve it
     resolution: float = math.inf
+    # force in N or N m per unit of a state of its own, a bristle; None where it has none
     stiffness: float | None = None
+    # what makes its force depend on velocity: then the motion has no Taylor series. Empty where nothing does
     velocity_dependent: str = ""
 
 

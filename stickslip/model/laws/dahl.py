@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from stickslip.model.laws.dry_friction import DryFriction, register
 from stickslip.model.laws.lugre import BristleLaw
 
-__all__ = ["Dahl"]
-
 
 @register
 @dataclass(frozen=True)

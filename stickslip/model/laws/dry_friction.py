@@ -13,8 +13,6 @@ from stickslip.model.checks import NamedArguments, check_entries, finite
 from stickslip.model.laws.base import Character, Kernel, Use
 from stickslip.model.laws.kinetic import Kinetic
 
-__all__ = ["DryFriction", "Law", "law_from_dict", "register"]
-
 _MAKERS: dict[str, type[Law]] = {}
 
 _ROUNDOFF = 1e-12

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from stickslip.model.laws.base import Character, Use
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 
-__all__ = ["Karnopp"]
-
 
 @register
 @dataclass(frozen=True)

@@ -7,13 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
-
-__all__ = ["Kinetic", "Slipping"]
-
-Array = NDArray[np.float64]
 
 _UNDERFLOW = 745.0
 _STEEPEST = 1e-3
@@ -26,7 +22,7 @@ class Kinetic:
     `curves` are laws of dry friction, one per contact. `backward` says which slip backward; without it `w` tells.
     """
 
-    def __init__(self, curves: Sequence[Any], backward: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, curves: Sequence[Any], backward: Mask | None = None) -> None:
         static = np.array([[c.mu_s(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
         level = np.array([[c.mu_c(side) for c in curves] for side in (1, -1)]).reshape(2, -1)
         velocity = [c.stribeck_velocity for c in curves]

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.laws.base import Character, Kernel, Use, like
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
-
-__all__ = ["BristleLaw", "LuGre"]
-
-Array = NDArray[np.float64]
 
 _TINY = 1e-300
 _FASTEST = 1e12

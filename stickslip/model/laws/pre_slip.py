@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.laws.base import Character, Kernel, like
 from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 
-__all__ = ["PreSlip", "Shape", "Smooth"]
-
-Array = NDArray[np.float64]
 Shape = Literal["linear", "tanh", "arctan"]
 
 _MEMORY = 0.1

@@ -5,26 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.laws.base import Kernel
 from stickslip.model.laws.dry_friction import Law
 from stickslip.model.laws.kinetic import Kinetic, Slipping
-
-__all__ = ["LawTable", "VelocityDependentForces", "steady_forces"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 class LawTable:
     """What the laws of all rows say, as arrays; lines 0 and 1 are for forward and backward slip.
 
-    Attributes
-    ----------
-    mu_s, mu_c, least : array (2, m)
-        Static and Coulomb coefficients, and those from which the static ones rise with the dwell.
-    sticks, has_slip_state, curved : array (m,) of bool
+    `least` are the coefficients from which the static ones rise with the dwell.
     """
 
     def __init__(self, laws: Sequence[Law]) -> None:
@@ -50,20 +41,11 @@ class LawTable:
 class VelocityDependentForces:
     """Friction forces of the contacts that act through their velocity, in one set of modes.
 
-    Parameters
-    ----------
-    laws : sequence of Law
-        One per contact.
-    sign : array (k,)
-        Directions of the contacts that slip in a known one, 0 for those that their kernels describe.
-
-    Attributes
-    ----------
-    bristles : array
-        Which of the contacts have states of their own.
+    `sign` are the directions of the contacts that slip in a known one, 0 for those that their kernels describe;
+    `bristles` those of them that have states of their own.
     """
 
-    def __init__(self, laws: Sequence[Law], sign: NDArray[np.int8]) -> None:
+    def __init__(self, laws: Sequence[Law], sign: Modes) -> None:
         self._count = sign.size
         slips = sign.nonzero()[0]
         kinds: dict[type[Kernel], list[int]] = {}

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.guards import NEVER
+from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby
