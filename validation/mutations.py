@@ -101,9 +101,7 @@ def _frozen_normal(original: Any) -> Any:
 
     def changed(self: Any, expansion: Any) -> Any:
         found = original(self, expansion)
-        for k, q in enumerate(expansion.q):
-            if k and q is not None:
-                found[k] -= self._mu * q[self._row]
+        found[1:] -= self.rows.mu * expansion.q[1:, self.rows.row]
         return found
 
     return changed

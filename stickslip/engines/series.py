@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, first_touch, may_vanish
 from stickslip.engines.work import Work
-from stickslip.equations.guards import NEVER, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path

@@ -1,8 +1,8 @@
-"""Guards: what has to stay positive while the modes hold, and what is violated at the start.
+"""Guards: what has to stay positive while the modes hold.
 
 ``s w`` of a moving row, ``high - lambda`` and ``lambda - low`` of a held one, N of a closed contact whose normal force
-depends on the state, and ``-N`` of an open one. A guard that is 0 at the start has its
-zero divided out: what is left is positive there and has all the later roots.
+depends on the state, and ``-N`` of an open one. A guard that is 0 at the start has its zero divided out: what is left
+is positive there and has all the later roots.
 """
 
 from __future__ import annotations
@@ -10,295 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from stickslip.equations.floats import lines, remembered, smallest_of
-from stickslip.equations.matrices import dense
-from stickslip.equations.mode_equations import OPEN
-from stickslip.equations.motion import Expansion, Motion
+from stickslip.equations.guards_at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
-from stickslip.model.arrays import Array, Indices, Mask, Modes
-
-ROUNDOFF = 1e-12
-"""Part of what adds up in a quantity that is uncertain."""
-
-AT_LIMIT = 1e-10
-"""Part of its level within which a force is at it."""
-
-_AS_FIRED = 1e-6
-"""The same for a row that an event has just found there."""
-
-_NEAR = 1e-5
-"""A held row this near to its level, as a part of it, deserves a closer look."""
-
-_NEAR_IN_TIME = 1e-12
-_TIME = 1e-15
-"""Part of the time that is uncertain."""
+from stickslip.model.arrays import Array, Indices, Mask
 
 _IF_DWELLING = 1e-2
 """Part of what is uncertain by which a velocity passes 0 where the level rises with the dwell."""
 
-_DIFFERENCED = 1e-6
-NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _TINY = np.finfo(float).tiny
-_HIGHEST = 8
-_NO_ROWS = np.empty(0, dtype=np.intp)
 
 
-class Guards:
-    """The guards of a motion, ready when constructed.
-
-    Rows that carry no force are watched, too, if their `labels` are not 0. `at_rest` are rows whose relative velocity
-    is 0 at the start, `fired` those that an event has just found at their limit. A row has to pass 0 by the
-    `velocity_uncertainty`, the errors of a solver, before that is an event.
-
-    Attributes
-    ----------
-    row : array of int
-        The row of each guard, -1 where it is the border of a region.
-    is_border : array of bool
-        Guards that are borders of regions.
-    violated : array of bool
-        Guards that are negative at the start or just after it, but for those of normal forces.
-    misjudged : array of int
-        Rows that are closed though their normal force is negative, or open though it is positive.
-    order : array of int
-        0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
-    """
-
-    def __init__(
-        self,
-        motion: Motion,
-        labels: Modes,
-        at_rest: Mask,
-        fired: Mask,
-        velocity_uncertainty: float = 0.0,
-    ) -> None:
-        self.motion, self.at_rest, self.velocity_uncertainty = motion, at_rest, velocity_uncertainty
-        rows = self.rows = motion.equations.guard_rows(labels)
-        self.row, self.size, self.direction = rows.row, rows.size, rows.direction
-        self.is_velocity, self.is_border, self.is_normal = rows.is_velocity, rows.is_border, rows.is_normal
-        # borders have the number -1
-        self.rests = rows.is_velocity & (np.append(at_rest, False) if rows.has_borders else at_rest)[rows.row]
-        self._constant, self._has_constant = rows.constant, rows.has_constant
-        if rows.has_threshold:
-            self._constant = rows.constant.copy()
-            self._constant[: rows.slips] = np.where(self.rests[: rows.slips], 0.0, rows.threshold)
-            self._has_constant = bool(self._constant.any())
-        # functions of the state act on forces; of the others only normal forces may read them
-        self._wanted: Any = None
-        if rows.is_of_velocities:
-            self._wanted = motion.for_normals if rows.has_normals else ()
-        self.violated = np.zeros(self.size, dtype=bool)
-        self.order = np.zeros(self.size, dtype=np.intp)
-        self.is_plain = True
-        if self.size:
-            self._classify(fired)
-        self.misjudged = _NO_ROWS
-        if rows.has_normals:
-            self.misjudged = self.row[self.violated & self.is_normal]
-            self.violated &= ~self.is_normal
-        self.armed = self.size - rows.loose
-        if not self.is_plain:
-            self.armed -= int(np.count_nonzero(self.order == NEVER))
-
-    # -- values ----------------------------------------------------------------------------------------------
-
-    def raw(self, z: Array, q: Array) -> Array:
-        """Return the guards as they are, one column per time where `z` and `q` have columns."""
-        rows, column = self.rows, (slice(None), None) if z.ndim == 2 else slice(None)
-        g: Array = rows.turn[column] * z[rows.source]
-        if rows.has_levels:
-            g += rows.mu[column] * q[rows.row]
-        if self._has_constant:
-            g += self._constant[column]
-        if rows.rising.size:
-            g[rows.rising] -= rows.rise[column] * q[rows.dwell]
-        return g
-
-    def series(self, expansion: Expansion) -> Array:
-        """Return the Taylor coefficients of the guards as they are, one row per order."""
-        rows = self.rows
-        if expansion.g is not None:
-            g = expansion.g
-            if rows.loose:
-                own = slice(-rows.loose, None)
-                g = np.concatenate([g, expansion.z[:, rows.source[own]] * rows.turn[own]], axis=1)
-            if self._has_constant:
-                g = np.concatenate([g[:1] + self._constant, g[1:]])
-            return g
-        g = expansion.z[:, rows.source]
-        g *= rows.turn
-        for k, q in enumerate(expansion.q):
-            if q is None:
-                continue
-            if rows.has_levels:
-                g[k] += rows.mu * q[rows.row]
-            if rows.rising.size:
-                g[k, rows.rising] -= rows.rise * q[rows.dwell]
-        if self._has_constant:
-            g[0] += self._constant
-        return g
-
-    @cached_property
-    def first(self) -> Array:
-        """Taylor coefficients of the guards at the start, orders 0 and 1 at least."""
-        return self.start if self.motion.is_linear else self.series(self.motion.first)
-
-    @cached_property
-    def start(self) -> Array:
-        """Taylor coefficients of the guards at the start, orders 0 to 2."""
-        return self.series(self.motion.start)
-
-    # -- the start -------------------------------------------------------------------------------------------
-
-    def _classify(self, fired: Mask) -> None:
-        g0, rows = self.first[0], self.rows
-        # whatever is small beside the largest force about, or soon will be gone, deserves a closer look
-        near: Array | float = 0.0
-        soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
-        if rows.has_forces:
-            near = rows.is_force * (
-                soon * np.abs(self.first[1]) + _NEAR * self.force_scale[rows.is_force].max()
-            )
-        if self._has_constant:
-            near = near + _NEAR * self._constant
-        if rows.has_borders:
-            size = self.motion.equations.border_magnitudes(
-                np.abs(self.motion.y), np.abs(self.motion.start_inputs)
-            )
-            near = near + np.zeros(self.size)
-            near[self.is_border] = _NEAR * size + soon * np.abs(self.first[1, self.is_border])
-        close = ~(g0 > near) | self.rests
-        some = close.nonzero()[0]
-        if some.size:
-            self._look_closer(some.tolist(), fired)
-
-    def _look_closer(self, close: list[int], fired: Mask) -> None:
-        coefficients, majorant = self.first, self.majorant
-        size, motion, modes = self.scale, self.motion, self.motion.equations.modes
-        has_fired = np.append(fired, False)
-        of_stop = np.zeros(self.size, dtype=bool)
-        if self.rows.has_borders:
-            functions = motion.system.piecewise
-            of_stop[self.is_border] = functions.is_stop[functions.owner[motion.equations.borders]]
-        for i in close:
-            flat = 0.0
-            closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
-            rough = ROUNDOFF * majorant[0, i]
-            if self.is_velocity[i] and not self._constant[i]:
-                if not self.rests[i]:
-                    self.violated[i] = coefficients[0, i] < -self.velocity_uncertainty
-                    continue
-                if modes[self.row[i]] == OPEN:
-                    # nothing but roundoff is uncertain where no force can hold it
-                    limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
-                else:
-                    # where a load is a function, its slopes are as uncertain as the time
-                    near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
-                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[self.row[i]] else 0.0
-                    limits = [
-                        max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
-                        AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
-                    ]
-            else:
-                at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
-                # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
-                if not (at_stop or abs(coefficients[0, i]) <= closeness * size[i] + rough):
-                    self.violated[i] = coefficients[0, i] < 0
-                    continue
-                flat = AT_LIMIT * size[i] + rough
-                limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
-            if not motion.is_linear:
-                differenced = _DIFFERENCED * majorant[2, i]
-                limits[1] += differenced
-            order = self._way_out(i, limits, flat)
-            if order == _DOWN:
-                self.violated[i] = True
-            else:
-                self.order[i], self.is_plain = order, False
-
-    def _way_out(self, i: int, limits: list[float], flat: float) -> int:
-        """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""
-        if self._never[i]:
-            return NEVER
-        horizon = self.motion.horizon
-        for k, limit in enumerate(limits, start=1):
-            value = (self.first if k == 1 else self.start)[k, i]
-            if abs(value) > limit and abs(value) * horizon**k > flat:
-                return k if value > 0 else _DOWN
-        if not self.motion.is_linear:
-            return NEVER
-        # higher orders, which only springs and oscillating loads have
-        coefficients, adds_up, majorant = self._higher
-        for k in range(3, _HIGHEST + 1):
-            value = coefficients[k, i]
-            limit = 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i])
-            if abs(value) > limit and abs(value) * horizon**k > flat:
-                return k if value > 0 else _DOWN
-        return NEVER
-
-    def _given_by_level(self, i: int) -> float:
-        """Return the acceleration that the level of a moving row gives it, all that adds up in it where it has none."""
-        system, row = self.motion.system, self.row[i]
-        if not system.is_friction[row]:
-            return float(self._adds_up[1, i])
-        pull = dense(system.G[[row]])[0]
-        level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
-        return float(level * (pull @ self.motion.equations.balance.accelerations(pull)))
-
-    @cached_property
-    def _never(self) -> Mask:
-        """Guards of rows that cannot move because held rows lock the same motion."""
-        never = np.zeros(self.size, dtype=bool)
-        if self.motion.equations.held.size:
-            rows = self.rests.nonzero()[0]
-            never[rows] = self.motion.equations.locked(self.row[rows])
-        return never
-
-    @cached_property
-    def _higher(self) -> tuple[Array, Array, Array]:
-        motion = self.motion
-        adds_up = motion.guard_magnitudes(self.rows, _HIGHEST + 1)
-        return self.series(motion.expand(0.0, motion.y, _HIGHEST)), adds_up, self._with_time(adds_up)
-
-    @cached_property
-    def majorant(self) -> Array:
-        """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        return self._with_time(self._adds_up)
-
-    @cached_property
-    def _adds_up(self) -> Array:
-        """The same at exactly this time, orders 0 to 3."""
-        return self.motion.guard_magnitudes(self.rows, 3)
-
-    def _with_time(self, sizes: Array) -> Array:
-        """Return what adds up with the roundoff of the time: it is one of all that changes."""
-        late = _TIME / ROUNDOFF * abs(self.motion.t)
-        orders = np.arange(1.0, sizes.shape[0])[:, None]
-        return np.asarray(sizes[:-1] + late * orders * sizes[1:])
-
-    @cached_property
-    def scale(self) -> Array:
-        """For each guard the size of what it compares at the start: level and force, or velocities."""
-        adds_up = self.is_velocity | self.is_border
-        return np.where(adds_up, self.majorant[0] + np.abs(self._constant), self.force_scale)
-
-    @cached_property
-    def value_scale(self) -> Array:
-        """The same for guards of forces and borders; without meaning for velocities."""
-        if not self.rows.has_borders:
-            return self.force_scale
-        return np.where(self.is_border, self.majorant[0], self.force_scale)
-
-    @cached_property
-    def force_scale(self) -> Array:
-        """The same for guards of forces; without meaning for others."""
-        force = self.rows.turn * self.motion.first.z[0][self.rows.source]
-        size = np.abs(force) + np.abs(self.first[0] - force)
-        return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
+class Guards(GuardsAtStart):
+    """The guards of a motion, ready when constructed, and their values along it."""
 
     def at_end(self, path: Path) -> tuple[Array, Array]:
         """Return the guards at the end of a path, and for each the size of what it compares from the start up to there.
@@ -335,14 +62,6 @@ class Guards:
     def is_followed_frozen(self, i: int) -> bool:
         """Tell whether a guard is the same without rising levels, and without sines that move nothing."""
         return i not in self.rows.rising and (not self.motion.stretch.has_waves or self.allowance[i] == 0)
-
-    @property
-    def stays_zero(self) -> Indices:
-        """Moving rows at rest whose relative velocity stays 0."""
-        rows = ((self.order == NEVER) & self.is_velocity).nonzero()[0]
-        modes = self.motion.equations.modes
-        found = self.row[rows]
-        return np.asarray(found[np.abs(modes[found]) == 1])
 
     # -- values with zeros divided out -----------------------------------------------------------------------
 

@@ -219,21 +219,19 @@ class Stretch:
         left, right = max(t - d, self.start), min(t + d, self._before_stop)
         return (function(right) - function(left)) / (right - left) if right > left else 0.0
 
-    def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> list[Array | None]:
-        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, None where all are 0; functions count nothing.
+    def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
+        """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.
 
         Without `waves`, sines count nothing either.
         """
-        found: list[Array | None] = [self.value + (t - self.start) * self.slope]
-        found.append(None if self.is_steady else scale * self.slope)
-        found += [None] * (order - 1)
+        found = np.zeros((order + 1, self.value.size))
+        found[0] = self.value + (t - self.start) * self.slope
+        found[1:2] = scale * self.slope
         if self.has_waves and waves:
-            all_orders = np.array([np.zeros(self.value.size) if part is None else part for part in found])
             orders = np.arange(order + 1.0)[:, None]
             factors = np.where(orders > 0, self._turn * scale / np.maximum(orders, 1.0), self._amplitude)
             waving = np.cumprod(factors, axis=0) * np.sin(self._angle(t) + 0.5 * math.pi * orders)
-            np.add.at(all_orders.T, self._entry, waving.T)
-            found = list(all_orders)
+            np.add.at(found.T, self._entry, waving.T)
         return found
 
     def swings(self, t: float) -> Array:

@@ -32,7 +32,7 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
     if balance.parting is None:
         return None
     for q in motion.start.q:
-        rate = np.zeros(system.drives) if q is None else system.drive_accelerations(q)
+        rate = system.drive_accelerations(q)
         adds_up = abs(balance.parting) @ np.abs(rate)
         torn = np.abs(balance.parting @ rate) > _SOME * adds_up
         if torn.any():

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.equations.guards import ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion

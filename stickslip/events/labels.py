@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Uncertainty

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.balance import Balance, joined
-from stickslip.equations.guards import AT_LIMIT, ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, equations_in
 from stickslip.equations.motion import Motion
@@ -281,11 +282,10 @@ class Search:
         if not system.drives:
             return False
         for q in motion.start.q:
-            if q is not None:
-                rate = system.drive_accelerations(q)
-                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-                if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
-                    return True
+            rate = system.drive_accelerations(q)
+            led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
+            if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
+                return True
         return False
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
@@ -296,8 +296,7 @@ class Search:
             sign, ratio = guards.direction[i], np.inf
             source = int(guards.rows.source[i])
             for k in range(3):
-                q = expansion.q[k]
-                level = 0.0 if q is None else float(guards.start[k, i] + sign * expansion.z[k, source])
+                level = float(guards.start[k, i] + sign * expansion.z[k, source])
                 force = sign * float(expansion.z[k, source])
                 if abs(force) > noise[k, i] or abs(level) > noise[k, i]:
                     ratio = force / level if level > noise[k, i] else np.inf

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards import ROUNDOFF, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import APART, FREE, OPEN

@@ -22,7 +22,8 @@ from stickslip import (
     signal,
     sine,
 )
-from stickslip.equations.guards import NEVER, Guards
+from stickslip.equations.guards import Guards
+from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.mode_equations import OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System

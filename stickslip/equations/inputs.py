@@ -1,0 +1,346 @@
+"""What drives a motion: loads, inputs that depend on the state, and levels that rise while rows rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from functools import cached_property
+
+import numpy as np
+
+from stickslip.equations.loads import Stretch
+from stickslip.equations.mode_equations import ModeEquations
+from stickslip.model.arrays import Array, Indices
+
+_DWELL_OVER = 40.0
+"""Dwell times after which a static coefficient has risen to the last bit."""
+
+_DIFFERENCE = 1e-5
+
+
+class Inputs:
+    """The inputs along a motion from a state on, and the states that its modes allow.
+
+    `stretch` are the loads up to the next break. The state `y` at the start `t` has its dependent velocities written
+    through T; each row last became held at `since`.
+    """
+
+    def __init__(self, equations: ModeEquations, stretch: Stretch, t: float, y: Array, since: Array) -> None:
+        self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
+        system = self.system = equations.system
+        self.horizon = stretch.stop - t
+        self.dependence, self.regions = system.dependence, stretch.regions
+        self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
+        self._dwelling = system.dwelling
+        self._over = -math.inf
+        if self._dwelling.size:
+            self._place_dwells()
+
+    def exact(self, tau: float | Array, y: Array) -> Array:
+        """Return a state (or columns) with dependent velocities written through T."""
+        equations = self.equations
+        if not equations.dependent.size:
+            return y
+        y = np.array(y)
+        if not equations.is_driven:
+            return equations.consistent(y, np.empty(0))
+        return equations.consistent(y, self.system.drive_velocities(self.loads(tau)))
+
+    @property
+    def difference_step(self) -> float:
+        """Step in s of differences along the motion."""
+        return _DIFFERENCE * min(self.horizon or np.inf, 1.0)
+
+    # -- values --------------------------------------------------------------------------------------------
+
+    @property
+    def for_normals(self) -> Collection[int]:
+        """The functions and tables of the state on which normal forces depend."""
+        return () if self.dependence is None else self.dependence.for_normals
+
+    def loads(self, tau: float | Array) -> Array:
+        """Return the inputs that loads are at local time `tau`, without what depends on the state."""
+        if isinstance(tau, np.ndarray):
+            return self.stretch.sampled(self.t + tau)
+        return self.stretch.at(self.t + tau)
+
+    def inputs(self, tau: float | Array, y: Array, wanted: Collection[int] | None = None) -> Array:
+        """Return inputs and dwells at local time `tau`, one column per time where that is an array.
+
+        Of functions and tables of the state only those `wanted` by number are computed; None for all.
+        """
+        many = isinstance(tau, np.ndarray)
+        q = self.loads(tau)
+        if self.dependence is not None:
+            y = self.exact(tau, y)
+            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.regions)
+        if not self._dwelling.size:
+            return q
+        full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
+        full[: q.shape[0]] = q
+        if self._rising.size:
+            age, rate = (self._age[:, None], self._rate[:, None]) if many else (self._age, self._rate)
+            decay = np.exp(-(age + rate * tau))
+            full[q.shape[0] + self._rising] = decay * q[self._dwelling[self._rising]]
+        return full
+
+    @cached_property
+    def start_inputs(self) -> Array:
+        """Inputs and dwells at the start."""
+        return self.inputs(0.0, self.y)
+
+    def normals(self, tau: float | Array, y: Array) -> Array:
+        """Return the normal forces at local time `tau`."""
+        return np.maximum(self.inputs(tau, y)[: self.system.m], 0.0)
+
+    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
+        """Return the friction force of one row at local time `tau`, 0 where it is held."""
+        return self.equations.friction_of(row, w, normal, self.t + tau - self.since[row], y)
+
+    # -- slopes --------------------------------------------------------------------------------------------
+
+    def _input_rate(self, tau: float, y: Array, y_rate: Array) -> Array:
+        """Return the derivatives of inputs and dwells along the motion."""
+        rate = self.stretch.rate(self.t + tau)
+        if self.dependence is not None:
+            self._add_rates(rate, tau, y, y_rate)
+        if not self._dwelling.size:
+            return rate
+        full = np.zeros(rate.size + self._dwelling.size)
+        full[: rate.size] = rate
+        if self._rising.size:
+            rows = self._dwelling[self._rising]
+            decay = np.exp(-(self._age + self._rate * tau))
+            normal = self.inputs(tau, y)[rows]
+            full[rate.size + self._rising] = decay * (rate[rows] - self._rate * normal)
+        return full
+
+    def _add_rates(self, rate: Array, tau: float, y: Array, y_rate: Array) -> None:
+        """Add how fast the inputs change that depend on the state, in place: functions by differences."""
+        dependence = self.dependence
+        assert dependence is not None
+        if dependence.is_linear:
+            dependence.add_linear(rate, y_rate, self.regions)
+            return
+        d, count = self.difference_step, rate.size
+        now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
+        places = dependence.places
+        rate[places] = (4 * soon - 3 * now - later)[places] / (2 * d)
+
+    def input_slopes(self, tau: float, y: Array) -> Array:
+        """Return the derivatives of inputs and dwells with respect to the states that they depend on."""
+        dependence = self.dependence
+        assert dependence is not None
+        q = self.inputs(tau, y)
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.regions)
+        if self._dwelling.size and self._rising.size:
+            rows = self._dwelling[self._rising]
+            decay = np.exp(-(self._age + self._rate * tau))
+            found[self.system.inputs + self._rising] = decay[:, None] * found[rows]
+        return found
+
+    # -- levels that rise, and sines -----------------------------------------------------------------------
+
+    def _place_dwells(self) -> None:
+        """Rows whose static coefficient is still rising."""
+        places = self._rising = self.equations.resting_dwells
+        if not places.size:
+            return
+        rows = self._dwelling[places]
+        self._rate = 1.0 / self.system.dwell[rows]
+        self._age = (self.t - self.since[rows]) * self._rate
+        young = self._age < _DWELL_OVER
+        if not young.all():
+            self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
+        if self._rising.size:
+            self._over = float(((_DWELL_OVER - self._age) / self._rate).max())
+
+    def is_rising(self, tau: float) -> bool:
+        """Tell whether a static coefficient still rises at local time `tau`."""
+        return tau < self._over
+
+    @cached_property
+    def shortest_dwell(self) -> float:
+        """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
+        return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
+
+    @property
+    def dwell_times(self) -> Array:
+        """Dwell times of the rows whose static coefficients are still rising, each once."""
+        return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
+
+    def withheld(self, taus: Array) -> Array:
+        """Return the part of each dwell's rise that is still withheld at local times, one column each."""
+        found = np.zeros((self._dwelling.size, taus.size))
+        if self._dwelling.size and self._rising.size:
+            found[self._rising] = np.exp(-(self._age[:, None] + np.multiply.outer(self._rate, taus)))
+        return found
+
+    @cached_property
+    def waves_rest(self) -> bool:
+        """Whether sines move nothing: they only push on what rests, or press it."""
+        stretch, equations = self.stretch, self.equations
+        if not stretch.has_waves:
+            return True
+        pushed = np.zeros(self.system.inputs + self._dwelling.size)
+        pushed[: self.system.inputs] = stretch.amplitudes
+        y, size = np.zeros(self.system.size), self.system.size
+        rate, _ = equations.magnitudes(y, pushed)
+        moved = np.abs(equations.respond(pushed)[:size]) > 1e-12 * rate
+        drives = pushed[self.system.first_drive : self.system.first_acceleration]
+        return not (moved.any() or drives.any() or self._pushes_apart(pushed, rate))
+
+    def _pushes_apart(self, pushed: Array, rate: Array) -> bool:
+        """Tell whether two sines that cancel at their peaks move something."""
+        size = self.system.size
+        for i in self.stretch.amplitudes.nonzero()[0].tolist():
+            one = np.zeros(pushed.size)
+            one[i] = pushed[i]
+            if np.any(np.abs(self.equations.respond(one)[:size]) > 1e-12 * rate):
+                return True
+        return False
+
+    @property
+    def may_be_bounded(self) -> bool:
+        """Whether what bends the guards alone, rising levels and sines, moves nothing."""
+        has_waves = self.stretch.has_waves
+        if has_waves and self.dependence is not None:
+            return False
+        return not self.rises_push and (self.waves_rest or not has_waves)
+
+    # -- series --------------------------------------------------------------------------------------------
+
+    def decay(
+        self, tau: float, order: int, scale: float, frozen: bool
+    ) -> tuple[Indices, Indices, Array] | None:
+        """Return the rows whose static coefficients rise, the places of their dwells, and the series of these.
+
+        With `frozen` they keep the values that they have at `tau`.
+        """
+        if not (self._dwelling.size and self._rising.size):
+            return None
+        age = self._age + self._rate * tau
+        live = (age < _DWELL_OVER).nonzero()[0]
+        if not live.size:
+            return None
+        rows, places = self._dwelling[self._rising[live]], self.system.inputs + self._rising[live]
+        found = np.zeros((order + 1, live.size))
+        found[0] = np.exp(-age[live])
+        for k in range(0 if frozen else order):
+            found[k + 1] = found[k] * (-self._rate[live] * scale / (k + 1))
+        return rows, places, found
+
+    def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> Array:
+        """Return the Taylor coefficients of inputs and dwells without what depends on the state, a row per order."""
+        series = self.stretch.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
+        if not self._dwelling.size:
+            return series
+        inputs = self.system.inputs
+        full = np.zeros((order + 1, inputs + self._dwelling.size))
+        full[:, :inputs] = series
+        decaying = self.decay(tau, order, scale, frozen)
+        if decaying is not None:
+            rows, places, decay = decaying
+            for k in range(order + 1):
+                full[k, places] = _of_product(decay, series[:, rows], k)
+        return full
+
+    def _all_series(self, tau: float, y: Array, scale: float, frozen: bool) -> Array:
+        """Return the Taylor coefficients of inputs and dwells, from those of the states."""
+        found = self._input_series(tau, y.shape[0] - 1, scale, frozen)
+        if self.dependence is not None:
+            self.dependence.add_linear(found.T[: self.system.inputs], y.T, self.regions)
+        return found
+
+    def _extended(self, tau: float, y: Array) -> Array:
+        """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
+        stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
+        count = self._dwelling.size
+        x = np.zeros(size + 2 * inputs + 2 * count)
+        x[:size] = y
+        q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
+        np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
+        q += stretch.value
+        slope[:] = stretch.slope
+        if count and tau < self._over:
+            rows = self._dwelling[self._rising]
+            age = self._age + self._rate * tau
+            factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
+            dwells = x[size + 2 * inputs :].reshape(2, count)
+            dwells[0, self._rising] = factor * q[rows]
+            dwells[1, self._rising] = factor * slope[rows]
+        return x
+
+    @cached_property
+    def _rises_with_state(self) -> bool:
+        """Whether a level rises whose normal force depends on the state."""
+        return self.dependence is not None and self._rises_among(self.dependence.rows)
+
+    @cached_property
+    def _rises_with_waves(self) -> bool:
+        """Whether a level rises to whose normal force sines are added."""
+        return self._rises_among(self.stretch.waves[0])
+
+    def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
+        """Tell whether a static coefficient of one of these rows still rises at the start."""
+        if not (self._dwelling.size and self._rising.size):
+            return False
+        return bool(np.isin(self._dwelling[self._rising], rows).any())
+
+    # -- what adds up --------------------------------------------------------------------------------------
+
+    def _input_magnitudes(self, order: int) -> Array:
+        """Return what adds up in inputs and dwells at the start, an order per row, without feedback."""
+        parts = self.stretch.magnitudes(self.t, order)
+        if not self._dwelling.size:
+            return parts
+        inputs = self.system.inputs
+        found = np.zeros((order + 1, inputs + self._dwelling.size))
+        found[:, :inputs] = parts
+        if self._rising.size:
+            normals = parts[:, self._dwelling[self._rising]]
+            decay = self.system.decays(order)[:, self._rising]
+            rises = np.zeros(normals.shape)
+            for k in range(order + 1 if self.stretch.has_waves else 2):
+                rises[k:] += decay[: order + 1 - k] * normals[k]
+            found[:, inputs + self._rising] = rises
+        return found
+
+    def _add_magnitudes(self, q: Array, y: Array, values: bool) -> None:
+        """Add what adds up in the inputs that depend on the state, in place."""
+        dependence = self.dependence
+        assert dependence is not None
+        slopes = None if dependence.is_linear else self._start_slopes
+        dependence.add_sizes(q, y, slopes, values)
+
+    @cached_property
+    def _start_slopes(self) -> Array:
+        return self.input_slopes(0.0, self.y)
+
+
+class Linked:
+    """The Taylor coefficients of inputs that depend linearly on the state, order by order."""
+
+    def __init__(self, motion: Inputs, tau: float, order: int, scale: float, frozen: bool) -> None:
+        self._motion = motion
+        self.loads = motion.stretch.taylor(motion.t + tau, order, scale)
+        self.q = np.zeros((order + 1, motion.system.inputs + motion.system.dwelling.size))
+        self._decay = motion.decay(tau, order, scale, frozen)
+
+    def part(self, k: int, y: Array) -> Array:
+        """Return order `k` of the inputs and dwells from order `k` of the states."""
+        motion = self._motion
+        full: Array = self.q[k]
+        own = full[: motion.system.inputs]
+        own[:] = self.loads[k]
+        assert motion.dependence is not None
+        motion.dependence.add_linear(own, y, motion.regions)
+        if self._decay is not None:
+            rows, places, decay = self._decay
+            full[places] = _of_product(decay, self.q[:, rows], k)
+        return full
+
+
+def _of_product(decay: Array, normals: Array, k: int) -> Array:
+    """Return order `k` of ``exp(-age - rate tau) N``, the product of both series."""
+    return np.asarray((decay[k::-1] * normals[: k + 1]).sum(axis=0))
