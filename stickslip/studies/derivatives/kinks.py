@@ -122,7 +122,9 @@ def at_touches(
         found = scipy.optimize.minimize_scalar(
             value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
         )
-        if found.fun <= _TOUCH * size[i]:
+        # a guard that has been small all along, as between the last rebounds of a stop, has minima by roundoff
+        comes_from = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
+        if found.fun <= min(_TOUCH * size[i], 0.5 * comes_from):
             tau = float(found.x)
             slopes = nearby.slopes_along(own.raw, number, varied, np.array([tau]))[:, 0]
             for _, k in own.moving(np.array([i]), slopes):
