@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -64,6 +65,7 @@ class GuardRows:
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
         self.equations, self.loose = equations, loose.size
+        self.smallest_in_floats: dict[bytes, Callable[[float, Array], float]] = {}
         system, modes, borders = equations.system, equations.modes, equations.borders
         m, held = system.m, equations.held
         held_place = np.full(m, -1)
