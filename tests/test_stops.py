@@ -120,6 +120,33 @@ def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
     assert result.velocity("ball")[-1] == 0
 
 
+def test_an_event_elsewhere_does_not_end_a_low_flight() -> None:
+    """The ball that falls by 1 m to 3 m, impacts at ``t_n = t1 (1 + 2 e + ... + 2 e^n)``: flight 22 is 1.7e-10 m high.
+
+    A block that slides alone comes to rest as the ball falls back: at ``t = v / (mu g)``. The ball rebounds as ever.
+    """
+    g, e, mu = 9.81, 0.6, 0.3
+    t1 = math.sqrt(2 / g)
+    before = t1 * (1 + 2 * sum(e**k for k in range(1, 22)))
+    stops_at = before + 0.9 * 2 * t1 * e**22
+    scene = Scene(
+        Body("ball", inertia=2.0, position=4.0),
+        Force("ball", -2.0 * g),
+        Stop("floor", "ball", GROUND, lower=3.0, restitution=e),
+        Body("block", inertia=1.0, velocity=mu * g * stops_at),
+        Contact("rub", "block", GROUND, DryFriction(mu, mu), normal=g),
+    )
+    result = simulate(scene, (0.0, 3.0))
+    assert times(result, "rub") == pytest.approx([stops_at], abs=1e-12)
+    found = times(result, "floor")
+    np.testing.assert_allclose(
+        found[:30], [t1 * (1 + 2 * sum(e**k for k in range(1, n))) for n in range(1, 31)], rtol=0, atol=1e-10
+    )
+    end = result.events[-1]
+    assert (end.contact, end.cause, end.after) == ("floor", "impact", Mode.BACKWARD)
+    assert end.t == pytest.approx(t1 * (1 + e) / (1 - e), abs=1e-6)
+
+
 @every_engine
 def test_resting_at_a_stop_with_friction_until_lifted_off(options: dict[str, Any], off: float) -> None:
     """Pressed with 3 N, then pulled with a growing force: the stop opens at 0 N, the contact lets go at 2 N."""

@@ -12,16 +12,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.work import SolverFailure
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
-
-__all__ = ["path_through", "through_points"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _DEGREE = {"BDF": 6, "Adams": 12}
 """Highest degree for the points of a method: about that of its own polynomials."""
@@ -32,16 +27,16 @@ _NEGLIGIBLE = 1e-2
 _AHEAD = 2
 """Terms beyond a degree that tell its error: one alone may be small by chance."""
 
+_AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)
+"""Parts of the points that lie before a step."""
+
 
 def path_through(
     motion: Motion, taus: Array, points: Array, tolerance: tuple[float, Any], method: str, hit: bool
 ) -> Path:
     """Return the path through the points of a solver.
 
-    Raises
-    ------
-    SolverFailure
-        If some of them are not finite.
+    If some of them are not finite, that is a `SolverFailure`.
     """
     fine = np.isfinite(points).all(axis=1)
     count = taus.size if fine.all() else int(fine.argmin())
@@ -60,32 +55,25 @@ def path_through(
 def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], degree: int) -> Array:
     """Return Chebyshev coefficients (k, order + 1, size) of the states in each of the steps between `taus` (k + 1,).
 
-    In each step they are Newton's polynomial: through both its ends, and on to the points on that side on which the
-    next term stays smaller. Where that leaves more than the tolerance, it is tried on the points before the step alone.
+    In each step they are Newton's polynomial: through both its ends and the points around it. Where that leaves more
+    than the tolerance, it is tried on the points on one side alone.
 
-    Parameters
-    ----------
-    taus : array (k + 1,)
-        Local times in s, increasing.
-    points : array (k + 1, size)
-    tolerance : (float, float or array)
-        Relative and absolute, in which terms are measured.
-    degree : int
-        Highest degree.
+    The tolerance, relative and absolute, is what terms are measured in; `degree` is the highest.
     """
     if (count := taus.size - 1) == 0:
         return np.empty((0, 1, points.shape[1]))
-    differences = _Differences(taus, points, tolerance)
-    best, first, nodes, error = _newton(differences, np.arange(count), degree, False)
+    differences, sizes = _differences(taus, points, tolerance, min(degree + _AHEAD, count))
+    best, first, nodes, error = _newton(taus, sizes, np.arange(count), degree, _AROUND)
     rough = (error > 1.0).nonzero()[0]
-    if rough.size:
-        other = _newton(differences, rough, degree, True)
+    for before in _ON_ONE_SIDE if rough.size else ():
+        other = _newton(taus, sizes, rough, degree, before)
         better = other[3] < error[rough]
-        worse = rough[better]
-        best[worse], first[:, worse], nodes[:, worse] = (x[..., better] for x in other[:3])
+        for ours, theirs in zip((best, first, nodes, error), other, strict=True):
+            ours[..., rough[better]] = theirs[..., better]
     top = int(best.max())
-    terms = np.array([differences.of(k)[0][first[k]] for k in range(top + 1)])
-    terms[np.arange(top + 1)[:, None] > best] = 0.0
+    orders = np.arange(top + 1)[:, None]
+    terms = differences[orders, first[: top + 1]]
+    terms[orders > best] = 0.0
     x = taus[:-1, None] + np.diff(taus)[:, None] * chebyshev_nodes(top)
     basis = np.ones((count, top + 1, top + 1))
     np.cumprod(x[:, :, None] - nodes[:top].T[:, None, :], axis=2, out=basis[:, :, 1:])
@@ -93,73 +81,44 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
     return found
 
 
-class _Differences:
-    """Divided differences of points, from each of them on, and their sizes in tolerances."""
-
-    def __init__(self, taus: Array, points: Array, tolerance: tuple[float, Any]) -> None:
-        self.taus, self._known = taus, [(points, np.empty(0))]
-        self._weight = 1.0 / (tolerance[0] * np.abs(points) + tolerance[1])
-
-    def of(self, order: int) -> tuple[Array, Array]:
-        """Return those of an order, and their sizes."""
-        for k in range(len(self._known), order + 1):
-            before = self._known[-1][0]
-            found = (before[1:] - before[:-1]) / (self.taus[k:] - self.taus[:-k])[:, None]
-            self._known.append((found, (np.abs(found) * self._weight[:-k]).max(axis=1)))
-        return self._known[order]
+def _differences(
+    taus: Array, points: Array, tolerance: tuple[float, Any], highest: int
+) -> tuple[Array, Array]:
+    """Return divided differences of points from each of them on, an order per row, and their sizes in tolerances."""
+    found = np.zeros((highest + 1, *points.shape))
+    found[0] = points
+    for k in range(1, highest + 1):
+        np.subtract(found[k - 1, 1 : taus.size - k + 1], found[k - 1, :-k], out=found[k, :-k])
+        found[k, :-k] /= (taus[k:] - taus[:-k])[:, None]
+    return found, (np.abs(found) / (tolerance[0] * np.abs(points) + tolerance[1])).max(axis=2)
 
 
 def _newton(
-    differences: _Differences, steps: Indices, degree: int, only_before: bool
+    taus: Array, sizes: Array, steps: Indices, degree: int, before: float
 ) -> tuple[Indices, Indices, Array, Array]:
     """Choose points for the polynomials of some steps.
 
-    Parameters
-    ----------
-    differences : _Differences
-    steps : array of int
-    degree : int
-        Highest degree.
-    only_before : bool
-        Whether points behind a step are left out as long as there are others.
-
-    Returns
-    -------
-    array (steps,) of int
-        The best degree.
-    array (most + 1, steps) of int
-        The first of the points of each degree.
-    array (most + 1, steps)
-        The points themselves, in the order in which they are added.
-    array (steps,)
-        About the error with the best degree, in tolerances.
+    `sizes` are those of the divided differences; of the points beyond a step the part `before` lies before it, as long
+    as there are any there. Returned are for each step the best degree; for each degree up to the highest and each step
+    the first of the points; the points themselves, in the order in which they are added; and about the error with the
+    best degree, in tolerances.
     """
-    taus = differences.taus
-    top, most = min(degree, taus.size - 1), min(degree + _AHEAD, taus.size - 1)
-    left, start, end = steps, taus[steps], taus[steps + 1]
-    first, nodes = np.zeros((most + 1, steps.size), dtype=np.intp), np.zeros((most + 1, steps.size))
-    first[0], nodes[0], nodes[1] = steps, start, end
+    last = taus.size - 1
+    top, most = min(degree, last), min(degree + _AHEAD, last)
+    orders = np.arange(most + 1)[:, None]
+    beyond = np.maximum(orders - 1, 0)
+    first = np.maximum(np.minimum(steps - np.ceil(before * beyond).astype(np.intp), last - orders), 0)
+    nodes = np.empty(first.shape)
+    nodes[0] = taus[steps]
+    nodes[1:] = taus[np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])]
     # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
-    largest, reach = end - start, 0.25 * (end - start)
-    sizes = np.empty((most + _AHEAD, steps.size))
-    padded = np.concatenate([taus[:1] - 1.0, taus, taus[-1:] + 1.0])
-    for k in range(1, most + 1):
-        first[k], sizes[k - 1] = left, largest * differences.of(k)[1][left]
-        if k == most or (k > _AHEAD and sizes[k - _AHEAD : k].max() <= _NEGLIGIBLE):
-            break
-        largest = largest * reach
-        before, after = padded[left], padded[left + k + 2]
-        if only_before:
-            goes_left = left > 0
-        else:
-            ahead = np.concatenate([[np.inf], differences.of(k + 1)[1], [np.inf]])
-            goes_left = ahead[left] * (end - before) < ahead[left + 1] * (after - start)
-        nodes[k + 1] = np.where(goes_left, before, after)
-        reach = np.where(goes_left, end - before, after - start)
-        left = left - goes_left
+    reach = np.maximum(np.abs(nodes[:-1] - nodes[0]), np.abs(nodes[:-1] - nodes[1]))
+    reach[1:2] *= 0.25
+    terms = np.empty((most + _AHEAD, steps.size))
+    terms[:most] = np.cumprod(reach, axis=0) * sizes[orders[1:], first[1:]]
     # what is not known beyond the last term counts as no smaller than that
-    sizes[k:] = sizes[k - 1]
-    errors = np.maximum(sizes[1 : 1 + top], sizes[2 : 2 + top])
+    terms[most:] = terms[most - 1]
+    errors = np.maximum(terms[1 : 1 + top], terms[2 : 2 + top])
     enough = errors <= _NEGLIGIBLE
     # else the degree with the smallest error, of equal ones the highest
     best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))

@@ -11,14 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 from types import CodeType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LawInFloats", "Line", "lines", "rates_of", "smallest_of"]
+__all__ = ["LawInFloats", "Line", "lines", "rates_of", "remembered", "smallest_of"]
 
 Array = NDArray[np.float64]
+
+
+_Made = TypeVar("_Made")
+_MOST = 50
+"""Functions that are remembered of one set of modes."""
 
 
 class Line(NamedTuple):
@@ -60,6 +65,16 @@ def smallest_of(guards: list[Line], laws: list[LawInFloats]) -> Callable[[float,
         "tau, y", [f"return min({sums})" if len(guards) > 1 else f"return {sums}"]
     )
     return found
+
+
+def remembered(known: dict[bytes, _Made], make: Callable[[], _Made], *numbers: Array) -> _Made:
+    """Return what has been made of these numbers before, else make it: a motion often comes back with the same."""
+    key = b"".join([part.tobytes() for part in numbers])
+    if key not in known:
+        if len(known) >= _MOST:
+            known.pop(next(iter(known)))
+        known[key] = make()
+    return known[key]
 
 
 class _Text:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -32,15 +33,12 @@ class InModes(Protocol):
 
     def watch(self, y: Array) -> Array:
         """Return what is watched of columns of states."""
-        ...
 
     def respond(self, q: Array) -> Array:
         """Return rates, and what is watched, of inputs."""
-        ...
 
     def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return what adds up in the rates and in the watched quantities."""
-        ...
 
 
 class GuardRows:
@@ -67,6 +65,7 @@ class GuardRows:
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
         self.equations, self.loose = equations, loose.size
+        self.smallest_in_floats: dict[bytes, Callable[[float, Array], float]] = {}
         system, modes, borders = equations.system, equations.modes, equations.borders
         m, held = system.m, equations.held
         held_place = np.full(m, -1)

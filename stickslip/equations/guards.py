@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stickslip.equations.floats import lines, smallest_of
+from stickslip.equations.floats import lines, remembered, smallest_of
 from stickslip.equations.guards_at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
@@ -261,11 +261,15 @@ class Guards(GuardsAtStart):
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
-        laws = self.motion.laws_in_floats
-        if laws is None or self._on_lines is None:
+        motion, rows, own = self.motion, self.rows, self._on_lines
+        if motion.in_floats is None or own is None:
             return None
-        rows, reached = self.rows, self.motion.equations.L[self.rows.source]
-        return smallest_of(lines(*self._on_lines, rows.by_state, rows.turn[:, None] * reached), laws)
+
+        def made() -> Callable[[float, Array], float]:
+            reached = rows.turn[:, None] * motion.equations.L[rows.source]
+            return smallest_of(lines(*own, rows.by_state, reached), motion.laws_in_floats)
+
+        return remembered(rows.smallest_in_floats, made, *own, *motion.of_laws_on_lines)
 
     @cached_property
     def _of_states(self) -> Array | None:

@@ -170,6 +170,9 @@ class GuardsAtStart:
         for i in close:
             flat = 0.0
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
+            if of_stop[i]:
+                # a stop in flight is not at its limit, however low it flies: there it rebounds
+                closeness = ROUNDOFF
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.rests[i]:

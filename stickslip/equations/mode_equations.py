@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Any
 
@@ -22,6 +23,9 @@ _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
 
 _MOST_MAPS = 50
+
+_IN_FLOATS = 40
+"""Entries of the matrix of the rates up to which plain floats are faster than arrays."""
 
 
 OPEN, FREE, AT_HIGH, AT_LOW, APART = 2, 3, 4, 5, 6
@@ -95,6 +99,7 @@ class ModeEquations:
         self.guards = GuardRows(self, self.open[:0], modes[:0])
         self._guard_rows: dict[bytes, GuardRows] = {}
         self._shares = self._place_shares() if self.at_level.size else None
+        self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
         self._maps: dict[tuple[int, bool, tuple[int, ...] | None, Waves], TaylorMap | None] = {}
@@ -425,6 +430,12 @@ class ModeEquations:
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
         return found
+
+    @cached_property
+    def laws_in_floats(self) -> list[Callable[[float, float], float]] | None:
+        """The forces that depend on velocity in plain floats, None where arrays are the better way."""
+        size, count = self.system.size, self.velocity_dependent.size
+        return self.law.in_floats() if size * (size + count) <= _IN_FLOATS else None
 
     @cached_property
     def law_velocities(self) -> Array:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.floats import LawInFloats, lines, rates_of
+from stickslip.equations.floats import LawInFloats, lines, rates_of, remembered
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads import Stretch
@@ -20,9 +20,6 @@ from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
 _NO_BRISTLES = np.empty(0)
-
-_IN_FLOATS = 40
-"""Entries of the matrix of the rates up to which plain floats are faster than arrays."""
 
 
 class Expansion:
@@ -123,29 +120,34 @@ class Motion(Inputs):
         )
 
     @cached_property
-    def laws_in_floats(self) -> list[LawInFloats] | None:
-        """The friction forces of a small motion that depend on velocity, None where arrays are the better way."""
-        system, equations = self.system, self.equations
-        count = equations.velocity_dependent.size
-        if system.size * (system.size + count) > _IN_FLOATS or self._lines is None:
-            return None
-        laws = equations.law.in_floats()
-        if laws is None:
-            return None
-        if not laws:
-            return []
-        own = self._lines
-        velocities = lines(own.w, own.w_slope, equations.law_velocities)
-        return list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
-
-    @cached_property
     def in_floats(self) -> Callable[[float, Array, Array], None] | None:
         """The rates of a small motion in plain floats: a function of local time, states, and where it writes them."""
-        laws, own, size = self.laws_in_floats, self._lines, self.system.size
-        if laws is None or own is None:
+        own, size, equations = self._lines, self.system.size, self.equations
+        if own is None or equations.laws_in_floats is None:
             return None
-        equations = self.equations
-        return rates_of(lines(own.response[:size], own.response_slope[:size], equations.A, equations.K), laws)
+
+        def made() -> Callable[[float, Array, Array], None]:
+            rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
+            return rates_of(rates, self.laws_in_floats)
+
+        return remembered(
+            equations.rates_in_floats, made, own.response, own.response_slope, *self.of_laws_on_lines
+        )
+
+    @property
+    def laws_in_floats(self) -> list[LawInFloats]:
+        """The friction forces of a small motion that depend on velocity."""
+        own, laws = self._lines, self.equations.laws_in_floats
+        if not laws or own is None:
+            return []
+        velocities = lines(own.w, own.w_slope, self.equations.law_velocities)
+        return list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
+
+    @property
+    def of_laws_on_lines(self) -> tuple[Array, ...]:
+        """Relative velocities, normal forces and their slopes, from which a small motion has its friction forces."""
+        own = self._lines
+        return () if own is None else (own.w, own.w_slope, own.normal, own.normal_slope)
 
     @property
     def is_on_lines(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
@@ -72,7 +72,7 @@ class Path:
         weights = np.cos(powers * angle) if self.is_chebyshev else s**powers
         return np.asarray(weights @ self.coefficients[i])
 
-    @property
+    @cached_property
     def largest(self) -> Array:
         """A bound of the sizes of the states along the path."""
         if not self.coefficients.shape[0]:

@@ -198,8 +198,11 @@ def until_unseen_crossing(motion: Motion, path: Path, uncertain: float) -> Path:
         return path
     w = _signed(motion, path.taus, path.points.T, rows)
     found = float(path.taus[-1])
-    for k in np.flatnonzero((w < 0).any(axis=1)).tolist():
-        row, beyond = rows[[k]], (w[k] < 0).astype(np.int8)
+    passed = w < 0
+    # what ends here is told there
+    passed[:, -1] &= (w[:, -1] < (_FULLY - 1) * uncertain) | (not path.has_event)
+    for k in np.flatnonzero(passed.any(axis=1)).tolist():
+        row, beyond = rows[[k]], passed[k].astype(np.int8)
         for left, right in np.flatnonzero(np.diff(beyond, prepend=0, append=0)).reshape(-1, 2).tolist():
             # where it is farthest beyond 0 the velocity is constant
             at = left + int(np.argmin(w[k, left:right]))

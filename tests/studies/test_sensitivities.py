@@ -321,6 +321,29 @@ def test_slow_rebounds_from_a_table_whose_speed_changes() -> None:
     assert np.allclose([found.position("ball"), found.velocity("ball")], [[3.0], [1.0]], rtol=1e-10)
 
 
+def test_a_low_flight_does_not_graze() -> None:
+    """As above with a floor at 3 m, and a block that comes to rest alone just beyond the peak of a flight 4e-9 m high.
+
+    There a solver begins with short steps, in which the height is constant but for roundoff: no minima.
+    """
+    gravity, height, e, mu = 9.81, 1.0, 0.6, 0.3
+    fall = math.sqrt(2 * height / gravity)
+    impact = fall * (1 + 2 * sum(e**k for k in range(1, 19)))
+    stops_at = impact + 1.01 * fall * e**19
+    scene = Scene(
+        Body("ball", inertia=2.0, position=3.0 + height),
+        Force("ball", -2.0 * gravity),
+        Stop("floor", "ball", GROUND, lower=3.0, restitution=e),
+        Body("block", inertia=1.0, velocity=mu * gravity * stops_at),
+        Contact("rub", "block", GROUND, DryFriction(mu, mu), normal=gravity),
+    )
+    found = sensitivities(scene, (0.0, 3.0), ["floor.restitution"], method="BDF", rtol=1e-12, atol=1e-14)
+    assert found.reasons == ()
+    k = np.arange(22)
+    times = [event.contact == "floor" for event in found.result.events]
+    assert np.allclose(found.events[times, 0][:22], 2 * fall * np.cumsum(k * e ** (k - 1.0)), rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
