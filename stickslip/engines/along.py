@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_values
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.crossings import root_between
-
-__all__ = ["Along"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 class Along:
     """The guards of a motion along its path.
 
-    Attributes
-    ----------
-    low : array (guards, steps)
-        What no guard goes below in each step, -inf where that is not known.
+    `low` is what no guard goes below in each step, -inf where that is not known.
     """
 
     def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
@@ -20,10 +19,7 @@ from stickslip.engines.work import Work, failure_of
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-
-__all__ = ["ADAMS", "BDF", "Cvode", "Selected"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array, Indices
 
 _ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
 """The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
@@ -44,11 +40,7 @@ _Steps = tuple[float, float]
 class Cvode:
     """CVODE for the motions of one simulation.
 
-    Parameters
-    ----------
-    task : Task
-    kind : str
-        "BDF" or "Adams".
+    `kind` is BDF or Adams.
     """
 
     def __init__(self, task: Task, kind: str) -> None:
@@ -157,7 +149,7 @@ class Cvode:
 class Selected:
     """The states of a motion as CVODE sees them: all, or reordered, or without the dependent velocities."""
 
-    def __init__(self, motion: Motion, order: NDArray[np.intp] | None, merged: bool) -> None:
+    def __init__(self, motion: Motion, order: Indices | None, merged: bool) -> None:
         self.motion = motion
         size = motion.y.size
         self._order = np.arange(size) if order is None else order

@@ -13,14 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.engines.along import Along
-
-__all__ = ["Dip", "first_dip"]
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from stickslip.model.arrays import Array, Indices, Mask
 
 _FRACTIONS = np.array([0.25, 0.5, 0.75, 1.0])
 _SUSPICION = 5e-2
@@ -120,7 +115,7 @@ def _lowest(guards: Callable[[Array], Array], row: int, left: float, right: floa
 
 
 def _come_close(
-    guards: Callable[[Array], Array], left: Array, right: Array, rows: NDArray[np.intp], touch: Array
+    guards: Callable[[Array], Array], left: Array, right: Array, rows: Indices, touch: Array
 ) -> Mask:
     """Tell which guards that turn between `left` and `right` come near zero: all together, by narrower parabolas."""
 

@@ -5,18 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.polynomials import powers, shifted
-
-__all__ = ["Due"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
+from stickslip.model.arrays import Array, Indices, Mask
 
 _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
@@ -29,11 +23,6 @@ _TERMS_WITH_DWELL = 20
 
 class Due:
     """The times before which no guard of a row comes to 0.
-
-    Parameters
-    ----------
-    parts : Parts
-    work : Work
 
     Attributes
     ----------
@@ -56,13 +45,7 @@ class Due:
     def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
 
-        Parameters
-        ----------
-        rows : array of int
-        t : float
-            From when on.
-        is_bounded : array of bool
-            Whether their series hold to the end of those of the parts only.
+        It is looked for from `t` on; `is_bounded` are rows whose series hold to the end of those of the parts only.
         """
         parts = self._parts
         self.is_bounded[rows] = is_bounded

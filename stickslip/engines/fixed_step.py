@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.stability import Stability, Unstable
@@ -15,10 +14,7 @@ from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Wo
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-
-__all__ = ["EULER", "RK4", "FixedStep", "Scheme"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array
 
 _FEWEST, _MOST = 4, 64
 """Steps taken before the guards are looked at, all at once: few after an event, more as the modes last."""
@@ -26,36 +22,19 @@ _FEWEST, _MOST = 4, 64
 
 @dataclass(frozen=True)
 class Scheme:
-    """A method of fixed steps.
-
-    Attributes
-    ----------
-    name : str
-    take : callable
-        ``take(rates, stage, y, h)`` returns the state after a step of length h.
-    stages : int
-        Rates per step.
-    times : int
-        2 where a stage lies in the middle of the step, else 1.
-    growth : tuple of float
-        Coefficients of ``R(z)``, the highest power first: a step h turns ``y' = lambda y`` into ``R(h lambda) y``.
-    """
+    """A method of fixed steps."""
 
     name: str
+    # ``take(rates, stage, y, h)`` returns the state after a step of length h
     take: Callable[[_Rates, int, Array, float], Array]
-    stages: int
-    times: int
+    stages: int  # rates per step
+    times: int  # 2 where a stage lies in the middle of the step, else 1
+    # coefficients of ``R(z)``, the highest power first: a step h turns ``y' = z y / h`` into ``R(z) y``
     growth: tuple[float, ...]
 
 
 class FixedStep:
-    """The classical Runge-Kutta method of order 4, or Euler's, with a given step.
-
-    Parameters
-    ----------
-    task : Task
-    scheme : Scheme
-    """
+    """The classical Runge-Kutta method of order 4, or Euler's, with a given step."""
 
     def __init__(self, task: Task, scheme: Scheme) -> None:
         self._scheme, self._step, self._interruption = scheme, task.step, task.interruption
@@ -181,14 +160,7 @@ class _Taken:
 
 
 class _Rates:
-    """The rates at times known beforehand: inputs are evaluated for all of them at once.
-
-    Parameters
-    ----------
-    motion : Motion
-    taus : array (k,)
-        Local times of the stages.
-    """
+    """The rates at times known beforehand: inputs are evaluated for all of them at once."""
 
     def __init__(self, motion: Motion, taus: Array) -> None:
         equations, size = motion.equations, motion.y.size

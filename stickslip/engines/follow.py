@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.along import Along
 from stickslip.engines.dips import first_dip
@@ -18,10 +17,7 @@ from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Wo
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-
-__all__ = ["LOCAL", "Lookout", "follow", "longest_step"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array
 
 LOCAL = 0.1
 """Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
@@ -40,10 +36,7 @@ def longest_step(motion: Motion, max_step: float, period: float) -> float:
 class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
-    Attributes
-    ----------
-    end : (float, array) or None
-        That point: local time in s and unknowns.
+    `end` is that point: local time in s and unknowns.
     """
 
     def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
@@ -88,15 +81,7 @@ def follow(
 ) -> Path:
     """Advance to the first event, also where it lies between computed points.
 
-    Parameters
-    ----------
-    motion : Motion
-    guards : Guards
-    horizon : float
-        Local time in s.
-    solve : callable
-        ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
-    interruption : Interruption
+    ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
     """
     path = _protected(motion, horizon, solve, interruption)
     if not guards.size or path.taus.size < 2:

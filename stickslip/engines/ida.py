@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
@@ -26,10 +25,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-
-__all__ = ["IDA_BDF", "Ida"]
-
-Array = NDArray[np.float64]
+from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 100
 _OF_FORCES = 100.0
@@ -40,12 +36,7 @@ Guards and results do not use them, but what the balance gives in the same state
 
 
 class Ida:
-    """IDA for the motions of one simulation.
-
-    Parameters
-    ----------
-    task : Task
-    """
+    """IDA for the motions of one simulation."""
 
     def __init__(self, task: Task) -> None:
         self._task = task
@@ -133,7 +124,7 @@ class _Residual:
         self._scale_forces(force)
         self._place_jacobian()
 
-    def _null_space(self, held: NDArray[np.intp]) -> Array | None:
+    def _null_space(self, held: Indices) -> Array | None:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
         if self._motion.equations.balance.loop.max(initial=-1) < 0:
             return None

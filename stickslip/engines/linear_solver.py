@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
-
-__all__ = ["LinearSolver", "band_order", "sparsity_pattern"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _DENSE_LIMIT = 60
 _DENSE_AT_MOST = 400

@@ -10,19 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
-
-__all__ = ["FREE", "GROUND", "Parts", "Patch"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Modes = NDArray[np.int8]
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 FREE, GROUND = -2, -1
 """What leads a group: nothing, the ground, or the drive of that number."""
@@ -32,31 +26,17 @@ _MANY = 120
 
 
 class Patch(NamedTuple):
-    """Bodies that an event reaches, and what they feel of all others.
-
-    Attributes
-    ----------
-    t : float
-    bodies : array (k,) of int
-    v, x : array (k,)
-        Their velocities and positions at `t`.
-    coupling : array (k,)
-        Force of springs and dampers on each at `t`.
-    both : array or sparse (k, 2 k)
-        Forces of springs and dampers from velocities and positions within.
-    outer : array (k, order + 1)
-        Series of the force from bodies without.
-    row, near : array of int
-        What each body, by its place in the patch, is coupled to.
-    """
+    """Bodies that an event reaches, and what they feel of all others."""
 
     t: float
-    bodies: Indices
+    bodies: Indices  # (k,)
+    # (k,): their velocities and positions at `t`
     v: Array
     x: Array
-    coupling: Array
-    both: Any
-    outer: Array
+    coupling: Array  # (k,): force of springs and dampers on each at `t`
+    both: Any  # (k, 2 k): forces of springs and dampers from velocities and positions within
+    outer: Array  # (k, order + 1): series of the force from bodies without
+    # what each body, by its place in the patch, is coupled to
     row: Indices
     near: Indices
 
@@ -87,9 +67,7 @@ class Parts:
         Until when series of what springs and dampers move hold.
     """
 
-    def __init__(
-        self, forest: Forest, motion: Motion, labels: Modes, started: NDArray[np.bool_], work: Work
-    ) -> None:
+    def __init__(self, forest: Forest, motion: Motion, labels: Modes, started: Mask, work: Work) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
@@ -171,7 +149,7 @@ class Parts:
                 self.inside[i] = np.array([j])
 
     @property
-    def is_free(self) -> NDArray[np.bool_]:
+    def is_free(self) -> Mask:
         """Whether neither ground nor a drive leads a body."""
         return np.asarray(self.lead == FREE)
 
@@ -509,7 +487,7 @@ class Parts:
             v[moved] = shifted(v[moved], s[moved])
         return v
 
-    def live_rows(self, patch: Patch, rows: Indices) -> NDArray[np.bool_]:
+    def live_rows(self, patch: Patch, rows: Indices) -> Mask:
         """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
         if not self.is_coupled:
             return np.zeros(rows.size, dtype=bool)

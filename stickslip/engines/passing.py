@@ -14,8 +14,6 @@ import numpy as np
 from stickslip.engines.along import Along
 from stickslip.equations.path import Path
 
-__all__ = ["back_to_zero"]
-
 _FULLY = 0.999
 """Part of what is uncertain by which a velocity that was found beyond 0 has passed it at least."""
 

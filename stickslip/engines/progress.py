@@ -9,8 +9,6 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any, Self
 
-__all__ = ["Interruption", "Progress"]
-
 _CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 _CALLS_BETWEEN_SIGNS, _CALLS_AFTER_INTERRUPTION = 500, 10_000
 
@@ -22,11 +20,7 @@ class Interruption:
     sets `pressed`, and the second raises KeyboardInterrupt. Where the program handles the signal itself, or in
     another than the main thread, nothing is changed.
 
-    Attributes
-    ----------
-    pressed : bool
-    show : callable or None
-        Told the local time in s now and then, for a progress bar.
+    `show` is told the local time in s now and then, for a progress bar.
     """
 
     def __init__(self) -> None:
@@ -56,17 +50,8 @@ class Interruption:
 class Progress:
     """Counts the evaluations of one segment, remembers the last, and gives up where the end is out of reach.
 
-    Parameters
-    ----------
-    whole : float
-        Length of the segment in s.
-    interruption : Interruption
-        Once it is pressed the guards tell the solver that the segment has ended.
-
-    Attributes
-    ----------
-    last : float
-        Local time in s of the last evaluation.
+    `whole` is the length of the segment in s, `last` the local time of the last evaluation. Once the interruption is
+    pressed, the guards tell the solver that the segment has ended.
     """
 
     def __init__(self, whole: float, interruption: Interruption) -> None:
@@ -77,13 +62,8 @@ class Progress:
     def note(self, tau: float) -> None:
         """Count an evaluation at local time `tau`.
 
-        Raises
-        ------
-        ArithmeticError
-            If the segment would take more than 1e9 evaluations at the pace of the last 50 000, or the time is not a
-            number: SUNDIALS' own tests let such steps pass, for ever.
-        KeyboardInterrupt
-            If the solver goes on after an interruption.
+        Where the segment would take more than 1e9 evaluations at the pace of the last 50 000, it gives up; and where
+        the time is not a number, because SUNDIALS' own tests let such steps pass, for ever.
         """
         if math.isnan(tau):
             raise ArithmeticError(

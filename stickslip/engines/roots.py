@@ -7,12 +7,8 @@ from math import comb
 from operator import ne
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["earliest", "first_root", "first_touch", "may_vanish"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _DEEPEST = 60
 _ROUNDOFF = 2e-15

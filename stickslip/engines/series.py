@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, first_touch, may_vanish
@@ -22,11 +21,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-
-__all__ = ["SERIES", "Series", "why_no_series"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _ORDER = 18
 _REMAINDER = 1e-17
@@ -57,13 +52,7 @@ class _Step(NamedTuple):
 
 
 class Series:
-    """Follow linear motions exactly.
-
-    Parameters
-    ----------
-    task : Task
-        Of which the tolerances are not needed.
-    """
+    """Follow linear motions exactly."""
 
     def __init__(self, task: Task) -> None:
         self._max_step, self.work, self._interruption = task.max_step, Work(), task.interruption
@@ -252,7 +241,7 @@ def _padded(pieces: list[Array], size: int) -> Array:
     return found
 
 
-def _divided(g: Array, order: NDArray[np.intp]) -> Array:
+def _divided(g: Array, order: Indices) -> Array:
     """Return polynomials with their zeros at the start divided out."""
     g = g.copy()
     for k in set(order[order > 0].tolist()):

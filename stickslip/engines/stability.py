@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array, Mask
 
-__all__ = ["Stability", "Unstable"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _DENSE = 200
@@ -30,12 +28,7 @@ _NEAR_REST = 3.0
 class Unstable(Exception):
     """A step is too long for a scene.
 
-    Parameters
-    ----------
-    eigenvalue : complex
-        Of the Jacobian, in 1/s.
-    longest : float
-        Longest step in s that it allows.
+    An eigenvalue of the Jacobian in 1/s is the reason, and `longest` the longest step in s that it allows.
     """
 
     def __init__(self, eigenvalue: complex, longest: float) -> None:
@@ -51,10 +44,7 @@ class Stability:
     With Euler's method every undamped oscillation grows, by ``exp(h omega^2 t / 2)``: that is let pass up to
     ``h omega = 1``, some six steps a period.
 
-    Parameters
-    ----------
-    growth : sequence of float
-        Coefficients of ``R(z)``, the highest power first.
+    `growth` are the coefficients of ``R(z)``, the highest power first.
     """
 
     def __init__(self, growth: Sequence[float]) -> None:
@@ -64,20 +54,8 @@ class Stability:
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
         """Look at computed points (rows) of a motion.
 
-        Parameters
-        ----------
-        motion : Motion
-        h : float
-            Step in s.
-        taus : array (k,)
-            Local times of the points in s.
-        states : array (k, size)
-
-        Raises
-        ------
-        Unstable
-            If the step is too long for the last of them, or for a contact with a smooth law that passes through rest
-            between them, where its slope is steepest.
+        If the step is too long for the last of them, or for a contact with a smooth law that passes through rest
+        between them, where its slope is steepest, that is `Unstable`.
         """
         if not motion.has_law and motion.dependence is None:
             # a mode set without such laws has one Jacobian: what it was found to bear holds
@@ -120,8 +98,8 @@ class Stability:
             worst = int(limits.argmin())
             raise Unstable(complex(bad[worst]), float(limits[worst]))
 
-    def _grows(self, z: Complex) -> NDArray[np.bool_]:
-        growing: NDArray[np.bool_] = np.abs(np.polyval(self._series, z)) > 1.0 + _ROUNDOFF
+    def _grows(self, z: Complex) -> Mask:
+        growing: Mask = np.abs(np.polyval(self._series, z)) > 1.0 + _ROUNDOFF
         return growing & (np.abs(z) > 1.0 + _ROUNDOFF)
 
     def _limits(self, values: Complex, h: float) -> Array:

@@ -13,8 +13,6 @@ import os
 from functools import cache
 from typing import Any
 
-__all__ = ["CVODE", "IDA"]
-
 _LOGGER = logging.getLogger("stickslip.sundials")
 
 

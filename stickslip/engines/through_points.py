@@ -12,16 +12,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines.work import SolverFailure
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
-
-__all__ = ["path_through", "through_points"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from stickslip.model.arrays import Array, Indices
 
 _DEGREE = {"BDF": 6, "Adams": 12}
 """Highest degree for the points of a method: about that of its own polynomials."""
@@ -41,10 +36,7 @@ def path_through(
 ) -> Path:
     """Return the path through the points of a solver.
 
-    Raises
-    ------
-    SolverFailure
-        If some of them are not finite.
+    If some of them are not finite, that is a `SolverFailure`.
     """
     fine = np.isfinite(points).all(axis=1)
     count = taus.size if fine.all() else int(fine.argmin())
@@ -66,15 +58,7 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
     In each step they are Newton's polynomial: through both its ends and the points around it. Where that leaves more
     than the tolerance, it is tried on the points on one side alone.
 
-    Parameters
-    ----------
-    taus : array (k + 1,)
-        Local times in s, increasing.
-    points : array (k + 1, size)
-    tolerance : (float, float or array)
-        Relative and absolute, in which terms are measured.
-    degree : int
-        Highest degree.
+    The tolerance, relative and absolute, is what terms are measured in; `degree` is the highest.
     """
     if (count := taus.size - 1) == 0:
         return np.empty((0, 1, points.shape[1]))
@@ -114,27 +98,10 @@ def _newton(
 ) -> tuple[Indices, Indices, Array, Array]:
     """Choose points for the polynomials of some steps.
 
-    Parameters
-    ----------
-    taus : array
-    sizes : array
-        Those of the divided differences.
-    steps : array of int
-    degree : int
-        Highest degree.
-    before : float
-        Part of the points beyond a step that lie before it, as long as there are any there.
-
-    Returns
-    -------
-    array (steps,) of int
-        The best degree.
-    array (most + 1, steps) of int
-        The first of the points of each degree.
-    array (most + 1, steps)
-        The points themselves, in the order in which they are added.
-    array (steps,)
-        About the error with the best degree, in tolerances.
+    `sizes` are those of the divided differences; of the points beyond a step the part `before` lies before it, as long
+    as there are any there. Returned are for each step the best degree; for each degree up to the highest and each step
+    the first of the points; the points themselves, in the order in which they are added; and about the error with the
+    best degree, in tolerances.
     """
     last = taus.size - 1
     top, most = min(degree, last), min(degree + _AHEAD, last)

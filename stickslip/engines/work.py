@@ -8,15 +8,6 @@ from typing import Any
 
 from stickslip.equations.path import Path
 
-__all__ = [
-    "LOOK_AT_SCENE",
-    "Interrupted",
-    "SolverFailure",
-    "Work",
-    "failure_of",
-    "sound",
-]
-
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
 
@@ -38,14 +29,8 @@ class Work:
 class SolverFailure(Exception):
     """The solver gave up, or what it called did.
 
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, in SUNDIALS' words where it was SUNDIALS.
-    remedy : str
-        What to try.
-    path : Path, optional
-        What was computed before.
+    `sentence` says what went wrong, in SUNDIALS' words where it was SUNDIALS, and `remedy` what to try; `path` is what
+    was computed before.
     """
 
     def __init__(self, sentence: str, remedy: str, path: Path | None = None) -> None:
@@ -56,10 +41,7 @@ class SolverFailure(Exception):
 class Interrupted(KeyboardInterrupt):
     """Ctrl-C was pressed while a solver was at work.
 
-    Parameters
-    ----------
-    path : Path
-        What was computed before.
+    `path` is what was computed before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,10 +52,7 @@ class Interrupted(KeyboardInterrupt):
 def sound(smallest: float, tau: float) -> float:
     """Return the smallest guard as a solver is to see it: 1 where nothing is watched.
 
-    Raises
-    ------
-    FloatingPointError
-        If it is not a number: root finding would see no event, for ever.
+    It is refused where it is not a number: root finding would see no event, for ever.
     """
     if math.isnan(smallest):
         raise FloatingPointError(f"a guard is not a number at local time {tau:g}")

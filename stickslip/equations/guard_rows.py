@@ -33,15 +33,12 @@ class InModes(Protocol):
 
     def watch(self, y: Array) -> Array:
         """Return what is watched of columns of states."""
-        ...
 
     def respond(self, q: Array) -> Array:
         """Return rates, and what is watched, of inputs."""
-        ...
 
     def magnitudes(self, y: Array, q: Array) -> tuple[Array, Array]:
         """Return what adds up in the rates and in the watched quantities."""
-        ...
 
 
 class GuardRows:

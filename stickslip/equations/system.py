@@ -35,6 +35,9 @@ _DENSE_LIMIT = 150
 """Bodies and rows together from which matrices are kept sparse."""
 
 _REMEMBERED, _REMEMBERED_SPARSE = 128, 4
+_BALANCES, _BYTES = 4000, 32_000_000
+"""So many balances of forces, and memory for them, are kept: results are read with those of the run."""
+
 _NO_LAW = DryFriction(0.0, 0.0)
 
 
@@ -78,7 +81,10 @@ class System:
         self.piecewise = self._piecewise(book)
         remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
         self.remembered = lru_cache(maxsize=remembered)(self._made)
-        self.balance = lru_cache(maxsize=remembered)(self._balance)
+        each = 200 * (n + m) if self.sparse else 32 * (n + m) ** 2
+        self.balance = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
+            self._balance
+        )
         self._loads = lru_cache(maxsize=1)(self._made_loads)
         self.decays = lru_cache(maxsize=8)(self._decays)
 

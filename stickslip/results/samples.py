@@ -384,7 +384,7 @@ class Samples(PickledByFields):
         drives = system.drive_accelerations(q) if system.drives else None
         for held, chosen in sets:
             rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-            balance = self.trajectory.balance(held)
+            balance = system.balance(held)
             own, led = pushes[:, chosen], None if drives is None else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
             if isinstance(chosen, slice):

@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, overload
+from typing import overload
 
 import numpy as np
 
-from stickslip.equations.balance import Balance
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
@@ -21,10 +20,6 @@ from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
 
-_BALANCE_BYTES = 32_000_000
-"""Memory for balances of forces that are kept, because to build one takes as long as to evaluate many times."""
-
-_DENSE_BYTES, _SPARSE_BYTES = 32, 200
 _AT_ONCE = 2_000_000
 """Coefficients that are put together at once."""
 
@@ -113,7 +108,6 @@ class Trajectory(PickledByFields):
     # start and end in s of the loads, and whether a fixed-step method read them
     span: tuple[float, float, bool]
     pieces: Sequence[Piece] = field(repr=False)
-    _balances: dict[bytes, Balance] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def loads(self) -> Loads:
@@ -348,7 +342,7 @@ class Trajectory(PickledByFields):
         tells which sets of rows hold in which columns.
         """
         for key, chosen in held:
-            balance = self.balance(key)
+            balance = self.system.balance(key)
             if not balance.dependent.size:
                 continue
             led = balance.led_by_bodies @ v[:, chosen]
@@ -358,15 +352,6 @@ class Trajectory(PickledByFields):
                 v[balance.dependent, chosen] = led
             else:
                 v[balance.dependent[:, None], chosen] = led
-
-    def balance(self, held: bytes) -> Balance:
-        """Return the balance of forces where some rows are held."""
-        found = self._balances.get(held)
-        if found is None:
-            found = self.system.balance(held)
-            if len(self._balances) < balances_kept(self.system):
-                self._balances[held] = found
-        return found
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
@@ -405,15 +390,6 @@ class Trajectory(PickledByFields):
             stretch = self.loads.after(self.starts[pieces[0]])
             found[:, chosen] = stretch.sampled(self.starts[pieces] + taus[chosen], only)
         return found
-
-    def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"_balances": {}}
-
-
-def balances_kept(system: System) -> int:
-    """Return how many balances of forces a trajectory keeps."""
-    rows = system.n + system.m
-    return _BALANCE_BYTES // (_SPARSE_BYTES * rows if system.sparse else _DENSE_BYTES * rows**2)
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.balance import Balance
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
@@ -15,7 +14,7 @@ from stickslip.model.modes import Mode
 from stickslip.results.outcome import Event
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Pieces, Trajectory, balances_kept
+from stickslip.results.trajectory import Piece, Pieces, Trajectory
 from stickslip.simulation.result import Result
 
 
@@ -34,8 +33,6 @@ class Recorder:
         self.events: list[Event] = []
         self.fewest_states = system.size
         self._pieces: list[Piece | Patchwork] = []
-        self._balances: dict[bytes, Balance] = {}
-        self._most_balances = balances_kept(system)
         self._done = 0
         self._states: list[Array] = []
         self._counts: list[int] = []
@@ -46,9 +43,6 @@ class Recorder:
         self.fewest_states = min(self.fewest_states, self._system.size - motion.equations.dependent.size)
         if self.keeps_paths:
             self._pieces.append(self._piece(now, stop, path))
-        if len(self._balances) < self._most_balances:
-            equations = motion.equations
-            self._balances.setdefault(equations.is_held.tobytes(), equations.balance)
         times = self._outputs_until(stop)
         if not times.size:
             return
@@ -107,7 +101,7 @@ class Recorder:
 
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""
-        trajectory = Trajectory(self._system, self._span, Pieces.of(self._pieces), self._balances)
+        trajectory = Trajectory(self._system, self._span, Pieces.of(self._pieces))
         events = sorted(self.events, key=lambda event: event.t)
         stats = stats | {"events": len(events)}
         at: Samples | Array | None = None

@@ -9,12 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array, Mask
 from stickslip.studies.cycles.cycle import Cycle
 from stickslip.studies.parameters import named_parameters
-
-__all__ = ["Branch", "BranchPoint"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -83,7 +80,7 @@ class Branch:
         return found
 
     @cached_property
-    def stable(self) -> NDArray[np.bool_]:
+    def stable(self) -> Mask:
         """Whether each cycle is stable."""
         return np.array([one is not None and one.stable for one in self.cycles])
 

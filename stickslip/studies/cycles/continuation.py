@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
@@ -23,10 +23,6 @@ from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
 from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
 from stickslip.studies.parameters import Parameter, named_parameters
-
-__all__ = ["continue_cycle"]
-
-Array = NDArray[np.float64]
 
 _SHORTEST_STEP = 1 / 256
 """Shortest step from value to value, as a part of their distance."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event
@@ -16,9 +17,6 @@ from stickslip.studies.cycles.periodicity import middle_of
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
-__all__ = ["Cycle", "centred", "cycle_of", "said", "sequence_of"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _ZERO = 1e-9
@@ -131,10 +129,7 @@ class Cycle:
 def cycle_of(shot: Shot) -> Cycle:
     """Return the cycle that a shot which closes is.
 
-    Raises
-    ------
-    CycleError
-        If it does not move, or the map over one period has no derivative.
+    If it does not move, or the map over one period has no derivative, that is a `CycleError`.
     """
     _check_moves(shot)
     return Cycle(

@@ -10,18 +10,14 @@ where ``f = z'`` and T is unknown, too.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.simulation.result import SimulationError
 from stickslip.simulation.simulate import compiled
 from stickslip.studies.cycles.cycle import Cycle, centred, cycle_of
 from stickslip.studies.cycles.periodicity import check_loads
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
-
-__all__ = ["closed", "closed_from", "cycle_within"]
-
-Array = NDArray[np.float64]
 
 _MOST_STEPS, _MOST_HALVINGS, _PATIENCE = 25, 6, 4
 _SURE = 1e-4
@@ -36,12 +32,7 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
 def closed(shot: Shot) -> Cycle:
-    """Return the cycle to which Newton's method leads from a shot.
-
-    Raises
-    ------
-    CycleError
-    """
+    """Return the cycle to which Newton's method leads from a shot."""
     enough = shot.enough
     best: Shot | None = None
     errors: list[float] = []
@@ -116,17 +107,8 @@ def closed_from(
 ) -> Cycle:
     """Return the cycle near another one whose parameter has changed.
 
-    Parameters
-    ----------
-    cycle : Cycle
-    parameter : Parameter
-        Has changed by `change` to `value`.
-    longer : float or None
-        By how much in s the given period of the loads has changed; None if it has not.
-
-    Raises
-    ------
-    CycleError
+    The parameter has changed by `change` to `value`, and the given period of the loads by `longer` in s, None if it has
+    not.
     """
     shot = cycle.shot
     # the derivative at this cycle, not at the first one of a branch

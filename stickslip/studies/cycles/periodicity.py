@@ -8,20 +8,15 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction, along_start
-
-__all__ = ["Coordinates", "check_constant", "check_loads", "middle_of", "read_positions", "seen", "started"]
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 def check_loads(system: System, period: float) -> None:
@@ -76,7 +71,7 @@ def seen(system: System, y: Array, read: Array) -> Array:
     return np.concatenate([y[:n], read @ y[n:first], y[first:]])
 
 
-def _movable(system: System, held: NDArray[np.bool_], read: Array) -> Array:
+def _movable(system: System, held: Mask, read: Array) -> Array:
     """Return the combinations of positions that closed stops leave free, of those that are read."""
     closed = (held & system.is_stop).nonzero()[0]
     if not closed.size:
@@ -90,11 +85,7 @@ def _movable(system: System, held: NDArray[np.bool_], read: Array) -> Array:
 class Coordinates:
     """Coordinates of the states near the start of a motion: velocities, positions read, bristles and blocks, ages.
 
-    Parameters
-    ----------
-    system : System
-    motion : Motion
-        The first motion: held velocities follow from others.
+    In the first motion held velocities follow from others.
     """
 
     def __init__(self, system: System, motion: Motion) -> None:
@@ -151,23 +142,11 @@ class Coordinates:
         return found
 
 
-def started(
-    scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: NDArray[np.int8]
-) -> Scene:
+def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: Modes) -> Scene:
     """Return a scene that starts at t = 0 from a state, with rows that have rested for some time.
 
-    Parameters
-    ----------
-    scene : Scene
-    system : System
-        Of the scene.
-    y : array (size,)
-    aged : array of int
-        Rows with a dwell time that rest.
-    ages : array
-        For how long in s.
-    modes : array (m,)
-        Modes as the equations know them: contacts with a pre-slip velocity remember that they slip.
+    `aged` are the rows with a dwell time that rest, and `ages` for how long in s. In these modes contacts with a pre-
+    slip velocity remember that they slip.
     """
     rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
     rows = {row.name: j for j, row in enumerate(system.rows)}

@@ -8,8 +8,6 @@ import numpy as np
 
 from stickslip.studies.cycles.cycle import Cycle
 
-__all__ = ["cyclic", "told", "vanishing"]
-
 _SHORT = 0.02
 """A phase shorter than this part of the period is about to vanish."""
 

@@ -13,16 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from stickslip.model.arrays import Array
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.cycles.cycle import Cycle, cycle_of
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
-
-__all__ = ["ERRORS", "Arc", "Place"]
-
-Array = NDArray[np.float64]
 
 _MOST_STEPS = 12
 _TURNED = 0.7
@@ -42,19 +38,11 @@ _AT_FOLD = 1e-9
 
 @dataclass(frozen=True)
 class Place:
-    """A cycle on an arc.
-
-    Attributes
-    ----------
-    cycle : Cycle
-    value : float
-        Of the parameter.
-    tangent : array
-        Along the branch: start, period where it is free, parameter; each over its scale, of length 1.
-    """
+    """A cycle on an arc."""
 
     cycle: Cycle
-    value: float
+    value: float  # of the parameter
+    # along the branch: start, period where it is free, parameter; each over its scale, of length 1
     tangent: Array
 
     @property
@@ -66,37 +54,20 @@ class Place:
 class Arc:
     """Steps along a branch of cycles.
 
-    Parameters
-    ----------
-    parameter : Parameter
-    period : callable, optional
-        The period of the loads in s by the value of the parameter; None where it is free or does not change.
-    scale : float
-        A change of the parameter that is neither small nor large.
+    `period` returns that of the loads by the value of the parameter; None where it is free or does not change. A change
+    of the parameter by `scale` is neither small nor large.
     """
 
     def __init__(self, parameter: Parameter, period: Callable[[float], float] | None, scale: float) -> None:
         self._parameter, self._period, self._scale = parameter, period, abs(scale)
 
     def begin(self, cycle: Cycle, value: float, forward: bool) -> Place:
-        """Return the place of a cycle, from which the parameter rises or falls.
-
-        Raises
-        ------
-        CycleError
-            If the map over one period has no derivative.
-        """
+        """Return the place of a cycle, from which the parameter rises or falls."""
         _, _, tangent, _ = self._linear(cycle.shot, value)
         return Place(cycle, value, tangent if (tangent[-1] > 0) == forward else -tangent)
 
     def step(self, place: Place, length: float) -> Place:
-        """Return the place that lies some length further along the arc.
-
-        Raises
-        ------
-        CycleError, SimulationError
-            If there is none near the predicted one.
-        """
+        """Return the place that lies some length further along the arc."""
         shot, value = self._moved(place.cycle.shot, place.value, length * place.tangent)
         errors: list[float] = []
         best = shot, value
@@ -124,13 +95,7 @@ class Arc:
         return Place(cycle_of(shot), value, tangent if along > 0 else -tangent)
 
     def fold(self, before: Place, length: float) -> Place:
-        """Return the place within a step where the parameter turns.
-
-        Raises
-        ------
-        CycleError, SimulationError
-            If it cannot be found.
-        """
+        """Return the place within a step where the parameter turns."""
 
         def pace(part: float) -> float:
             return self.step(before, part).pace

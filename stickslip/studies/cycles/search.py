@@ -11,10 +11,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
@@ -31,10 +31,6 @@ from stickslip.studies.cycles.periodicity import (
 )
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
-
-__all__ = ["limit_cycle"]
-
-Array = NDArray[np.float64]
 
 _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
@@ -131,10 +127,7 @@ def _once(cycle: Cycle) -> Cycle:
 def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any]) -> Scene:
     """Return the scene as it starts after some periods of its loads.
 
-    Raises
-    ------
-    CycleError
-        If the motion only comes back after several periods.
+    If the motion only comes back after several periods, that is a `CycleError`.
     """
     result = simulated(scene, (0.0, periods * period), **options)
     system: System = result.trajectory.system

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.scene import Scene
 from stickslip.studies.cycles.periodicity import Coordinates, read_positions, seen, started
 from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
 
-__all__ = ["CycleError", "Shot"]
-
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _CLOSED = 1e-10
@@ -36,16 +34,7 @@ class CycleError(RuntimeError):
 class Shot:
     """One period of a motion from a scene's start, and by how much it misses its start.
 
-    Parameters
-    ----------
-    scene : Scene
-        Starts at t = 0.
-    period : float
-        In s.
-    forced : bool
-        Whether the period is given.
-    options : dict
-        Of `simulate`.
+    The scene starts at t = 0; if it is `forced`, the period is given.
     """
 
     def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
@@ -125,10 +114,7 @@ class Shot:
     def solve(self, right: Array) -> tuple[Array, float]:
         """Return changes of start and period that change by how much the motion misses by `right`.
 
-        Raises
-        ------
-        CycleError
-            If there are none: a cycle next to it is one, too.
+        If there are none, a cycle next to it is one, too: that is a `CycleError`.
         """
         sizes, count = self.sizes, self.coordinates.size
         matrix = (self.monodromy - np.eye(count)) * sizes / sizes[:, None]

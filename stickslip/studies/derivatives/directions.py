@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import Trajectory
 from stickslip.studies.parameters import Parameter
-
-__all__ = ["CENTRAL", "MIRRORED", "PART", "Direction", "along_parameter", "along_start", "start_of"]
-
-Array = NDArray[np.float64]
 
 PART = 1e-3
 """Step of a difference as a part of what changes."""
@@ -31,27 +27,15 @@ MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction in which the start or the scene changes.
-
-    Attributes
-    ----------
-    name : str
-    near : tuple of (float, System, Loads)
-        Systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where only the
-        start changes.
-    y : array (size,)
-        How the state changes at the start, before held velocities are made equal.
-    since : array (m,)
-        How the times change at which rows became held.
-    size : float
-        Of what changes: derivatives times it have the size of what they are derivatives of.
-    """
+    """A direction in which the start or the scene changes."""
 
     name: str
+    # systems near by and the weights with which a quantity of theirs adds up to its derivative; empty where
+    # only the start changes
     near: tuple[tuple[float, System, Loads], ...]
-    y: Array
-    since: Array
-    size: float = 1.0
+    y: Array  # (size,): how the state changes at the start, before held velocities are made equal
+    since: Array  # (m,): how the times change at which rows became held
+    size: float = 1.0  # of what changes: derivatives times it have the size of what they are derivatives of
 
 
 def start_of(system: System, t: float) -> tuple[Array, Array]:
@@ -71,10 +55,7 @@ def start_of(system: System, t: float) -> tuple[Array, Array]:
 def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
     """Return the direction in which one parameter grows.
 
-    Raises
-    ------
-    ValueError
-        If the scene exists at no values near by, or has another structure there.
+    If the scene exists at no values near by, or has another structure there, that is a ValueError.
     """
     nominal, (start, stop, stepped) = trajectory.system, trajectory.span
     bends = any(one.velocity_dependent for one in nominal.laws.characters)

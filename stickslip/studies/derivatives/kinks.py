@@ -10,18 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
-
-__all__ = ["at_break", "at_corners", "at_rest_together", "at_start", "at_stops", "at_touches", "beyond_break"]
-
-Array = NDArray[np.float64]
 
 _LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
 """Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
@@ -52,7 +48,7 @@ def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array) -> Iterator
 
 
 def at_stops(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, sides: NDArray[np.int8]
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, sides: Modes
 ) -> Iterator[tuple[int, str]]:
     """Find directions that move stops off a limit at which they start, or beyond it."""
     system = nearby.system

@@ -7,21 +7,18 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
+from stickslip.model.arrays import Array, Mask
 from stickslip.results.trajectory import Piece
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
 from stickslip.studies.derivatives.varied import VariedPiece
 
-__all__ = ["REST", "Nearby", "Quantity", "total"]
-
-Array = NDArray[np.float64]
 Quantity = Callable[[Motion, Array, Array], Array]
 """Of a motion, local times (k,) and states (size, k); its last axis is time."""
 
@@ -38,14 +35,7 @@ def total(parts: Sequence[Any]) -> Any:
 
 
 class Nearby:
-    """The motions near a simulated one, in some directions.
-
-    Parameters
-    ----------
-    result : Result
-        With its motion kept.
-    directions : sequence of Direction
-    """
+    """The motions near a simulated one, in some directions."""
 
     def __init__(self, result: Result, directions: Sequence[Direction]) -> None:
         self.result, self.trajectory = result, result.trajectory
@@ -196,7 +186,7 @@ class Nearby:
         y = motion.exact(taus, piece.path.at(taus).T)
         return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
 
-    def at_rest(self, piece: Piece, motion: Motion) -> NDArray[np.bool_]:
+    def at_rest(self, piece: Piece, motion: Motion) -> Mask:
         """Return the rows whose relative velocity is 0 at the start of a motion."""
         w = self.system.relative_velocity(piece.y, motion.loads(0.0))
         return np.asarray(np.abs(w) <= np.maximum(REST * self.state_sizes[0], self.system.laws.rests_below))

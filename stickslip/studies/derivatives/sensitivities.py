@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.engines import MethodName
 from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array
 from stickslip.model.checks import numbers
 from stickslip.model.elements import GROUND
 from stickslip.model.scene import Scene
@@ -20,10 +20,6 @@ from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.derivatives.varied_integrals import integral
 from stickslip.studies.parameters import named_parameters
-
-__all__ = ["Sensitivities", "sensitivities"]
-
-Array = NDArray[np.float64]
 
 _RTOL, _ATOL = 1e-11, 1e-13
 """Tolerances of the simulation where the engine needs some: derivatives are about as accurate."""

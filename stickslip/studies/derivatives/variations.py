@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.motion import Motion
 from stickslip.events.endings import at_limit, at_stops
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.scene import Scene
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
@@ -30,10 +30,6 @@ from stickslip.studies.derivatives.nearby import REST, Nearby, Quantity, total
 from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
 from stickslip.studies.derivatives.varied_flow import flow
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
-
-__all__ = ["Variation", "simulated"]
-
-Array = NDArray[np.float64]
 
 _TOGETHER = 1e-10
 """Events nearer in time than this part of the time span, but with different derivatives, count as one."""
@@ -58,12 +54,6 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
 
 class Variation(Nearby):
     """First variations of a simulated motion, computed when constructed.
-
-    Parameters
-    ----------
-    result : Result
-        With its motion kept.
-    directions : sequence of Direction
 
     Attributes
     ----------
@@ -225,7 +215,7 @@ class Variation(Nearby):
         loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
         u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])
         speed = np.abs(u[1]).max(initial=0.0) + self.state_sizes[0]
-        crossed: NDArray[np.intp] | tuple[()] = ()
+        crossed: Indices | tuple[()] = ()
         if system.has_stops and path.hit:
             crossed = at_limit(motion, VariedGuards(self, piece, motion).guards, path, []).crossed
         sides, new = at_stops(system, path.last, loads[1], piece.labels, path.largest, crossed)

@@ -5,42 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.impact import struck
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.studies.derivatives.directions import PART
-
-__all__ = ["VariedImpact", "VariedPiece"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class VariedPiece:
-    """Variations along one motion.
+    """Variations along one motion."""
 
-    Attributes
-    ----------
-    taus : array (k + 1,)
-        Ends of the steps in s since the start of the motion.
-    coefficients : array (k, order + 1, size, directions)
-        In a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1.
-    since : array (m, directions)
-        How the times change at which rows became held.
-    begin, end : array (directions,)
-        How the times change at which the motion begins and ends.
-    until : array (directions,)
-        Local times in s up to which the variations exist.
-    """
-
-    taus: Array
+    taus: Array  # (k + 1,): ends of the steps in s since the start of the motion
+    # (k, order + 1, size, directions): in a step ``S = sum_j coefficients[j] s^j`` with s from 0 to 1
     coefficients: Array = field(repr=False)
-    since: Array = field(repr=False)
+    since: Array = field(repr=False)  # (m, directions): how the times change at which rows became held
+    # (directions,): how the times change at which the motion begins and ends
     begin: Array
     end: Array
-    until: Array
+    until: Array  # (directions,): local times in s up to which the variations exist
 
     def at(self, taus: Array) -> Array:
         """Return S at local times, (size, k, directions)."""
@@ -60,26 +44,17 @@ class VariedPiece:
 
 @dataclass(frozen=True)
 class VariedImpact:
-    """How velocities jump at an instant; they do not where there is no system.
-
-    Attributes
-    ----------
-    system : System or None
-    v : array (n,)
-        Velocities of the bodies before.
-    before, now, pace : array (d,)
-        Velocities of the drives before and after, and their accelerations.
-    sides, hit : array (m,)
-        At which limits stops are, and which of them are hit.
-    """
+    """How velocities jump at an instant; they do not where there is no system."""
 
     system: System | None
-    v: Array
+    v: Array  # (n,): velocities of the bodies before
+    # (d,): velocities of the drives before and after, and their accelerations
     before: Array
     now: Array
     pace: Array
-    sides: NDArray[np.int8]
-    hit: NDArray[np.bool_]
+    # (m,): at which limits stops are, and which of them are hit
+    sides: Modes
+    hit: Mask
 
     def after(self) -> Array:
         """Return the velocities after the jump."""
@@ -115,7 +90,7 @@ class VariedImpact:
         return self._linear(self.system, apart, change, self.now - self.before, self.pace * later)
 
     @property
-    def _rigid(self) -> NDArray[np.intp]:
+    def _rigid(self) -> Indices:
         assert self.system is not None
         return np.asarray((~(self.system.is_friction | self.system.is_gap)).nonzero()[0])
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
+from stickslip.model.arrays import Array
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
-
-__all__ = ["flow"]
-
-Array = NDArray[np.float64]
 
 _ORDER = 20
 _REMAINDER = 1e-16

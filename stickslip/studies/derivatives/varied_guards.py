@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.directions import CENTRAL, MIRRORED, PART
 from stickslip.studies.derivatives.nearby import Nearby
-
-__all__ = ["TIE", "VariedGuards"]
-
-Array = NDArray[np.float64]
 
 TIE = 1e-6
 """Derivatives that differ by less than this part of their size are the same."""
@@ -35,16 +31,7 @@ _TINY = np.finfo(float).tiny
 class VariedGuards:
     """The guards of a motion, and of the motions near by.
 
-    Parameters
-    ----------
-    nearby : Nearby
-    piece : Piece
-    motion : Motion
-        That of the piece, or another one in its modes.
-
-    Attributes
-    ----------
-    guards : Guards
+    The motion is that of the piece, or another one in its modes.
     """
 
     def __init__(self, nearby: Nearby, piece: Piece, motion: Motion) -> None:
@@ -91,7 +78,7 @@ class VariedGuards:
             slopes[guards.is_border] = equations.border_magnitudes(pace, np.zeros_like(q))
         return size, slopes
 
-    def moving(self, some: NDArray[np.intp], slopes: Array) -> list[tuple[int, int]]:
+    def moving(self, some: Indices, slopes: Array) -> list[tuple[int, int]]:
         """Return guards among some, and directions that move them by more than roundoff."""
         sizes = np.array([one.size for one in self._nearby.directions])
         roundoff = TIE * np.maximum(self.guards.scale, self.guards.majorant[0])[some, None] / sizes
@@ -145,7 +132,7 @@ class VariedGuards:
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
 
-    def _with_stops(self, moved: Array, some: NDArray[np.intp], y: Array, S: Array, q: Array) -> Array:
+    def _with_stops(self, moved: Array, some: Indices, y: Array, S: Array, q: Array) -> Array:
         """Return derivatives of some guards, those of stops without the roundoff of places."""
         stops = [k for k, i in enumerate(some) if self.guards.is_border[i] and not self.is_continuous(i)]
         if stops:
@@ -188,7 +175,7 @@ class VariedGuards:
         return found
 
     @property
-    def _straight(self) -> NDArray[np.bool_]:
+    def _straight(self) -> Mask:
         """Which guards are linear in the state: velocities and distances, but no forces."""
         guards = self.guards
         return np.asarray((guards.is_velocity | guards.is_border) & (self._nearby.system.dependence is None))

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.path import gauss_nodes
+from stickslip.model.arrays import Array
 from stickslip.studies.derivatives.nearby import Quantity
 from stickslip.studies.derivatives.variations import Variation
-
-__all__ = ["integral"]
-
-Array = NDArray[np.float64]
 
 _QUADRATURE, _ROUGH, _REFINED = 1e-10, 1e-12, 6
 """Part of an integral that a finer rule may change, and of what it is a derivative of; how often steps are halved."""
