@@ -22,13 +22,8 @@ from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.pickled import PickledByFields
 
 _AT_ONCE = 100_000
-_DEGREES = (3, 6, 10, 15)
-"""Polynomials up to these degrees are evaluated together."""
-
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
-
-_NOTHING = 1e-18
 
 
 class Patches:
@@ -194,38 +189,18 @@ def _polynomials(terms: Array, origin: Array, counts: Indices, t: Array, unit: f
     starts = np.cumsum(counts) - counts
     is_new = np.append(True, s[1:] != s[:-1])
     is_new[starts] = True
-    values = _by_degree(terms, np.add.reduceat(is_new, starts), s[is_new.nonzero()[0]])
+    values = _horner(terms, np.add.reduceat(is_new, starts), s[is_new.nonzero()[0]])
     found[places] = values[np.cumsum(is_new) - 1]
     return found
 
 
-def _by_degree(terms: Array, counts: Indices, s: Array) -> Array:
-    """Return the values of polynomials, each at so many places in a row, by Horner's scheme."""
-    terms = np.ascontiguousarray(terms.T)
-    found, low, most = np.empty(s.size), 0, terms.shape[0] - 1
-    degree = _degrees(terms, np.maximum.reduceat(np.abs(s), np.cumsum(counts) - counts))
-    for high in (*(k for k in _DEGREES if k < most), most):
-        own = (degree >= low) & (degree <= high)
-        low = high + 1
-        if not own.any():
-            continue
-        some, count, c = np.repeat(own, counts).nonzero()[0], counts[own], terms[: high + 1, own]
-        x, value = s[some], np.repeat(c[high], count)
-        for k in range(high - 1, -1, -1):
-            value *= x
-            value += np.repeat(c[k], count)
-        found[some] = value
-    return found
-
-
-def _degrees(terms: Array, reach: Array) -> Indices:
-    """Return for polynomials (a column each) the highest power that counts up to so far from 0."""
-    size = np.empty_like(terms)
-    size[0], size[1:] = 1.0, reach
-    np.multiply.accumulate(size, axis=0, out=size)
-    size *= np.abs(terms)
-    powers = np.arange(terms.shape[0], dtype=np.int8)[:, None]
-    return np.asarray(np.where(size > _NOTHING * size.max(axis=0), powers, 0).max(axis=0))
+def _horner(terms: Array, counts: Indices, s: Array) -> Array:
+    """Return the values of polynomials, each at so many places in a row."""
+    value = np.repeat(terms[:, -1], counts)
+    for k in range(terms.shape[1] - 2, -1, -1):
+        value *= s
+        value += np.repeat(terms[:, k], counts)
+    return value
 
 
 @dataclass(frozen=True)
