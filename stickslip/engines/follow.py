@@ -66,7 +66,8 @@ class Lookout:
             # the last point has been returned twice
             taus, points = taus[:-1], points[:-1]
         if self.end is None:
-            return taus, points
+            # they are parts of arrays for many more steps
+            return taus.copy(), points.copy()
         before = int(taus.searchsorted(self.end[0]))
         return np.append(taus[:before], self.end[0]), np.concatenate([points[:before], self.end[1][None]])
 

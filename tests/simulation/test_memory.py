@@ -4,7 +4,7 @@ import gc
 import tracemalloc
 import weakref
 
-from stickslip import Scene, simulate
+from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
 from stickslip.benchmark import flywheel_chain
 
 
@@ -30,3 +30,16 @@ def test_a_scene_is_freed_with_all_that_was_made_of_it() -> None:
     known = simulated()
     gc.collect()
     assert known() is None
+
+
+def test_what_is_kept_of_a_motion_is_no_part_of_a_larger_array() -> None:
+    # CVODE hands over parts of arrays for a thousand steps
+    law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=1.0), Contact("floor", "block", GROUND, law, normal=1.0)
+    )
+    result = simulate(scene, (0.0, 1.0), method="BDF")
+    for piece in result.trajectory.pieces:
+        assert piece.path is not None
+        for kept in (piece.path.taus, piece.path.last):
+            assert kept.base is None or kept.base.nbytes <= 2 * kept.nbytes + 100
