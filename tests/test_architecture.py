@@ -71,7 +71,7 @@ def importers(library: str) -> set[str]:
 def test_the_source_is_read_as_expected() -> None:
     assert "stickslip.model.scene" in imports("stickslip.equations.system")
     # lazily
-    assert "stickslip.plots" in imports("stickslip.simulation.readable")
+    assert "stickslip.plots" in imports("stickslip.simulation.presented")
     assert {room(m) for m in MODULES} == {*BELOW, "command line"}
 
 

@@ -43,7 +43,7 @@ from stickslip.plots.style import (
 )
 from stickslip.plots.sweep_map import sweep_map
 from stickslip.plots.work_precision import work_precision
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 
 __all__ = [
     "Figure",
@@ -73,7 +73,7 @@ Panel = tuple[float, Callable[[Any], Any]]
 
 @of_result
 def overview(
-    result: Drawable,
+    result: Readable,
     *,
     bodies: Sequence[str] | None = None,
     contacts: Sequence[str] | None = None,
@@ -130,7 +130,7 @@ def overview(
     return drawn
 
 
-def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
+def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
     panels: list[Panel] = [
         (2.4, lambda ax, some=some: velocities(result, some, ax=ax))  # type: ignore[misc]
@@ -154,7 +154,7 @@ def _panels(result: Drawable, bodies: Sequence[str] | None, names: list[str]) ->
     return panels + of_blocks
 
 
-def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
+def _by_unit(result: Readable, bodies: Sequence[str] | None) -> list[list[str]]:
     """Return bodies and drives in groups that are measured in the same unit: a panel each."""
     names = body_names(result, bodies)
     own = velocity_units(result, names)
@@ -162,7 +162,7 @@ def _by_unit(result: Drawable, bodies: Sequence[str] | None) -> list[list[str]]:
 
 
 @of_result
-def energy(result: Drawable, *, ax: Any = None) -> Any:
+def energy(result: Readable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
 
     A ValueError says so where only the requested outputs were kept.

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 
 _CURVES = 8
 
 
 @of_result
-def block(result: Drawable, name: str, *, ax: Any = None) -> Any:
+def block(result: Readable, name: str, *, ax: Any = None) -> Any:
     """Draw the outputs and states of a block over time and return the axes.
 
     States that are outputs as they stand are drawn once. Of many curves the first eight are drawn; the legend says so.

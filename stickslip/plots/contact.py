@@ -31,14 +31,14 @@ from stickslip.plots.style import (
     raster,
     value_raster,
 )
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 _GREYS = colormaps["Greys"].with_extremes(bad="white")  # or the lines at events would show through
 
 
 @of_result
-def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
+def contact_forces(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw the friction force of a contact over time, between its breakaway levels, and return the axes.
 
     The upper line is the level above which the contact slips forward, the lower one that below which it slips
@@ -78,7 +78,7 @@ def contact_forces(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
 
 @of_result
-def load_of_contacts(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def load_of_contacts(result: Readable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw ``|r| / B`` of contacts, by default of all, over time as a raster with a colour bar; return the axes.
 
     Parameters
@@ -115,7 +115,7 @@ def _ratio(force: Array, level: Array) -> Array:
 
 
 @of_result
-def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def normal_forces(result: Readable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw normal forces over time, by default those that vary, and return the axes.
 
     Parameters
@@ -145,13 +145,13 @@ def normal_forces(result: Drawable, contacts: Sequence[str] | None = None, *, ax
     return over_time(ax, NORMAL)
 
 
-def varying(result: Drawable) -> list[str]:
+def varying(result: Readable) -> list[str]:
     """Return the contacts whose normal force is not constant."""
     return [c.name for c in result.scene.contacts if not isinstance(c.normal, (Constant, float, int))]
 
 
 @of_result
-def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
+def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
     A ValueError says so where positions were not kept.
@@ -190,7 +190,7 @@ def phase_portrait(result: Drawable, contact: str, *, ax: Any = None) -> Any:
 
 
 @of_result
-def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
+def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw the force of a contact against its relative velocity, over the curve of its law; return the axes.
 
     Where the normal force varies, both are divided by it.
@@ -249,6 +249,6 @@ def characteristic(result: Drawable, contact: str, *, ax: Any = None) -> Any:
     return ax
 
 
-def _element(result: Drawable, contact: str) -> Any:
+def _element(result: Readable, contact: str) -> Any:
     result.mode(contact)  # refuses a name that there is not
     return next(row for row in result.scene.rows if row.name == contact)

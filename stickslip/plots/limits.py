@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 
 from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 
-def has_limits(result: Drawable, row: str) -> bool:
+def has_limits(result: Readable, row: str) -> bool:
     """Tell whether a row is a gap or a stop."""
     return any(element.name == row for element in (*result.scene.gaps, *result.scene.stops))
 
 
 @of_result
-def stretch(result: Drawable, row: str, *, ax: Any = None) -> Any:
+def stretch(result: Readable, row: str, *, ax: Any = None) -> Any:
     """Draw the stretch of a gap or a stop over time between its limits, impacts marked, and return the axes.
 
     Parameters

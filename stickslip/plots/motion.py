@@ -29,7 +29,7 @@ from stickslip.plots.style import (
     raster,
     value_raster,
 )
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 MANY = 12
@@ -51,7 +51,7 @@ _STRIPS: dict[int, dict[str, Any]] = {
 
 
 @of_result
-def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def velocities(result: Readable, bodies: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw velocities of bodies and drives, by default of all, over time and return the axes.
 
     Where bodies are measured in different units, the legend names those of each. Markers are times fit for a plot, or
@@ -86,7 +86,7 @@ def velocities(result: Drawable, bodies: Sequence[str] | None = None, *, ax: Any
     return ax
 
 
-def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: Any) -> None:
+def _velocity_curves(result: Readable, names: list[str], labels: list[str], ax: Any) -> None:
     fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     held = _bands(fine, names, ax)
     few = computed.t.size <= WITH_DOTS
@@ -106,7 +106,7 @@ def _velocity_curves(result: Drawable, names: list[str], labels: list[str], ax: 
     beside(ax)
 
 
-def body_names(result: Drawable, bodies: Sequence[str] | None) -> list[str]:
+def body_names(result: Readable, bodies: Sequence[str] | None) -> list[str]:
     """Return the bodies and drives to draw: those asked for, else all of the scene."""
     known = [one.name for one in (*result.scene.bodies, *result.scene.drives)]
     wanted = known if bodies is None else checked_names(bodies, "bodies")
@@ -116,13 +116,13 @@ def body_names(result: Drawable, bodies: Sequence[str] | None) -> list[str]:
     return wanted
 
 
-def velocity_units(result: Drawable, names: Sequence[str]) -> dict[str, str]:
+def velocity_units(result: Readable, names: Sequence[str]) -> dict[str, str]:
     """Return the unit of the velocity of each body or drive; both units where it is not said how it moves."""
     moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
     return {name: units(result.scene, moving[name]).velocity for name in names}
 
 
-def _units(result: Drawable, names: list[str]) -> tuple[str, list[str]]:
+def _units(result: Readable, names: list[str]) -> tuple[str, list[str]]:
     """Return the unit of the axis, and the names of bodies: with units of their own where these differ."""
     own = velocity_units(result, names)
     if len(set(own.values())) == 1:
@@ -130,7 +130,7 @@ def _units(result: Drawable, names: list[str]) -> tuple[str, list[str]]:
     return units(result.scene).velocity, [f"{name} [{unit}]" for name, unit in own.items()]
 
 
-def _bands(fine: Drawable, names: list[str], ax: Any) -> bool:
+def _bands(fine: Readable, names: list[str], ax: Any) -> bool:
     """Draw a broad line under each body while a contact carries and holds it; return whether there is any."""
     drawn = False
     for contact in fine.scene.contacts:
@@ -172,7 +172,7 @@ def _rug(ax: Any, times: Array, points: dict[str, Any]) -> None:
 
 
 @of_result
-def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
+def modes(result: Readable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
     """Draw the modes of contacts, by default of all, over time, a strip each, and return the axes.
 
     A strip is thin while the normal force is 0; the legend names the modes that occur. More than a dozen
@@ -201,7 +201,7 @@ def modes(result: Drawable, contacts: Sequence[str] | None = None, *, ax: Any = 
     return ax
 
 
-def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
+def _mode_strips(fine: Readable, names: list[str], ax: Any) -> None:
     is_open, occurring = False, set()
     for place, name in enumerate(names):
         alike: dict[tuple[int, bool], list[tuple[float, float]]] = {}
@@ -231,7 +231,7 @@ def _mode_strips(fine: Drawable, names: list[str], ax: Any) -> None:
     beside(ax, handles=entries)
 
 
-def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
+def _runs(fine: Readable, name: str) -> list[tuple[int, bool, float, float]]:
     """Return the mode, whether the contact is open, start and stop of each stretch between changes."""
     t, mode = fine.t, np.nan_to_num(fine.mode(name).astype(float), nan=_UNKNOWN)
     unpressed = np.zeros(t.size, dtype=bool)
@@ -252,7 +252,7 @@ def _runs(fine: Drawable, name: str) -> list[tuple[int, bool, float, float]]:
     ]
 
 
-def _mode_raster(result: Drawable, names: list[str], ax: Any) -> None:
+def _mode_raster(result: Readable, names: list[str], ax: Any) -> None:
     coarse = even_points(result)
     rows = np.ma.masked_invalid([coarse.mode(name).astype(float) for name in names])
     shown = list(range(-1, 3 if (rows == Mode.OPEN).any() else 2))

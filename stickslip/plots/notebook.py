@@ -17,7 +17,8 @@ from stickslip.model.signals import Signal
 from stickslip.plots.html import STYLE, bitmap, table, vector
 from stickslip.plots.schematic import MOST, schematic
 from stickslip.plots.style import apart_from_pyplot
-from stickslip.results.outcome import Drawable, Event
+from stickslip.results.outcome import Event
+from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 _EVENTS = 12
@@ -36,7 +37,7 @@ def scene_html(scene: Scene) -> str:
 
 
 @apart_from_pyplot()
-def result_html(result: Drawable) -> str:
+def result_html(result: Readable) -> str:
     """Return figure, events and last velocities of a result."""
     from stickslip.plots import overview
 
@@ -110,7 +111,7 @@ def events_table(events: list[Event], most: int) -> str:
     return table(("time [s]", "what", "change", "why"), rows, len(events))
 
 
-def final_table(result: Drawable) -> str:
+def final_table(result: Readable) -> str:
     """Return a table of the velocities at the last time."""
     scene = result.scene
     rows = [

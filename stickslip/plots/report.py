@@ -11,7 +11,7 @@ from stickslip.plots.notebook import elements_table, events_table, final_table
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import apart_from_pyplot
 from stickslip.results.explanations import explain_result
-from stickslip.results.outcome import Drawable
+from stickslip.results.readable import Readable
 from stickslip.results.shares import share
 
 _EVENTS = 200
@@ -42,7 +42,7 @@ pre {{ white-space: pre-wrap; overflow-wrap: anywhere; font-size: 0.8rem; backgr
 
 
 @apart_from_pyplot()
-def report(result: Drawable, title: str) -> str:
+def report(result: Readable, title: str) -> str:
     """Return a page on a result: scene, motion, modes, forces, energies, events with their causes, accuracy."""
     if not result.t.size:
         return _page(title, [("Outcome", f"<p>{escape(result.message)}</p>"), _scene(result)])
@@ -66,7 +66,7 @@ def _page(title: str, sections: list[tuple[str, str]]) -> str:
     )
 
 
-def _spans(result: Drawable) -> list[str]:
+def _spans(result: Readable) -> list[str]:
     """Return from when to when each run goes."""
     trajectories = [run.samples.trajectory for run in result.runs]
     return [
@@ -74,7 +74,7 @@ def _spans(result: Drawable) -> list[str]:
     ]
 
 
-def _scene(result: Drawable) -> tuple[str, str]:
+def _scene(result: Readable) -> tuple[str, str]:
     parts = []
     for run, span in zip(result.runs, _spans(result), strict=True):
         scene = run.samples.system.scene
@@ -84,14 +84,14 @@ def _scene(result: Drawable) -> tuple[str, str]:
     return "Scene", "".join(parts)
 
 
-def _outcome(result: Drawable) -> str:
+def _outcome(result: Readable) -> str:
     events = len(result.events)
     counted = f"{events} events" if events != 1 else "1 event"
     said = f"{result.message}: {', '.join(_spans(result))}, {counted}."
     return f"<p>{escape(said[0].upper() + said[1:])}</p>{final_table(result)}"
 
 
-def _motion(result: Drawable) -> str:
+def _motion(result: Readable) -> str:
     from stickslip.plots import overview
 
     figure = overview(result)
@@ -104,7 +104,7 @@ def _figure(picture: str) -> str:
     return f'<div class="wide figure">{picture}</div>'
 
 
-def _shares(result: Drawable) -> str:
+def _shares(result: Readable) -> str:
     names = [row.name for row in result.scene.rows]
     if not names or not result.is_dense:
         return ""
@@ -118,7 +118,7 @@ def _shares(result: Drawable) -> str:
     return table(heads, rows, len(names))
 
 
-def _energy(result: Drawable) -> str:
+def _energy(result: Readable) -> str:
     if not result.is_dense:
         return ""
     from stickslip.plots import energy
@@ -141,7 +141,7 @@ def _energy(result: Drawable) -> str:
     return _figure(picture) + table(heads, rows[:_ROWS], len(rows))
 
 
-def _accuracy(result: Drawable) -> str:
+def _accuracy(result: Readable) -> str:
     every = [run.stats for run in result.runs]
     names = dict.fromkeys(name for stats in every for name in stats)
     rows = [(name.replace("_", " "), *(str(stats.get(name, "")) for stats in every)) for name in names]

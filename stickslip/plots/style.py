@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
 from stickslip.model.checks import names as checked_names
-from stickslip.results.outcome import Drawable, check_result
+from stickslip.results.readable import Readable, check_result
 
 TIME = "time [s]"
 FINE = 1500
@@ -79,7 +79,7 @@ def apart_from_pyplot() -> Iterator[None]:
 
 P = ParamSpec("P")
 T = TypeVar("T")
-SomeResult = TypeVar("SomeResult", bound=Drawable)
+SomeResult = TypeVar("SomeResult", bound=Readable)
 
 
 def of_result(draw: Callable[P, T]) -> Callable[P, T]:
@@ -153,7 +153,7 @@ def even_points(result: SomeResult) -> SomeResult:
     return result.sample(_COLUMNS) if result.is_dense else result
 
 
-def mark_events(ax: Any, result: Drawable) -> None:
+def mark_events(ax: Any, result: Readable) -> None:
     """Draw a fine line at each event, unless there are too many to tell apart."""
     times = sorted({event.t for event in result.events})
     if len(times) <= _MARKED_EVENTS:
@@ -161,7 +161,7 @@ def mark_events(ax: Any, result: Drawable) -> None:
             ax.axvline(t, color="0.7", linewidth=0.6, zorder=0)
 
 
-def contact_names(result: Drawable, contacts: Sequence[str] | None) -> list[str]:
+def contact_names(result: Readable, contacts: Sequence[str] | None) -> list[str]:
     """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
     known = [row.name for row in result.scene.rows]
     wanted = known if contacts is None else checked_names(contacts, "contacts")

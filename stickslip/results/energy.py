@@ -12,7 +12,7 @@ import scipy
 
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.results.outcome import Runs
+from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples, integrated
 
 
@@ -108,7 +108,7 @@ class EnergyLedger:
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
 
 
-def energy(result: Runs) -> EnergyLedger:
+def energy(result: Readable) -> EnergyLedger:
     """Return the energy ledger of a result at its times.
 
     Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation. Through

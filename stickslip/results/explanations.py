@@ -17,7 +17,8 @@ from stickslip.model.quantities import Feedback, Output, Power, Quantity, Table,
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, as_signal
 from stickslip.results.causes import event_sentences
-from stickslip.results.outcome import Outcome, Runs
+from stickslip.results.outcome import Outcome
+from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 _LISTED = 12
@@ -29,7 +30,7 @@ def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str
     return "\n".join([*_compiled(system, loads), f"Engine: {engine}, because {reason}"])
 
 
-def explain_result(result: Runs) -> str:
+def explain_result(result: Readable) -> str:
     """Return what was compiled, which guards were watched, and why each event happened, run by run.
 
     A result that kept only its outputs gets causes without numbers.

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,8 @@ from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.pickled import PickledByFields
 
 _AT_ONCE = 100_000
-_DEGREES = (3, 6, 10, 15)
-"""Polynomials up to these degrees are evaluated together."""
-
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
-
-_NOTHING = 1e-18
 
 
 class Patches:
@@ -131,18 +125,21 @@ class Series(PickledByFields):
 
         The times are in the shape of `held`, or the same for each of its things.
         """
-        t, stops = t.ravel(), np.append(0, np.cumsum(held.counts))
-        found = np.empty(stops[-1])
-        # not too many at once: memory stays near the processor
-        size = np.cumsum(held.counts + self.terms.shape[1])
-        cuts = np.searchsorted(size, range(_AT_ONCE, int(size[-1]), _AT_ONCE)).tolist() if size.size else []
-        for low, high in pairwise(sorted({0, *cuts, size.size})):
-            own = slice(held.entries.start + low, held.entries.start + high)
-            terms = self.terms[own]
-            if integrated:
-                terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
-            first, stop = stops[[low, high]].tolist()
-            found[first:stop] = _polynomials(terms, self.origin[own], held.counts[low:high], t, unit, first)
+        own, t, counts = held.entries, t.ravel(), held.counts
+        terms, origin = self.terms[own], self.origin[own]
+        if integrated:
+            terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
+        found = np.repeat(terms[:, 0], counts)
+        bent = terms[:, 1:].any(axis=1)
+        places = np.repeat(bent, counts).nonzero()[0]
+        if places.size:
+            terms, counts = terms[bent], counts[bent]
+            s = (t[places % t.size] - np.repeat(origin[bent], counts)) / unit
+            value = np.repeat(terms[:, -1], counts)
+            for k in range(terms.shape[1] - 2, -1, -1):
+                value *= s
+                value += np.repeat(terms[:, k], counts)
+            found[places] = value
         return found.reshape(held.shape)
 
 
@@ -179,53 +176,6 @@ def _at_once(count: int) -> Iterator[slice]:
     """Yield so many things in slices, not too many at once."""
     for first in range(0, count, _AT_ONCE):
         yield slice(first, min(first + _AT_ONCE, count))
-
-
-def _polynomials(terms: Array, origin: Array, counts: Indices, t: Array, unit: float, first: int) -> Array:
-    """Return the values of polynomials in ``(t - origin) / unit``, each at so many times in a row from the first."""
-    found = np.repeat(terms[:, 0], counts)
-    bent = (counts > 0) & terms[:, 1:].any(axis=1)
-    places = np.repeat(bent, counts).nonzero()[0]
-    if not places.size:
-        return found
-    terms, counts = terms[bent], counts[bent]
-    s = (t[(first + places) % t.size] - np.repeat(origin[bent], counts)) / unit
-    # times of which two are one, as at events, are looked at once
-    starts = np.cumsum(counts) - counts
-    is_new = np.append(True, s[1:] != s[:-1])
-    is_new[starts] = True
-    values = _by_degree(terms, np.add.reduceat(is_new, starts), s[is_new.nonzero()[0]])
-    found[places] = values[np.cumsum(is_new) - 1]
-    return found
-
-
-def _by_degree(terms: Array, counts: Indices, s: Array) -> Array:
-    """Return the values of polynomials, each at so many places in a row, by Horner's scheme."""
-    terms = np.ascontiguousarray(terms.T)
-    found, low, most = np.empty(s.size), 0, terms.shape[0] - 1
-    degree = _degrees(terms, np.maximum.reduceat(np.abs(s), np.cumsum(counts) - counts))
-    for high in (*(k for k in _DEGREES if k < most), most):
-        own = (degree >= low) & (degree <= high)
-        low = high + 1
-        if not own.any():
-            continue
-        some, count, c = np.repeat(own, counts).nonzero()[0], counts[own], terms[: high + 1, own]
-        x, value = s[some], np.repeat(c[high], count)
-        for k in range(high - 1, -1, -1):
-            value *= x
-            value += np.repeat(c[k], count)
-        found[some] = value
-    return found
-
-
-def _degrees(terms: Array, reach: Array) -> Indices:
-    """Return for polynomials (a column each) the highest power that counts up to so far from 0."""
-    size = np.empty_like(terms)
-    size[0], size[1:] = 1.0, reach
-    np.multiply.accumulate(size, axis=0, out=size)
-    size *= np.abs(terms)
-    powers = np.arange(terms.shape[0], dtype=np.int8)[:, None]
-    return np.asarray(np.where(size > _NOTHING * size.max(axis=0), powers, 0).max(axis=0))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Only where a large scene is known part by part is each name read for itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, velocity_dependent_in
 from stickslip.equations.path import gauss_nodes
-from stickslip.equations.piecewise import Regions
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
@@ -336,20 +335,11 @@ class Samples(PickledByFields):
         at = np.any(velocity_dependent_in(modes, self.system), axis=0)
         if not at.any():
             return
-        for _, chosen in self._by_modes():
-            for number, some in chosen:
-                if at[some].any():
-                    own = self.trajectory.motion(number)
-                    rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
-                    forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
-
-    def _by_modes(self) -> Iterable[tuple[bytes, list[tuple[int, Indices | slice]]]]:
-        """Return the pieces of each set of modes: its equations are built once."""
-        groups: dict[bytes, list[tuple[int, Indices | slice]]] = {}
-        for number, chosen in self.trajectory.whole(self.piece_of):
-            key = self.trajectory.pieces[number].modes.tobytes()
-            groups.setdefault(key, []).append((number, chosen))
-        return groups.items()
+        for number, some in self.trajectory.whole(self.piece_of):
+            if at[some].any():
+                own = self.trajectory.motion(number)
+                rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
+                forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
 
     def _piecewise(self, q: Array) -> Array:
         """Return the values of the piecewise-linear functions, a line each."""
@@ -357,21 +347,12 @@ class Samples(PickledByFields):
         found = np.zeros((functions.count, self.t.size))
         if not functions.count:
             return found
-        for regions, chosen in self._by_regions():
-            at = functions.places(regions)
+        for number, chosen in by_piece(self.piece_of):
+            at = functions.places(self.trajectory.pieces[number].regions)
             found[:, chosen] = (
                 functions.value_y[at] @ self.y[:, chosen] + functions.value_q[at] @ q[:, chosen]
             )
         return found
-
-    def _by_regions(self) -> Iterable[tuple[Regions, Indices]]:
-        """Return each set of regions, and which times it holds."""
-        groups: dict[bytes, list[Indices]] = {}
-        every = np.arange(self.t.size)
-        for number, chosen in by_piece(self.piece_of):
-            groups.setdefault(self.trajectory.pieces[number].regions.tobytes(), []).append(every[chosen])
-        for key, places in groups.items():
-            yield np.frombuffer(key, dtype=np.int16), np.concatenate(places)
 
     def _hold(self, forces: Array, pushed: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""

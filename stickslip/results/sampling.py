@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +12,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Trajectory, kind_of
+from stickslip.results.trajectory import Piece, Trajectory, alike, kind_of
 
 _STRAIGHT = 1e-3
 """How far straight lines between the times may be off, as a part of each quantity's range."""
@@ -21,7 +21,6 @@ _NOTHING = 1e-9
 """A range below this part of the largest one is roundoff and no reason for more times."""
 
 _MOST_PARTS = 200
-_AT_ONCE = 2_000_000
 
 
 def fit_for_plot(trajectory: Trajectory) -> Samples:
@@ -125,11 +124,11 @@ def _bends(
     first = _firsts(paths)
     bends, moved = np.empty((first[-1], size + n)), np.empty((first[-1], n))
     low, high = np.full(size + n, np.inf), np.full(size + n, -np.inf)
-    for block in _blocks(paths):
-        steps = np.concatenate([np.arange(first[k], first[k + 1]) for k in block])
-        c = np.concatenate([paths[k].coefficients for k in block])
-        h = np.concatenate([paths[k].taus[1:] - paths[k].taus[:-1] for k in block])[:, None]
-        values_and_integral, derivatives = _weights(*kind_of(paths[block[0]]))
+    for block in alike((path, k) for k, path in enumerate(paths) if path.taus.size > 1):
+        steps = np.concatenate([np.arange(first[k], first[k + 1]) for _, k in block])
+        c = np.concatenate([path.coefficients for path, _ in block])
+        h = np.concatenate([np.diff(path.taus) for path, _ in block])[:, None]
+        values_and_integral, derivatives = _weights(*kind_of(block[0][0]))
         values = values_and_integral @ c
         moved[steps] = values[:, -1, :n] * h
         low[:size] = np.minimum(low[:size], values[:, :-1].min(axis=(0, 1)))
@@ -167,22 +166,6 @@ def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: In
             base = own[-1] if own.size else base
             done += 1
     return np.concatenate(found)
-
-
-def _blocks(paths: list[Path]) -> Iterator[list[int]]:
-    """Yield numbers of paths of the same kind, not too many at once."""
-    blocks: dict[tuple[int, bool], list[int]] = {}
-    entries: dict[tuple[int, bool], int] = {}
-    for k, path in enumerate(paths):
-        if path.taus.size < 2:
-            continue
-        kind = kind_of(path)
-        blocks.setdefault(kind, []).append(k)
-        entries[kind] = entries.get(kind, 0) + path.coefficients.size
-        if entries[kind] > _AT_ONCE:
-            yield blocks.pop(kind)
-            entries[kind] = 0
-    yield from blocks.values()
 
 
 @lru_cache(maxsize=64)

@@ -7,7 +7,7 @@ import numpy as np
 from stickslip.equations.mode_equations import FREE
 from stickslip.model.modes import Mode
 from stickslip.results.in_a_row import of_each
-from stickslip.results.outcome import Runs
+from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples
 
 _OF_CONTACTS = (Mode.BACKWARD, Mode.STUCK, Mode.FORWARD)
@@ -16,7 +16,7 @@ _PARTS = 32
 """Into so many parts each step is cut where a law is smooth, and no event says when the velocity changes its sign."""
 
 
-def share(result: Runs, row: str) -> dict[Mode, float]:
+def share(result: Readable, row: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a row spends in each mode; together they are 1.
 
     Of runs in a row only those count that know the row.

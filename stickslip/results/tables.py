@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from stickslip.model.checks import file_path, flag
 from stickslip.results.in_a_row import joined
-from stickslip.results.outcome import Drawable, Event, Outcome, Target, check_result
+from stickslip.results.outcome import Event, Outcome, Target
+from stickslip.results.readable import Readable, check_result
 from stickslip.results.samples import Samples
 from stickslip.results.units import units as units_of
 
 
-def columns(result: Drawable) -> dict[str, NDArray[Any]]:
+def columns(result: Readable) -> dict[str, NDArray[Any]]:
     """Return motion, forces, modes, powers and energies of a result, under their names in files.
 
     Parameters
@@ -68,7 +69,7 @@ def _columns(samples: Samples) -> dict[str, NDArray[Any]]:
     return found
 
 
-def column_units(result: Drawable) -> dict[str, str]:
+def column_units(result: Readable) -> dict[str, str]:
     """Return the unit of each column; modes have none.
 
     The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
@@ -91,7 +92,7 @@ def column_units(result: Drawable) -> dict[str, str]:
     return found | dict.fromkeys(energies, "J")
 
 
-def to_csv(result: Drawable, path: Target, *, units: bool | None = None) -> None:
+def to_csv(result: Readable, path: Target, *, units: bool | None = None) -> None:
     """Write the columns of a result as CSV, a line per time; numbers keep all their digits.
 
     Parameters
@@ -117,7 +118,7 @@ def to_csv(result: Drawable, path: Target, *, units: bool | None = None) -> None
         writer.writerows(zip(*(column.tolist() for column in found.values()), strict=True))
 
 
-def summary(result: Drawable) -> dict[str, Any]:
+def summary(result: Readable) -> dict[str, Any]:
     """Return outcome, events, counts and the columns at the last time as plain data.
 
     Parameters
@@ -146,7 +147,7 @@ def how_it_ended(result: Outcome) -> dict[str, Any]:
     }
 
 
-def to_json(result: Drawable, path: Target) -> None:
+def to_json(result: Readable, path: Target) -> None:
     """Write outcome, events, counts and the state at the last time as JSON.
 
     Parameters
@@ -163,7 +164,7 @@ def to_json(result: Drawable, path: Target) -> None:
     target.write_text(json.dumps(summary(result), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def to_frame(result: Drawable) -> Any:
+def to_frame(result: Readable) -> Any:
     """Return a pandas DataFrame with the columns of a result.
 
     Times are a column, not the index, because both limits of an event stand at the same time. ``frame.attrs["units"]``

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
+
+T = TypeVar("T")
 
 _AT_ONCE = 2_000_000
 """Coefficients that are put together at once."""
@@ -272,8 +274,6 @@ class Trajectory(PickledByFields):
         If `integrated`, the velocities are, from the start of each piece.
         """
         found = np.empty((self.system.n if integrated else self.system.size, taus.size))
-        blocks: dict[tuple[int, bool], list[tuple[Path, Indices | slice]]] = {}
-        entries: dict[tuple[int, bool], int] = {}
         for part, some, own in self.by_part(piece_of):
             times, begins = part.starts[own] + taus[some], part.starts[own]
             found[:, some] = (
@@ -281,16 +281,8 @@ class Trajectory(PickledByFields):
                 if integrated
                 else part.states(own, times)
             )
-        for number, chosen in self.whole(piece_of):
-            path = self.pieces[number].path
-            assert path is not None
-            kind = kind_of(path)
-            blocks.setdefault(kind, []).append((path, chosen))
-            entries[kind] = entries.get(kind, 0) + path.coefficients.size
-            if entries[kind] > _AT_ONCE:
-                _evaluate(blocks.pop(kind), taus, found, integrated)
-                entries[kind] = 0
-        for block in blocks.values():
+        paths = ((self.pieces[number].path, chosen) for number, chosen in self.whole(piece_of))
+        for block in alike(paths):
             _evaluate(block, taus, found, integrated)
         return found
 
@@ -409,6 +401,21 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
 def kind_of(path: Path) -> tuple[int, bool]:
     """Return what paths have in common that are evaluated together: the number of terms and their basis."""
     return (path.coefficients.shape[1] if path.taus.size > 1 else 0), path.is_chebyshev
+
+
+def alike(paths: Iterable[tuple[Path | None, T]]) -> Iterator[list[tuple[Path, T]]]:
+    """Yield paths that are evaluated together, with what belongs to each: of the same kind, not too many at once."""
+    blocks: dict[tuple[int, bool], list[tuple[Path, T]]] = {}
+    entries: dict[tuple[int, bool], int] = {}
+    for path, own in paths:
+        assert path is not None
+        kind = kind_of(path)
+        blocks.setdefault(kind, []).append((path, own))
+        entries[kind] = entries.get(kind, 0) + path.coefficients.size
+        if entries[kind] > _AT_ONCE:
+            yield blocks.pop(kind)
+            entries[kind] = 0
+    yield from blocks.values()
 
 
 def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array, integrated: bool) -> None:

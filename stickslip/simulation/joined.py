@@ -17,13 +17,14 @@ from stickslip.model.checks import in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
 from stickslip.results.outcome import Event
+from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples
-from stickslip.simulation.readable import Readable, times_within
+from stickslip.simulation.presented import Presented
 from stickslip.simulation.result import Result
 
 
 @dataclass(frozen=True)
-class Joined(Readable):
+class Joined(Presented):
     """Results of runs in a row; each quantity is read by name as of a single one.
 
     What a run does not know (a body that only another scene has) is NaN in its part. Heat and work are counted from the

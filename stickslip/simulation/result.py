@@ -17,10 +17,11 @@ from stickslip.model.scene import Scene
 from stickslip.results import files
 from stickslip.results.continuation import final_scene
 from stickslip.results.outcome import Event, Target
+from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
-from stickslip.simulation.readable import Readable, times_within
+from stickslip.simulation.presented import Presented
 
 
 class SimulationError(RuntimeError):
@@ -56,7 +57,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 @dataclass(frozen=True)
-class Result(Readable):
+class Result(Presented):
     """A simulated motion, in the manner of scipy's `solve_ivp`.
 
     Attributes

@@ -1,34 +1,58 @@
-"""What is read of a simulated motion by name, drawn and written: of one run, or of several in a row."""
+"""What is read of a simulated motion by name: of one run, or of several in a row."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array, Modes
-from stickslip.model.checks import file_path, numbers, whole
-from stickslip.model.modes import Mode
-from stickslip.results import shares, tables
-from stickslip.results.energy import EnergyLedger, energy
-from stickslip.results.explanations import explain_result
-from stickslip.results.outcome import Target
+from stickslip.model.checks import numbers, whole
+from stickslip.model.scene import Scene
+from stickslip.results.outcome import Event, Outcome
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.samples import Samples
 
-if TYPE_CHECKING:
-    from stickslip.plots import Figure
-    from stickslip.results.outcome import Drawable
-else:
-    # what the protocol declares would hide the fields of the classes that have them
-    Drawable = object
 
-
-class Readable(PickledByFields, Drawable):
+class Readable(PickledByFields):
     """A motion that is read by name at the times `t`."""
+
+    if TYPE_CHECKING:  # of one run these are fields
+
+        @property
+        def runs(self) -> Sequence[Outcome]:
+            """The runs of which it is made, in order of time."""
+
+        @property
+        def scene(self) -> Scene:
+            """What was simulated."""
+
+        @property
+        def events(self) -> list[Event]:
+            """Events in order of time."""
+
+        @property
+        def message(self) -> str:
+            """How it ended, in words."""
+
+        @property
+        def is_dense(self) -> bool:
+            """Whether the motion between the outputs was kept."""
+
+        @property
+        def t(self) -> Array:
+            """Times in s."""
+
+        def energy(self) -> Any:
+            """Return the energy ledger."""
+
+        def sample(self, times: int) -> Self:
+            """Return the same motion at so many evenly spaced times."""
+
+        def fit_for_plot(self, points: int = 0) -> Self:
+            """Return the same motion at times between which straight lines look like it."""
 
     def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
         """Return what is read of the samples at the times `t`."""
@@ -152,19 +176,6 @@ class Readable(PickledByFields, Drawable):
         """
         return self._read(lambda samples: samples.normal(contact))
 
-    def share(self, contact: str) -> dict[Mode, float]:
-        """Return the part of the simulated time that a contact spends in each mode; together they are 1.
-
-        Exact where events separate the modes; where a law is smooth, the sign of the velocity is looked at 32 times in
-        each step.
-
-        Raises
-        ------
-        ValueError
-            If there is no such contact, or the motion between the outputs was not kept.
-        """
-        return shares.share(self, contact)
-
     def state(self, block: str) -> Array:
         """Return the states of a block at the times `t`.
 
@@ -207,108 +218,6 @@ class Readable(PickledByFields, Drawable):
         found = self._read(lambda samples: samples.outputs_of(block))
         return found[0] if found.shape[0] == 1 else found
 
-    def energy(self) -> EnergyLedger:
-        """Return where the energy went, and by how much the balance is off: a free check of accuracy.
-
-        Raises
-        ------
-        ValueError
-            If only the requested outputs were kept.
-        """
-        return self._ledger
-
-    @cached_property
-    def _ledger(self) -> EnergyLedger:
-        return energy(self)
-
-    def explain(self) -> str:
-        """Return in words what was assembled, which guards were watched, and why each event happened."""
-        return explain_result(self)
-
-    def to_csv(self, path: Target, *, units: bool | None = None) -> None:
-        """Write motion, forces, modes, powers and energies as a table, a line per time.
-
-        Parameters
-        ----------
-        path : path
-        units : bool, optional
-            Whether the heads of the columns say the units; by default where the scene, or all its bodies, say
-            whether they rotate.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        tables.to_csv(self, path, units=units)
-
-    def to_frame(self) -> Any:
-        """Return the same as a pandas data frame, units in ``frame.attrs["units"]`` (extra `stickslip[frames]`).
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return tables.to_frame(self)
-
-    def plot(
-        self,
-        *,
-        bodies: Sequence[str] | None = None,
-        contacts: Sequence[str] | None = None,
-        t_span: tuple[float, float] | None = None,
-        axes: Sequence[Any] | None = None,
-    ) -> Figure:
-        """Draw velocities, modes, contact forces against breakaway levels, and normal forces (the paper's fig. 8).
-
-        Parameters
-        ----------
-        bodies, contacts : sequence of str, optional
-            Names of those to draw; by default all.
-        t_span : (float, float), optional
-            Part of the time to draw, in s.
-        axes : sequence of matplotlib axes, optional
-            Where to draw, a panel each; by default a new figure.
-
-        Raises
-        ------
-        ValueError
-            If there is no such body or contact.
-        """
-        from stickslip import plots
-
-        return plots.overview(self, bodies=bodies, contacts=contacts, t_span=t_span, axes=axes)
-
-    def report(self, path: Target, *, title: str = "A simulation with dry friction") -> None:
-        """Write a report of the run: one HTML file that needs no other file and no network.
-
-        It shows the scene as a schematic, motion, modes and forces, the events with their causes, the part of the time
-        in each mode, the energy ledger, and what is known of the accuracy. It can be read on a phone.
-
-        Parameters
-        ----------
-        path : path
-        title : str
-            Heading of the page.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        from stickslip.plots.report import report
-
-        if not isinstance(title, str):
-            raise TypeError(f"report: title must be a text, got {title!r}")
-        file_path(path, "report").write_text(report(self, title), encoding="utf-8")
-
-    def _repr_html_(self) -> str:
-        """Return figure, events and last velocities, as notebooks show them."""
-        from stickslip.plots.notebook import result_html
-
-        return result_html(self)
-
 
 def _position(samples: Samples, body: str) -> Array:
     """Return the position of a body at the times of samples; refuse one that was not kept."""
@@ -335,3 +244,14 @@ def times_within(times: int | Sequence[float] | Array, start: float, stop: float
     if not isinstance(times, Iterable) or isinstance(times, str):
         raise TypeError(f"sample: give times or their number, got {times!r}")
     return numbers(times, "sample: times")
+
+
+def check_result(result: Any, what: str) -> None:
+    """Refuse what is no result of a simulation.
+
+    `what` begins the message.
+    """
+    if not isinstance(result, Readable):
+        raise TypeError(
+            f"{what}: expected a Result, got {type(result).__name__}; simulate(scene, t_span) returns one"
+        )
