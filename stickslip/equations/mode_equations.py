@@ -24,8 +24,8 @@ _LOCKED = 1e-11
 
 _MOST_MAPS = 50
 
-_IN_FLOATS = 40
-"""Entries of the matrix of the rates up to which plain floats are faster than arrays."""
+_IN_FLOATS = 48
+"""Terms of the rates up to which plain floats are faster than arrays."""
 
 
 OPEN, FREE, AT_HIGH, AT_LOW, APART = 2, 3, 4, 5, 6
@@ -434,8 +434,8 @@ class ModeEquations:
     @cached_property
     def laws_in_floats(self) -> list[Callable[[float, float], float]] | None:
         """The forces that depend on velocity in plain floats, None where arrays are the better way."""
-        size, count = self.system.size, self.velocity_dependent.size
-        return self.law.in_floats() if size * (size + count) <= _IN_FLOATS else None
+        terms = np.count_nonzero(self.A) + np.count_nonzero(self.K)
+        return self.law.in_floats() if terms <= _IN_FLOATS else None
 
     @cached_property
     def law_velocities(self) -> Array:
