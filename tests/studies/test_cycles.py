@@ -267,7 +267,7 @@ def test_a_start_on_an_impact(after: bool) -> None:
         turned = math.exp(growth * t) * w * (b * math.cos(w * t) - force * math.sin(w * t))
         return place - force, growth * place + turned
 
-    period, force = fsolve(lambda u: np.array(flown(*u)) - [0.0, 1.0], [3.6, 0.3], xtol=1e-14)
+    period, force = fsolve(lambda u: np.array(flown(*u)) - [0.0, 1.0], [3.6, 0.3], xtol=1e-12)
     scene = Scene(
         Body("m", inertia=1.0, velocity=-e if after else 1.0),
         Spring("m", GROUND, stiffness=1.0),
