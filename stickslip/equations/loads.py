@@ -78,6 +78,11 @@ class Loads:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
         return t in self._samples
 
+    def periods(self, start: float, stop: float, parts: int) -> Array:
+        """Return times that cut a span into as many parts as fit `parts` into each of the shortest periods."""
+        count = math.ceil(parts * (stop - start) / self.period) if stop > start else 1
+        return np.linspace(start, stop, max(count, 1) + 1)
+
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""
         i = bisect_right(self.breaks, t)

@@ -433,9 +433,6 @@ def _over(
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:
     """Return the local times between which a piece is smooth: steps, wanted times, parts of a period."""
     ends = trajectory.steps(number)
-    edges = np.union1d(ends, wanted)
-    period, end = trajectory.loads.period, float(ends[-1])
-    if np.isfinite(period) and end > 0:
-        parts = int(np.ceil(_PER_PERIOD * end / period))
-        edges = np.union1d(edges, np.linspace(0.0, end, parts + 1))
-    return edges
+    return np.unique(
+        np.concatenate([ends, wanted, trajectory.loads.periods(0.0, float(ends[-1]), _PER_PERIOD)])
+    )
