@@ -55,7 +55,7 @@ class Due:
             return rows[:0]
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
-        g = np.concatenate([parts.label[loose, None] * self._moved(loose, t), self._held(held, t)])
+        g = np.concatenate([parts.label[loose, None] * self.moved(loose, t), self._held(held, t)])
         which = np.concatenate([loose, held, held])
         late = parts.started[loose].nonzero()[0]
         if late.size:
@@ -74,14 +74,14 @@ class Due:
     def _held(self, rows: Indices, t: float) -> Array:
         """Return the guards of held rows as series about `t`, first all forward; levels that rise count as they are."""
         parts = self._parts
-        force = self._moved(rows, t)
+        force = self.moved(rows, t)
         g = np.concatenate([-force, force])
         levels, rates = parts.levels(rows, t)
         g[:, 0] += levels.ravel()
         g[:, 1] += parts.unit * rates.ravel()
         return g
 
-    def _moved(self, rows: Indices, t: float) -> Array:
+    def moved(self, rows: Indices, t: float) -> Array:
         """Return what rows watch as series about `t`."""
         parts = self._parts
         c, s = parts.watched[rows], (t - parts.row_origin[rows]) / parts.unit
@@ -116,7 +116,7 @@ class Due:
         if is_rising:
             until = min(until, t + _WORTH * dwell)
         span = until - t
-        c = self._moved(np.array([j]), t)[0]
+        c = self.moved(np.array([j]), t)[0]
         c *= (span / parts.unit) ** np.arange(c.size)
         n0, n1 = (t - parts.t0) * parts.normal[j, 1] + parts.normal[j, 0], span * parts.normal[j, 1]
         for side, sign in ((0, 1), (1, -1)):
@@ -141,12 +141,12 @@ class Due:
     def _enter(self, j: int, g: Array, t: float, span: float, side: int, may_touch: bool = False) -> None:
         """Enter the first root of a guard, a polynomial in the time since `t` over `span`, if it is the first one."""
         self._work.guards_isolated += 1
-        floor = self._floor(j, t)
+        floor = self.floor(j, t)
         root = first_touch(g, floor)[0] if may_touch else first_root(g, floor)
         if root is not None and t + span * root < self.when[j]:
             self.when[j], self.is_root[j], self.direction[j] = t + span * root, True, side
 
-    def _floor(self, j: int, t: float) -> float:
+    def floor(self, j: int, t: float) -> float:
         """Return what a guard has the roundoff of."""
         parts = self._parts
         forest = parts.forest

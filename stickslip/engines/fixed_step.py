@@ -172,7 +172,7 @@ class _Rates:
         self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
         if self._has_law:
             rest = np.zeros((size, taus.size))
-            w, normal, lag, _ = motion.law_arguments(rest, q, taus)
+            w, normal, lag, _ = motion.law_arguments(taus, rest, q)
             self._w, self._normal, self._lag = (list(np.ascontiguousarray(x.T)) for x in (w, normal, lag))
             self._rows = motion.system.G[equations.velocity_dependent]
 

@@ -219,7 +219,7 @@ class _Residual:
         full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
-            w, normal, _, z = motion.law_arguments(y, motion.inputs(tau, y), tau)
+            w, normal, _, z = motion.law_arguments(tau, y)
             sigma = motion.equations.law.by_bristle(w, normal, z)
             pushed = scipy.sparse.csr_array(system.GT)[:, rows_of_laws[motion.equations.law.bristles]]
             entries = scipy.sparse.csr_array(

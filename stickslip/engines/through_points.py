@@ -9,6 +9,7 @@ states times the Jacobian.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -84,13 +85,17 @@ def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], deg
 def _differences(
     taus: Array, points: Array, tolerance: tuple[float, Any], highest: int
 ) -> tuple[Array, Array]:
-    """Return divided differences of points from each of them on, an order per row, and their sizes in tolerances."""
+    """Return divided differences (order, points, size) from each point on, and their sizes in tolerances."""
     found = np.zeros((highest + 1, *points.shape))
     found[0] = points
     for k in range(1, highest + 1):
         np.subtract(found[k - 1, 1 : taus.size - k + 1], found[k - 1, :-k], out=found[k, :-k])
         found[k, :-k] /= (taus[k:] - taus[:-k])[:, None]
-    return found, (np.abs(found) / (tolerance[0] * np.abs(points) + tolerance[1])).max(axis=2)
+    parts = np.abs(found)
+    parts /= tolerance[0] * np.abs(points) + tolerance[1]
+    # state by state: the largest of two or three numbers each would take long
+    sizes = np.ascontiguousarray(parts.transpose(2, 0, 1)).max(axis=0)
+    return found, sizes
 
 
 def _newton(
@@ -105,14 +110,16 @@ def _newton(
     """
     last = taus.size - 1
     top, most = min(degree, last), min(degree + _AHEAD, last)
-    orders = np.arange(most + 1)[:, None]
-    beyond = np.maximum(orders - 1, 0)
-    first = np.maximum(np.minimum(steps - np.ceil(before * beyond).astype(np.intp), last - orders), 0)
-    nodes = np.empty(first.shape)
-    nodes[0] = taus[steps]
-    nodes[1:] = taus[np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])]
+    orders, behind = _window(most, before)
+    first = np.maximum(np.minimum(steps - behind, last - orders), 0)
+    # each order adds the point on the side to which the window has grown
+    nodes = taus[
+        np.concatenate([first[:1], np.where(first[1:] < first[:-1], first[1:], first[1:] + orders[1:])])
+    ]
     # how large the products of the terms are at most: (x - start) (x - end) is a quarter of the squared length
-    reach = np.maximum(np.abs(nodes[:-1] - nodes[0]), np.abs(nodes[:-1] - nodes[1]))
+    half = 0.5 * (nodes[1] - nodes[0])
+    reach = np.abs(nodes[:-1] - (nodes[0] + half))
+    reach += half
     reach[1:2] *= 0.25
     terms = np.empty((most + _AHEAD, steps.size))
     terms[:most] = np.cumprod(reach, axis=0) * sizes[orders[1:], first[1:]]
@@ -123,3 +130,10 @@ def _newton(
     # else the degree with the smallest error, of equal ones the highest
     best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))
     return best, first, nodes, errors[best - 1, np.arange(steps.size)]
+
+
+@lru_cache(maxsize=64)
+def _window(highest: int, before: float) -> tuple[Indices, Indices]:
+    """Return the orders up to the highest, as a column, and how many points before a step each of them begins."""
+    orders = np.arange(highest + 1)[:, None]
+    return orders, np.ceil(before * np.maximum(orders - 1, 0)).astype(np.intp)

@@ -50,8 +50,6 @@ class Balance:
         Rows whose forces are not unique have the number of their loop, all others -1. Loops that share no row differ.
     parting : array or sparse (h, d) or None
         Forces that drives which move apart would need, for their accelerations; None where they cannot tear anything.
-    singular : array of int
-        Independent bodies without inertia: nothing decides their motion.
     """
 
     def __init__(self, inertia: Array, G: Any, D: Any) -> None:
@@ -75,8 +73,6 @@ class Balance:
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False
         some = np.flatnonzero(independent)
-        # dependent velocities are those of the lightest bodies: one without inertia that is none moves at no cost
-        self.singular = some[inertia[some] <= 0]
         if self._is_sparse:
             self._TT = T.T.tocsr()
             reduced = (self._TT @ (scipy.sparse.diags_array(inertia) @ T)).tocsr()
@@ -207,13 +203,7 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
 
 
 def joined(G: Any) -> Indices:
-    """Return a number for each row: those that bodies join directly or by others have the same.
-
-    Parameters
-    ----------
-    G : array or sparse (h, n)
-        Coefficients of the rows on the bodies.
-    """
+    """Return a number for each row: those that bodies join directly or by others have the same."""
     if isinstance(G, np.ndarray):
         number = np.arange(G.shape[0])
         for column in (G != 0).T:

@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
-from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 
 class InModes(Protocol):
@@ -127,6 +127,11 @@ class GuardRows:
         self.has_normals = bool(pressed.size)
         self.is_of_velocities = not self.has_forces and not self.has_borders
         self._sizes: dict[int, Array | None] = {}
+
+    @cached_property
+    def is_dwelling(self) -> Mask:
+        """Guards of rows whose level rises with the dwell."""
+        return np.isin(self.row, self.equations.system.dwelling)
 
     @cached_property
     def velocities(self) -> Indices:

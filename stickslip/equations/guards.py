@@ -117,11 +117,9 @@ class Guards(GuardsAtStart):
         found = np.zeros(self.size)
         found[self.passing] = self.velocity_uncertainty
         sticks = self.stick_at_touch
-        least = np.where(
-            np.isin(self.row[sticks], self.motion.system.dwelling),
-            _IF_DWELLING * self.velocity_uncertainty,
-            0.0,
-        )
+        if not sticks.any():
+            return found
+        least = np.where(self.rows.is_dwelling[sticks], _IF_DWELLING * self.velocity_uncertainty, 0.0)
         beyond = 2 * np.maximum(-self.first[0, sticks], 0.0)
         found[sticks] = np.minimum(self.velocity_uncertainty, np.maximum(least, beyond))
         return found

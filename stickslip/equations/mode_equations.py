@@ -342,9 +342,7 @@ class ModeEquations:
         """Return what the velocity-dependent rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
         system, n = self.system, self.system.n
         if not system.sparse:
-            rows = np.zeros((self.velocity_dependent.size, system.size))
-            rows[:, :n] = (system.G @ self.balance.T)[self.velocity_dependent]
-            return self.K @ (slopes[:, None] * rows)
+            return self.K @ (slopes[:, None] * self._led_velocities)
         rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
         pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
         forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
@@ -436,6 +434,14 @@ class ModeEquations:
         """The forces that depend on velocity in plain floats, None where arrays are the better way."""
         terms = np.count_nonzero(self.A) + np.count_nonzero(self.K)
         return self.law.in_floats() if terms <= _IN_FLOATS else None
+
+    @cached_property
+    def _led_velocities(self) -> Array:
+        """The relative velocities of the velocity-dependent rows from the states, led ones among them."""
+        system = self.system
+        found = np.zeros((self.velocity_dependent.size, system.size))
+        found[:, : system.n] = (system.G @ self.balance.T)[self.velocity_dependent]
+        return found
 
     @cached_property
     def law_velocities(self) -> Array:

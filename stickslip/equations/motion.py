@@ -19,8 +19,6 @@ from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
 
-_NO_BRISTLES = np.empty(0)
-
 
 class Expansion:
     """Taylor coefficients ``scale^k f^(k) / k!`` of states, inputs and watched quantities, one row per order.
@@ -78,11 +76,26 @@ class Motion(Inputs):
 
     # -- rates -----------------------------------------------------------------------------------------------
 
-    def law_arguments(self, y: Array, q: Array, tau: float | Array) -> tuple[Array, Array, Array, Array]:
-        """Return relative velocity, normal force, dwell lag and bristle deflection of the velocity-dependent rows."""
-        rows = self.equations.velocity_dependent
-        w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
-        return w, normal, self._lag(tau, w), y[self.equations.bristle_places]
+    def law_arguments(
+        self, tau: float | Array, y: Array, q: Array | None = None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Return relative velocity, normal force, dwell lag and bristle deflection of the velocity-dependent rows.
+
+        The inputs `q` need not be given.
+        """
+        equations, lines = self.equations, self._lines
+        rows = equations.velocity_dependent
+        if q is None and lines is not None and not isinstance(tau, np.ndarray):
+            w: Array = equations.law_velocities @ y
+            w += lines.w
+            normal = lines.normal
+            if not lines.is_steady:
+                w += tau * lines.w_slope
+                normal = np.maximum(normal + tau * lines.normal_slope, 0.0)
+        else:
+            q = self.inputs(tau, y) if q is None else q
+            w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
+        return w, normal, self._lag(tau, w), y[equations.bristle_places]
 
     def _lag(self, tau: float | Array, w: Array) -> Array:
         """Return what the dwell of the velocity-dependent rows still withholds, an array like `w`."""
@@ -156,11 +169,11 @@ class Motion(Inputs):
 
     def law_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self.law_arguments(y, self.inputs(tau, y), tau))
+        return self.equations.law.forces(*self.law_arguments(tau, y))
 
     def law_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of the friction forces that depend on velocity with respect to it."""
-        return self.equations.law.slopes(*self.law_arguments(y, self.inputs(tau, y), tau))
+        return self.equations.law.slopes(*self.law_arguments(tau, y))
 
     def both(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array.
@@ -170,11 +183,7 @@ class Motion(Inputs):
         equations = self.equations
         found = self._linear(tau, y, q)
         if self.has_law:
-            lines = self._lines
-            if lines is None or isinstance(tau, np.ndarray):
-                w, normal, lag, z = self.law_arguments(y, self.inputs(tau, y) if q is None else q, tau)
-            else:
-                w, normal, lag, z = self._law_arguments_on_lines(tau, y, lines)
+            w, normal, lag, z = self.law_arguments(tau, y, q)
             found += equations.push(equations.law.forces(w, normal, lag, z))
             if equations.bristle_places.size:
                 found[equations.bristle_places] = equations.law.bristle_rates(w, normal, z)
@@ -191,19 +200,6 @@ class Motion(Inputs):
             if not lines.is_steady:
                 found += tau * lines.response_slope
         return found
-
-    def _law_arguments_on_lines(
-        self, tau: float, y: Array, lines: _Lines
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return what `law_arguments` does, of a small motion."""
-        w: Array = self.equations.law_velocities @ y
-        w += lines.w
-        normal = lines.normal
-        if not lines.is_steady:
-            w += tau * lines.w_slope
-            normal = np.maximum(normal + tau * lines.normal_slope, 0.0)
-        places = self.equations.bristle_places
-        return w, normal, self._lag(tau, w), y[places] if places.size else _NO_BRISTLES
 
     def row_forces(self, tau: float | Array, y: Array) -> Array:
         """Return the forces of all rows, one column per time where `tau` is an array."""
@@ -226,7 +222,7 @@ class Motion(Inputs):
         if not lines.is_steady:
             found += tau * lines.response_slope[:size]
         if self.has_law:
-            found += equations.K @ equations.law.forces(*self._law_arguments_on_lines(tau, y, lines))
+            found += equations.K @ equations.law.forces(*self.law_arguments(tau, y))
         return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
@@ -249,7 +245,7 @@ class Motion(Inputs):
             matrix = matrix + self._of_dependence(tau, y)
         if not self.has_law:
             return matrix
-        terms = self.law_arguments(y, self.inputs(tau, y), tau)
+        terms = self.law_arguments(tau, y)
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
@@ -270,7 +266,7 @@ class Motion(Inputs):
         rows = equations.velocity_dependent
         if rows.size and dependence.rows.size:
             # forces that depend on velocity are multiples of the normal force, but for those of bristles
-            w, normal, lag, z = self.law_arguments(y, self.inputs(tau, y), tau)
+            w, normal, lag, z = self.law_arguments(tau, y)
             pressed = normal > 0
             e = equations.law.forces(w, normal, lag, z)
             part = np.where(pressed, e / np.where(pressed, normal, 1.0), 0.0)
@@ -417,14 +413,14 @@ class Motion(Inputs):
         found = equations.apply(rate) + equations.respond(dq)
         if not self.has_law:
             return found
-        w, normal, lag, z = self.law_arguments(y, q, tau)
+        w, normal, lag, z = self.law_arguments(tau, y, q)
         dw = system.relative_velocity(rate, dq)[equations.velocity_dependent]
         d = self.difference_step
         law = equations.law
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference
         e = law.forces(w, normal, lag, z)
         moved_q = self.inputs(tau + d, y + d * rate)
-        _, normal_d, lag_d, _ = self.law_arguments(y, moved_q, tau + d)
+        _, normal_d, lag_d, _ = self.law_arguments(tau + d, y, moved_q)
         z_d = z + d * rate[equations.bristle_places]
         by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d
         found += equations.push(law.slopes(w, normal, lag, z) * dw + by_time)

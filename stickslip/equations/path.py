@@ -79,12 +79,6 @@ class Path:
             return np.abs(self.last)
         return np.asarray(np.abs(self.coefficients).sum(axis=1).max(axis=0))
 
-    def curvature(self) -> Array:
-        """Return a bound of ``|d^2 y / d s^2|`` in each step, one row each."""
-        j = np.arange(self.coefficients.shape[1], dtype=float)
-        weight = 4 * j**2 * (j**2 - 1) / 3 if self.is_chebyshev else j * (j - 1)
-        return np.asarray(np.einsum("j,kjs->ks", weight, np.abs(self.coefficients)))
-
     def until(self, count: int) -> Path:
         """Return the first `count` steps."""
         if count >= self.coefficients.shape[0]:

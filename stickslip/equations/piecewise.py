@@ -20,49 +20,30 @@ _WITHIN = 1e-9
 
 
 class PiecewiseMatrices:
-    """The piecewise-linear functions of all gaps and stops, by the number of their row.
-
-    Attributes
-    ----------
-    count : int
-        Number p of functions.
-    acts : array or sparse (n, p)
-        Forces on the bodies from the values.
-    value_y, value_q : array or sparse (all regions, size), (all regions, inputs)
-        Values from states and inputs, the regions of all functions one below the other.
-    border_y, border_q : array or sparse (borders, size), (borders, inputs)
-        Borders of all regions.
-    first : array (p,) of int
-        Place of each function's first region.
-    owner, within, beyond : array (borders,) of int
-        The function of each border, its region (its place among all), and the number of the region beyond.
-    row : array (p,) of int
-        The row that each belongs to, and that shows its regions.
-    is_force : array (p,) of bool
-        Those that are the force of their row.
-    is_stop : array (p,) of bool
-        Those that only tell between which limits a stop is.
-    mode : array (all regions,) of int8
-        What the row shows.
-    """
+    """The piecewise-linear functions of all p gaps and stops, the regions of one below those of the other."""
 
     def __init__(
         self, rows: Mapping[int, RowEntry], acts: Any, values: tuple[Any, Any], borders: tuple[Any, Any]
     ) -> None:
-        self.acts = acts
+        self.acts = acts  # (n, p): forces on the bodies from the values
+        # (all regions, size), (all regions, inputs): values from states and inputs
         self.value_y, self.value_q = values
+        # (borders, size), (borders, inputs): borders of all regions
         self.border_y, self.border_q = borders
         functions = list(rows.values())
         self.count = len(functions)
         self.labels = [f"{function.kind} {function.name!r}" for function in functions]
         regions = [region for function in functions for region in function.regions]
         sizes = [len(function.regions) for function in functions]
+        # (p,): the place of each function's first region
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
-        self.mode = np.array([region.mode for region in regions], dtype=np.int8)
-        self.row = np.array(list(rows), dtype=np.intp)
+        self.mode = np.array([region.mode for region in regions], dtype=np.int8)  # what the row shows in each
+        self.row = np.array(list(rows), dtype=np.intp)  # (p,): the row that each belongs to
+        # functions of stops only tell between which limits these are, others are the force of their row
         self.is_stop = np.array([function.kind == "stop" for function in functions], dtype=bool)
         self.is_force = ~self.is_stop
         owners = np.repeat(np.arange(self.count), sizes)
+        # (borders,): the region of each border, its function, and the number of the region beyond
         self.within = np.repeat(np.arange(len(regions)), [len(region.borders) for region in regions])
         self.owner = owners[self.within]
         beyond = [other for region in regions for _, other in region.borders]

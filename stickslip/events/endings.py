@@ -11,6 +11,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
+from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
@@ -34,6 +35,10 @@ _AT_STOP = 1e-12
 
 _SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
+
+
+_AT_A_RATE = 1e3
+"""How much farther than what is roundoff a velocity comes on its way that arrives at 0, and does not die away."""
 
 
 class AtLimit(NamedTuple):
@@ -173,6 +178,31 @@ def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:
     some = functions.is_stop & hit[functions.row]
     rough = 2.0 * ROUNDOFF * size[some]
     return float(np.sqrt(rough * pace[functions.row[some]]).max(initial=0.0))
+
+
+def arrived(motion: Motion, path: Path, labels: Modes, uncertain: float) -> Mask:
+    """Tell which open rows come to rest at the end of a path, where a drive stops or another row is caught.
+
+    At its rate there the velocity of such a row is 0 at that time; one that dies away has no rate left by then.
+    """
+    system, n, tau = motion.system, motion.system.n, float(path.taus[-1])
+    if not motion.equations.open.size:
+        return np.zeros(system.m, dtype=bool)
+    q = motion.loads(tau)
+    rate, speeds = system.G @ motion.rate(tau, path.last)[:n], system.abs_G @ path.largest[:n]
+    if system.drives:
+        acceleration = system.drive_accelerations(q)
+        reached = np.abs(system.drive_velocities(q)) + np.abs(acceleration) * (motion.t + tau)
+        rate, speeds = rate + system.D @ acceleration, speeds + system.abs_D @ reached
+    w, rough = system.relative_velocity(path.last, q), np.maximum(uncertain, ROUNDOFF * speeds)
+    found: Mask = (motion.equations.modes == OPEN) & arrives(w, rate, tau, labels, rough)
+    return found
+
+
+def arrives(w: Array, rate: Array, duration: float | Array, labels: Modes, rough: float | Array) -> Mask:
+    """Tell which velocities come to 0 at a rate that has brought them there from far more than what is `rough`."""
+    comes = (labels * rate < 0) & (np.abs(rate) * duration > _AT_A_RATE * rough)
+    return np.asarray(comes & (np.abs(w) <= rough))
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

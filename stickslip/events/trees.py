@@ -87,7 +87,8 @@ def settle_tree(forest: Forest, tree: Tree, side: int) -> Outcome | None:
     if moving.size:
         back = np.where(above[moving] >= 0, a[above[moving]], tree.lead or 0.0)
         apart = forest.sign[rows[moving]] * (a[place[moving]] - back) * mode[moving]
-        if (apart <= _least(tree, moving, label, place)).any():
+        level = np.maximum(tree.upper[moving], tree.lower[moving])
+        if (apart <= _MOVES * level / tree.inertia.sum()).any():
             return None
     return Outcome(mode, label)
 
@@ -159,8 +160,3 @@ def _shares(
         k = held[some]
         found[some] = forest.sign[rows[k]] * (sums[beyond[k]] - sums[place[k]])
     return found
-
-
-def _least(tree: Tree, moving: Indices, label: Indices, place: Indices) -> Array:
-    level = np.where(tree.upper[moving] > tree.lower[moving], tree.upper[moving], tree.lower[moving])
-    return np.asarray(_MOVES * level / tree.inertia.sum())

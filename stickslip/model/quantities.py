@@ -522,20 +522,11 @@ def _read_table(what: str, quantity: Any, xs: Any, ys: Any, before: Any = 0.0, a
     return replace(found, before=before, after=after)
 
 
-def _read_normal(row: str) -> Load:
-    return normal(row)
-
-
 _MAKERS: dict[str, Callable[..., Load]] = {
-    "position": position,
-    "velocity": velocity,
-    "relative_velocity": relative_velocity,
-    "stretch": stretch,
-    "normal": _read_normal,
-    "power": power,
-    "output": output,
+    maker.__name__: maker for maker in (position, velocity, relative_velocity, stretch, power, output)
 }
 """By what files call them the quantities that are made of names."""
+_MAKERS["normal"] = lambda row: normal(row)  # noqa: PLW0108  (files call its argument row)
 
 
 def _sum(*parts: Expression) -> Expression:

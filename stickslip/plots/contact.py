@@ -61,16 +61,13 @@ def contact_forces(result: Readable, contact: str, *, ax: Any = None) -> Any:
     fine, computed = result.fit_for_plot(FINE), result.fit_for_plot()
     ax = own_axes(ax)
     # a tie holds any force, a one-way clutch or a stop any to one side: there is no level to draw
-    upper, lower = (_finite(level) for level in (fine.breakaway(contact, 1), -fine.breakaway(contact, -1)))
-    if not isinstance(element, Contact):
-        upper = lower = np.full(fine.t.size, np.nan)
-    label = "± breakaway level" if np.array_equal(upper, -lower, equal_nan=True) else "breakaway levels"
-    if np.isnan(upper).all():
-        label = "_"
-    grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
-    ax.fill_between(fine.t, lower, upper, color="0.92", linewidth=0, zorder=0)
-    ax.plot(fine.t, upper, label=label, **grey)
-    ax.plot(fine.t, lower, **grey)
+    if isinstance(element, Contact):
+        upper, lower = fine.breakaway(contact, 1), -fine.breakaway(contact, -1)
+        label = "± breakaway level" if np.array_equal(upper, -lower, equal_nan=True) else "breakaway levels"
+        grey: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.0, "zorder": 1}
+        ax.fill_between(fine.t, lower, upper, color="0.92", linewidth=0, zorder=0)
+        ax.plot(fine.t, upper, label=label, **grey)
+        ax.plot(fine.t, lower, **grey)
     ax.plot(fine.t, fine.force(contact), label="force r", zorder=2, **look(0))
     if computed.t.size <= WITH_DOTS:
         ax.plot(computed.t, computed.force(contact), zorder=3, **dots(0))
@@ -102,10 +99,6 @@ def load_of_contacts(result: Readable, contacts: Sequence[str] | None = None, *,
     color_bar(ax, mesh, "|force| / breakaway level")
     ax.set(xlabel=TIME, ylabel="contact")
     return ax
-
-
-def _finite(level: Array) -> Array:
-    return np.where(np.isfinite(level), level, np.nan)
 
 
 def _ratio(force: Array, level: Array) -> Array:

@@ -321,11 +321,6 @@ class Patchwork(PickledByFields):
 
         return self._read(self.rows, piece, t, rows, read)
 
-    def modes_of(self, row: int) -> list[tuple[int, int]]:
-        """Return for each piece the mode of a row as the equations know it, and the one it shows."""
-        inner, shown = self.modes(np.arange(self.starts.size), self.starts, slice(row, row + 1))
-        return list(zip(inner[0].tolist(), shown[0].tolist(), strict=True))
-
     # -- how it bends ----------------------------------------------------------------------------------------
 
     @cached_property

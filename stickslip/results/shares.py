@@ -20,17 +20,6 @@ def share(result: Readable, row: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a row spends in each mode; together they are 1.
 
     Of runs in a row only those count that know the row.
-
-    Parameters
-    ----------
-    result : Result or Joined
-    row : str
-        Name of a contact or another row.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row, or the motion between the outputs was not kept.
     """
     times: dict[Mode, float] = {}
     for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(row)), strict=True):
@@ -50,14 +39,12 @@ def _times(samples: Samples, row: str) -> dict[Mode, float]:
         raise ValueError(
             f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"
         )
-    smooth = []
-    durations = (trajectory.stops - trajectory.starts).tolist()
-    for number, ((inner, shown), duration) in enumerate(zip(trajectory.modes_of(j), durations, strict=True)):
-        if inner == FREE:
-            smooth.append(number)
-        else:
-            times[Mode(shown)] += duration
-    for number in smooth:
+    starts = trajectory.starts
+    (inner,), (shown,) = trajectory.modes(np.arange(starts.size), np.zeros(starts.size), slice(j, j + 1))
+    durations = np.where(inner == FREE, 0.0, trajectory.stops - starts)
+    for mode in times:
+        times[mode] = float(durations[shown == mode].sum())
+    for number in (inner == FREE).nonzero()[0].tolist():
         path = trajectory.pieces[number].path
         assert path is not None
         parts = np.linspace(path.taus[:-1], path.taus[1:], _PARTS + 1, axis=1)

@@ -89,17 +89,14 @@ class Pieces(PickledByFields, Sequence[Piece]):
 
     def __getitem__(self, number: int | slice) -> Piece | Sequence[Piece]:
         if isinstance(number, slice):
-            return [self[k] for k in range(*number.indices(len(self)))]
-        if number < 0:
-            number += len(self)
-        if not 0 <= number < len(self):
-            raise IndexError(number)
+            return [self[k] for k in range(len(self))[number]]
+        part, k = self.part(range(len(self))[number])
+        return part if isinstance(part, Piece) else Piece.of(part, k, part.path(k))
+
+    def part(self, number: int) -> tuple[Piece | Patchwork, int]:
+        """Return what holds a piece, and its number there."""
         place = int(np.searchsorted(self.firsts, number, side="right")) - 1
-        part = self.parts[place]
-        if isinstance(part, Piece):
-            return part
-        k = number - int(self.firsts[place])
-        return Piece.of(part, k, part.path(k))
+        return self.parts[place], number - int(self.firsts[place])
 
 
 @dataclass(frozen=True)
@@ -186,19 +183,7 @@ class Trajectory(PickledByFields):
 
     def part(self, number: int) -> tuple[Piece | Patchwork, int]:
         """Return what holds a piece, and its number there."""
-        if not isinstance(self.pieces, Pieces):
-            return self.pieces[number], 0
-        firsts = self.pieces.firsts
-        place = int(np.searchsorted(firsts, number, side="right")) - 1
-        return self.pieces.parts[place], number - int(firsts[place])
-
-    def modes_of(self, row: int) -> Iterator[tuple[int, int]]:
-        """Yield for each piece the mode of a row as the equations know it, and the one it shows."""
-        for part in self.parts:
-            if isinstance(part, Patchwork):
-                yield from part.modes_of(row)
-            else:
-                yield int(part.modes[row]), int(part.labels[row])
+        return self.pieces.part(number) if isinstance(self.pieces, Pieces) else (self.pieces[number], 0)
 
     def each_modes(self) -> Iterator[tuple[Modes, float]]:
         """Yield the modes of each piece as the equations know them, and how long it lasts in s."""
@@ -230,9 +215,7 @@ class Trajectory(PickledByFields):
 
     def whole(self, piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
         """Yield each piece that is stored as a whole and holds times, and which times."""
-        if not isinstance(self.pieces, Pieces):
-            yield from by_piece(piece_of)
-        elif any(isinstance(part, Piece) for part in self.parts):
+        if not self.is_patchwork:
             for number, chosen in by_piece(piece_of):
                 if isinstance(self.part(number)[0], Piece):
                     yield number, chosen

@@ -18,11 +18,13 @@ from stickslip.engines.parts import FREE, Parts, Patch
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.mode_equations import OPEN
+from stickslip.events.endings import arrives
 from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
 from stickslip.events.trees import Outcome, Tree, settle_tree
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.patchwork import Patches
 from stickslip.simulation.recorder import Recorder, cause_of
 
@@ -51,6 +53,18 @@ class Local:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._recorder, self._passed = recorder, passed
         self.most_guards = self._held = self._most_held = self._closed = 0
+
+    def arrived(self, t: float) -> Mask:
+        """Tell which open rows have come to rest at time `t`, where the whole scene is to be settled."""
+        parts, due = self._parts, self._due
+        found = np.zeros(parts.mode.size, dtype=bool)
+        rows = ((parts.mode == OPEN) & (parts.label != 0)).nonzero()[0]
+        if rows.size:
+            w, rate = due.moved(rows, t)[:, :2].T / np.array([[1.0], [parts.unit]])
+            speeds = np.array([due.floor(j, t) for j in rows.tolist()]) + np.abs(rate * t)
+            duration = t - parts.row_origin[rows]
+            found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
+        return found
 
     @property
     def is_interrupted(self) -> bool:

@@ -14,6 +14,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import (
     Jump,
+    arrived,
     at_limit,
     at_stops,
     jumped,
@@ -171,8 +172,10 @@ class Run:
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
         none = np.empty(0, dtype=np.intp)
         jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
-        touching = end.touching | ((before == 0) & ~jump.parted)
-        self._settle(end._replace(y=jump.y, touching=touching), before, [], jump)
+        stops = local.arrived(t)
+        touching = end.touching | ((before == 0) & ~jump.parted) | stops
+        labels = np.where(stops, 0, before)
+        self._settle(end._replace(y=jump.y, labels=labels, touching=touching), before, [], jump)
 
     def passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
@@ -213,7 +216,8 @@ class Run:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
             rest = max(now.guards.velocity_uncertainty, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
-        touching = at.touching | at_rest
+        stops = arrived(motion, path, now.labels, now.guards.velocity_uncertainty)
+        touching = at.touching | at_rest | stops
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
@@ -223,7 +227,7 @@ class Run:
         situation = Situation(
             t,
             y,
-            before,
+            np.where(stops, 0, before),
             since,
             touching,
             at.fired,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -90,8 +91,8 @@ def fit(
     ends = _searched(problem, firsts, low, high)
     if not ends:
         raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
-    values = _polished(problem, ends[0][0], low, high)
-    return problem.told(values, tuple(ends))
+    polished = _least(problem, ends[0][0], low, high, problem.until(1.0), _STEPS, 1e-12)
+    return problem.told((polished or ends[0])[0], tuple(ends))
 
 
 def _bounds(parameters: Any, named: list[Parameter]) -> tuple[Array, Array]:
@@ -258,10 +259,6 @@ class _Problem:
         )
 
 
-def _cost(end: tuple[Array, float]) -> float:
-    return end[1]
-
-
 def _screened(
     problem: _Problem, low: Array, high: Array, count: int, random: np.random.Generator
 ) -> list[Array]:
@@ -282,15 +279,10 @@ def _searched(problem: _Problem, firsts: list[Array], low: Array, high: Array) -
     else:
         stop = problem.until(_EARLY)
         early = [_least(problem, first, low, high, stop, _ROUGH, 1e-4) for first in firsts]
-        begun = sorted((one for one in early if one is not None), key=_cost)
+        begun = sorted((one for one in early if one is not None), key=itemgetter(1))
         begun = begun[: max(2, (len(begun) + 1) // 2)]
         found = [_least(problem, x, low, high, problem.until(1.0), _ROUGH, 1e-4) for x, _ in begun]
-    return sorted((one for one in found if one is not None), key=_cost)
-
-
-def _polished(problem: _Problem, x: Array, low: Array, high: Array) -> Array:
-    found = _least(problem, x, low, high, problem.until(1.0), _STEPS, 1e-12)
-    return x if found is None else found[0]
+    return sorted((one for one in found if one is not None), key=itemgetter(1))
 
 
 def _least(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 from stickslip.model.laws import DryFriction, Shape
@@ -46,11 +47,7 @@ class Call:
         scene = "scene"
         if self.pre_slip is not None:
             velocity, shape = self.pre_slip
-            scene += (
-                f".regularized({velocity!r})"
-                if shape == "linear"
-                else f".regularized({velocity!r}, {shape!r})"
-            )
+            scene += f".regularized({velocity!r}{'' if shape == 'linear' else f', {shape!r}'})"
         options = "".join(f", {name}={value!r}" for name, value in self.options.items())
         return f"simulate({scene}, {span!r}{options})"
 
@@ -75,7 +72,7 @@ def reference_calls(scale: float) -> Iterator[tuple[Call, Call]]:
         )
 
 
-def _tolerances(rtol: float, scale: float) -> dict[str, float]:
+def _tolerances(rtol: float, scale: float) -> dict[str, Any]:
     return {"rtol": float(f"{rtol:.3g}"), "atol": float(f"{_ABSOLUTE * rtol * scale:.1g}")}
 
 
@@ -99,33 +96,25 @@ def _event_exact(scene: Scene, scale: float) -> Iterator[Call]:
 
 
 def _fixed_steps(span: tuple[float, float]) -> Iterator[Call]:
-    for method in ("RK4", "Euler"):
-        for count in STEPS:
-            step = float(f"{(span[1] - span[0]) / count:.6g}")
-            yield Call(f"contact-force, {method}", {"method": method, "step": step})
+    for method, count in product(("RK4", "Euler"), STEPS):
+        yield Call(f"contact-force, {method}", {"method": method, "step": _step(span, count)})
 
 
 def _pre_slip(scale: float) -> Iterator[Call]:
     """Yield the regularised scenes; a tolerance looser than a tenth of the pre-slip velocity is not safe."""
     for shape in SHAPES:
         for method, finer in (("BDF", (0.1, 1e-3)), ("Adams", (0.1,))):
-            for part in PRE_SLIP:
-                for fraction in finer:
-                    options: dict[str, Any] = {"method": method}
-                    options |= _tolerances(fraction * part, scale)
-                    velocity = float(f"{part * scale:.3g}")
-                    yield Call(f"pre-slip {shape}, {method}", options, (velocity, shape))
+            for part, fraction in product(PRE_SLIP, finer):
+                options = {"method": method} | _tolerances(fraction * part, scale)
+                yield Call(f"pre-slip {shape}, {method}", options, (float(f"{part * scale:.3g}"), shape))
 
 
 def _pre_slip_steps(span: tuple[float, float], scale: float) -> Iterator[Call]:
     """Yield regularised scenes at fixed steps, the cheap way of real-time programs."""
-    for shape in SHAPES:
-        for method in ("RK4", "Euler"):
-            for count in PRE_SLIP_STEPS:
-                for part in PRE_SLIP[:3]:
-                    options: dict[str, Any] = {
-                        "method": method,
-                        "step": float(f"{(span[1] - span[0]) / count:.6g}"),
-                    }
-                    velocity = float(f"{part * scale:.3g}")
-                    yield Call(f"pre-slip {shape}, {method}", options, (velocity, shape))
+    for shape, method, count, part in product(SHAPES, ("RK4", "Euler"), PRE_SLIP_STEPS, PRE_SLIP[:3]):
+        options = {"method": method, "step": _step(span, count)}
+        yield Call(f"pre-slip {shape}, {method}", options, (float(f"{part * scale:.3g}"), shape))
+
+
+def _step(span: tuple[float, float], count: int) -> float:
+    return float(f"{(span[1] - span[0]) / count:.6g}")

@@ -113,28 +113,12 @@ def test_nothing_is_larger_than_the_bound(is_chebyshev: bool, order: int, seed: 
     assert np.all(found <= path.largest * (1 + 1e-12))
 
 
-@both
-@settings(deadline=None)
-@given(st.integers(2, 12), st.integers(0, 1000))
-def test_no_second_derivative_is_larger_than_the_bound(is_chebyshev: bool, order: int, seed: int) -> None:
-    """``T_j''`` is largest at the ends, ``j^2 (j^2 - 1) / 3``; times 4, as ``s`` runs from 0 to 1."""
-    path = made(is_chebyshev, order, 2, seed)
-    places = np.linspace(0.0, 1.0, 51)
-    for piece, bound in zip(path.coefficients, path.curvature(), strict=True):
-        if is_chebyshev:
-            bend = 4 * chebyshev.chebval(2 * places - 1, chebyshev.chebder(piece, 2))
-        else:
-            bend = polynomial.polyval(places, polynomial.polyder(piece, 2))
-        assert np.all(np.abs(bend).max(axis=1) <= bound * (1 + 1e-12))
-
-
-def test_the_bounds_are_met() -> None:
-    """``T_3`` is 1 at its end, and bends with ``4 * 9 * 8 / 3 = 96`` there; ``s^3`` with 6."""
+def test_the_bound_is_met() -> None:
+    """``T_3`` and ``s^3`` are 1 at their end."""
     c = np.zeros((1, 4, 1))
     c[0, 3] = 1.0
-    for is_chebyshev, bend in ((True, 96.0), (False, 6.0)):
-        path = Path(np.array([0.0, 1.0]), c, np.ones(1), False, is_chebyshev)
-        assert path.largest.tolist() == [1.0] and path.curvature().tolist() == [[bend]]
+    for is_chebyshev in (True, False):
+        assert Path(np.array([0.0, 1.0]), c, np.ones(1), False, is_chebyshev).largest.tolist() == [1.0]
 
 
 @pytest.mark.parametrize("order", range(13))

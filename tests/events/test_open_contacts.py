@@ -399,3 +399,36 @@ def test_a_contact_that_holds_nothing_opens_at_rest(options: dict[str, Any]) -> 
     assert told(result) == []
     assert result.mode("c")[-1] == 0
     assert result.force("c")[-1] == 0.0
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize(("velocity", "stop"), [(2.0, 1.0), (1.7, 0.8), (-1.9, 0.61), (0.3, 0.7)])
+def test_it_comes_to_rest_with_a_drive_that_stops(velocity: float, stop: float, formulation: str) -> None:
+    """An open clutch between a motor that runs down to 0 and a wheel at rest: w = 0 from there on, and not before."""
+    scene = Scene(
+        Drive("motor", velocity=piecewise_linear([0.1, stop, 2.0, 3.0], [velocity, 0.0, 0.0, velocity])),
+        Body("wheel", inertia=1.3),
+        Contact("clutch", "motor", "wheel", DRY, normal=-1.0),
+    )
+    result = simulate(scene, (0.0, 2.5), t_eval=[0.0, 1.5, 2.5], formulation=formulation)
+    sign = int(math.copysign(1, velocity))
+    assert [(e.t, int(e.after)) for e in result.events] == [(stop, 0), (2.0, sign)]
+    assert result.mode("clutch").tolist() == [sign, 0, sign]
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+@pytest.mark.parametrize("after", [0.0, -0.5])
+def test_it_comes_to_rest_where_its_force_ends(after: float, formulation: str) -> None:
+    """v = 1 - t up to 1 s; from there on no force leaves it at rest, and another one drives it on."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Force("a", piecewise_linear([1.0, 1.0], [-1.0, after])),
+        Contact("open", "a", GROUND, DRY, normal=0.0),
+        # others may be settled meanwhile
+        Body("b", inertia=1.0, velocity=1.0),
+        Contact("floor", "b", GROUND, DRY, normal=2.0),
+    )
+    result = simulate(scene, (0.0, 3.0), formulation=formulation)
+    (event,) = (e for e in result.events if e.contact == "open")
+    assert event.t == pytest.approx(1.0, abs=1e-12)
+    assert int(event.after) == result.mode("open")[-1] == (0 if after == 0 else -1)
