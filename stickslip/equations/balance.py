@@ -203,13 +203,7 @@ def _alone(G: Any) -> tuple[Indices, Indices, Array]:
 
 
 def joined(G: Any) -> Indices:
-    """Return a number for each row: those that bodies join directly or by others have the same.
-
-    Parameters
-    ----------
-    G : array or sparse (h, n)
-        Coefficients of the rows on the bodies.
-    """
+    """Return a number for each row: those that bodies join directly or by others have the same."""
     if isinstance(G, np.ndarray):
         number = np.arange(G.shape[0])
         for column in (G != 0).T:

@@ -18,6 +18,9 @@ ROUNDOFF = 1e-12
 AT_LIMIT = 1e-10
 """Part of its level within which a force is at it."""
 
+_AT_STOP = 1e-15
+"""Part of what adds up in a stretch within which a stop is at its limit."""
+
 _AS_FIRED = 1e-6
 """The same for a row that an event has just found there."""
 
@@ -170,9 +173,6 @@ class GuardsAtStart:
         for i in close:
             flat = 0.0
             closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
-            if of_stop[i]:
-                # a stop in flight is not at its limit, however low it flies: there it rebounds
-                closeness = ROUNDOFF
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.rests[i]:
@@ -190,9 +190,12 @@ class GuardsAtStart:
                         AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
                     ]
             else:
-                at_stop = bool(of_stop[i]) and coefficients[0, i] <= 0
-                # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
-                if not (at_stop or abs(coefficients[0, i]) <= closeness * size[i] + rough):
+                reach = closeness * size[i] + rough
+                if of_stop[i]:
+                    # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left. In flight it
+                    # is not at its limit, however low it flies: there it rebounds
+                    reach = np.inf if coefficients[0, i] <= 0 else _AT_STOP * majorant[0, i]
+                if not abs(coefficients[0, i]) <= reach:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough

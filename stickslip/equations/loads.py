@@ -24,16 +24,9 @@ _MOST_ENTRIES = 10_000
 class Loads:
     """The input vector over a time span, stretch by stretch.
 
-    Parameters
-    ----------
-    signals : sequence of Signal
-        One per entry of the vector.
-    rates : sequence of int
-        Signals whose slopes follow the values as further entries (the accelerations of drives); a last entry is 1.
-    stepped : bool
-        Whether a fixed-step method reads the loads wherever its steps fall: then no signal breaks.
-    samples : sequence of float
-        Further times in s that break.
+    There is a signal for each entry of the vector; the slopes of those named by `rates`, the accelerations of drives,
+    follow as further entries, and a last one is 1. If the loads are `stepped`, a fixed-step method reads them wherever
+    its steps fall, and no signal breaks; `samples` are further times in s that break.
 
     Attributes
     ----------
@@ -77,6 +70,11 @@ class Loads:
     def goes_on(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
         return t in self._samples
+
+    def periods(self, start: float, stop: float, parts: int) -> Array:
+        """Return times that cut a span into as many parts as fit `parts` into each of the shortest periods."""
+        count = math.ceil(parts * (stop - start) / self.period) if stop > start else 1
+        return np.linspace(start, stop, max(count, 1) + 1)
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""

@@ -113,15 +113,6 @@ def energy(result: Readable) -> EnergyLedger:
 
     Powers are integrated on the polynomials of the steps, so that the balance error is that of the simulation. Through
     runs in a row heat and work go on; what a run does not know neither gives nor takes in its time.
-
-    Parameters
-    ----------
-    result : Result or Joined
-
-    Raises
-    ------
-    ValueError
-        If only the requested outputs were kept.
     """
     ledgers = [_ledger(run.samples) for run in result.runs]
     return (

@@ -35,11 +35,7 @@ def of_each(runs: Sequence[Outcome], read: Callable[[Samples], T]) -> list[T | N
 def joined(parts: Sequence[NDArray[Any] | None], sizes: Sequence[int]) -> NDArray[Any]:
     """Return arrays one after another along their last axis, with NaN where one is missing or has fewer lines.
 
-    Parameters
-    ----------
-    parts : sequence of array (n,), array (lines, n) or None
-    sizes : sequence of int
-        How many times each has.
+    `sizes` are how many times each has.
     """
     known = [part for part in parts if part is not None]
     lines = max(part.shape[:-1] for part in known)

@@ -50,12 +50,11 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
         return np.zeros((trajectory.system.drives, 0))
     loads = trajectory.loads
     start, stop = float(trajectory.starts[0]), float(times.max())
-    marks = [times, np.array([start, *(b for b in loads.breaks if start < b < stop)])]
+    marks = [times, loads.periods(start, stop, _PER_PERIOD)]
+    marks.append(np.array([b for b in loads.breaks if start < b < stop]))
     if loads.has_functions:
         # nobody knows how fast functions change but the solver, which had to step accordingly
         marks += [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
-    if np.isfinite(loads.period):
-        marks.append(np.linspace(start, stop, int(np.ceil(_PER_PERIOD * (stop - start) / loads.period)) + 1))
     edges = np.unique(np.concatenate(marks))
     edges = edges[(edges >= start) & (edges <= stop)]
     x, weights = gauss_nodes(_NODES)

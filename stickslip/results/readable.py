@@ -232,13 +232,7 @@ def _position(samples: Samples, body: str) -> Array:
 
 
 def times_within(times: int | Sequence[float] | Array, start: float, stop: float) -> Array:
-    """Return times at which to sample: those given, or so many evenly spaced ones.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If they are no times in one line, or fewer than 2.
-    """
+    """Return times at which to sample: those given, or so many evenly spaced ones."""
     if isinstance(times, (int, np.integer)) and not isinstance(times, bool):
         return np.linspace(start, stop, whole(times, "sample: number of times", 2))
     if not isinstance(times, Iterable) or isinstance(times, str):

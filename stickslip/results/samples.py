@@ -6,10 +6,10 @@ Only where a large scene is known part by part is each name read for itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
+
+T = TypeVar("T")
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
@@ -89,19 +91,11 @@ class Samples(PickledByFields):
 
     def body(self, name: str) -> int:
         """Return the number of a body, drive or the ground."""
-        try:
-            return self.system.index[name]
-        except (KeyError, TypeError):
-            known = ", ".join(map(repr, list(self.system.index)[:10]))
-            raise ValueError(f"no body is called {name!r}; known are {known}") from None
+        return _named(self.system.index, name, "body")
 
     def row(self, name: str) -> int:
         """Return the number of a contact or another row."""
-        try:
-            return self._row_of[name]
-        except (KeyError, TypeError):
-            known = ", ".join(map(repr, list(self._row_of)[:10]))
-            raise ValueError(f"no contact is called {name!r}; known are {known or 'none'}") from None
+        return _named(self._row_of, name, "contact")
 
     @cached_property
     def _row_of(self) -> dict[str, int]:
@@ -186,11 +180,7 @@ class Samples(PickledByFields):
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
-        try:
-            return self.system.blocks[name]
-        except (KeyError, TypeError):
-            known = ", ".join(map(repr, list(self.system.blocks)[:10]))
-            raise ValueError(f"no block is called {name!r}; known are {known or 'none'}") from None
+        return _named(self.system.blocks, name, "block")
 
     def states_of(self, block: str) -> Array:
         """Return the states of a block, a line each."""
@@ -374,6 +364,15 @@ class Samples(PickledByFields):
                 forces[rows[:, None], chosen] = rest
 
 
+def _named(known: Mapping[str, T], name: str, what: str) -> T:
+    """Return what has a name; a ValueError says which names there are."""
+    try:
+        return known[name]
+    except (KeyError, TypeError):
+        some = ", ".join(map(repr, list(known)[:10])) or "none"
+        raise ValueError(f"no {what} is called {name!r}; known are {some}") from None
+
+
 def _line(table: NDArray[Any], i: int) -> NDArray[Any]:
     """Return a line of a table that others read, too: it cannot be written to."""
     line: NDArray[Any] = table[i]
@@ -433,9 +432,6 @@ def _over(
 def _edges(trajectory: Trajectory, number: int, wanted: Array) -> Array:
     """Return the local times between which a piece is smooth: steps, wanted times, parts of a period."""
     ends = trajectory.steps(number)
-    edges = np.union1d(ends, wanted)
-    period, end = trajectory.loads.period, float(ends[-1])
-    if np.isfinite(period) and end > 0:
-        parts = int(np.ceil(_PER_PERIOD * end / period))
-        edges = np.union1d(edges, np.linspace(0.0, end, parts + 1))
-    return edges
+    return np.unique(
+        np.concatenate([ends, wanted, trajectory.loads.periods(0.0, float(ends[-1]), _PER_PERIOD)])
+    )

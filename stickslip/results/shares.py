@@ -20,17 +20,6 @@ def share(result: Readable, row: str) -> dict[Mode, float]:
     """Return the part of the simulated time that a row spends in each mode; together they are 1.
 
     Of runs in a row only those count that know the row.
-
-    Parameters
-    ----------
-    result : Result or Joined
-    row : str
-        Name of a contact or another row.
-
-    Raises
-    ------
-    ValueError
-        If there is no such row, or the motion between the outputs was not kept.
     """
     times: dict[Mode, float] = {}
     for run, known in zip(result.runs, of_each(result.runs, lambda samples: samples.row(row)), strict=True):

@@ -6,13 +6,13 @@ a polynomial of its values at Chebyshev points, and a root is finished on the qu
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
@@ -44,17 +44,17 @@ class Crossing(NamedTuple):
 class Watch:
     """Watches the quantities of the user's events, path by path.
 
-    The system is compiled with these quantities as the watched ones; `period` is the shortest in s of the loads.
+    The system is compiled with these quantities as the watched ones.
     """
 
-    def __init__(self, system: System, events: Sequence[When], period: float) -> None:
-        self._system, self._events, self._period = system, list(events), period
+    def __init__(self, system: System, events: Sequence[When], loads: Loads) -> None:
+        self._system, self._events, self._loads = system, list(events), loads
         self._signs = [0] * len(self._events)
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
         found: list[Crossing] = []
-        edges = self._edges(path)
+        edges = np.union1d(path.taus, self._loads.periods(0.0, float(path.taus[-1]), _PARTS))
         nodes = chebyshev_nodes(DEGREE)
         taus = edges[:-1, None] + np.diff(edges)[:, None] * nodes
         values, sizes = self._values(motion, path, taus.ravel())
@@ -81,13 +81,6 @@ class Watch:
         self._signs = after
         stops = [one for one in wanted if one.event.stop]
         return [one for one in wanted if one.tau <= stops[0].tau] if stops else wanted
-
-    def _edges(self, path: Path) -> Array:
-        edges, end = path.taus, float(path.taus[-1])
-        if math.isfinite(self._period) and end > 0:
-            parts = math.ceil(_PARTS * end / self._period)
-            edges = np.union1d(edges, np.linspace(0.0, end, parts + 1))
-        return np.unique(edges)
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and what adds up in them."""

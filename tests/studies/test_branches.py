@@ -90,6 +90,50 @@ def test_a_damper_ends_stick_slip_where_the_block_does_not_catch_up_any_more() -
 
 
 @pytest.mark.slow
+def test_without_a_damper_stick_slip_ends_in_a_family() -> None:
+    """At F_s = F_c it meets cycles that only touch the speed of the belt; those that slip all the time are neutral."""
+    branch = continue_cycle(belt(0.2), "c.law.mu_static", [1.1, COULOMB])
+    (end,) = branch.points
+    assert end.kind == "end" and "family of cycles" in end.message and branch.beyond is None
+    assert end.value == pytest.approx(COULOMB, abs=1e-6)
+    assert end.cycle is not None
+    assert end.cycle.period == pytest.approx(2 * math.pi / math.sqrt(STIFFNESS), abs=1e-6)
+
+
+@pytest.mark.slow
+def test_as_the_belt_stops_the_period_grows_without_bound() -> None:
+    """With 2 (F_s - F_c) / (k v), as above."""
+    branch = continue_cycle(belt(0.2), "belt.velocity", [0.2, 0.0], accuracy=1e-4)
+    (end,) = branch.points
+    assert end.kind == "end" and end.message == "the period grows without bound"
+    assert end.value == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["impacts", "sticking"])
+def test_events_pass_the_start_of_a_forced_cycle(kind: str) -> None:
+    """Over the phase of its load a cycle is the same, begun later: the times of its events tell by how much."""
+    scene, period = (hit(0.05, low=False).scene, 2 * math.pi / 1.5)
+    if kind == "sticking":
+        scene, period = forced(0.5, 0.05), 20.0
+    phases = np.linspace(0.0, 2 * math.pi, 5)
+    branch = continue_cycle(scene, "forces[0].signal.phase", phases, period=period)
+    assert branch.points == ()
+    first = branch.cycles[0]
+    assert first is not None
+    again = np.concatenate([[e.t for e in first.result.events], [e.t + period for e in first.result.events]])
+    for phase, cycle in zip(phases, branch.cycles, strict=True):
+        assert cycle is not None and cycle.result.t[0] == 0 and cycle.closes < 1e-10
+        assert cycle.multipliers == pytest.approx(first.multipliers, abs=1e-9)
+        later = phase / (2 * math.pi) * period
+        own = [e.t for e in cycle.result.events]
+        assert np.abs(np.array(own)[:, None] + later - again).min(axis=1) == pytest.approx(0.0, abs=1e-9)
+        at = np.array([0.3, 0.7]) * period
+        same = first.result.sample(np.sort((at + later) % period)).position("m")
+        assert np.sort(cycle.result.sample(at).position("m")) == pytest.approx(np.sort(same), abs=1e-9)
+
+
+@pytest.mark.slow
 def test_the_frequency_at_which_a_forced_oscillator_begins_to_stick() -> None:
     """There the spring and the load together push with exactly the friction where the mass turns."""
     branch = continue_cycle(
@@ -241,5 +285,7 @@ def test_bad_arguments_are_refused() -> None:
         continue_cycle(belt(), "m.velocity", [0.1, 0.3])
     with pytest.raises(TypeError, match="Scene or a Cycle"):
         continue_cycle(1.0, "m.velocity", [0.1, 0.3])  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"mu_static' cannot be 0.9 .*leave that value out"):
+        continue_cycle(belt(), "c.law.mu_static", [1.5, 0.9])
     with pytest.raises(ValueError, match="has name, velocity"):
         continue_cycle(belt(), "belt.speed", [0.1, 0.3])

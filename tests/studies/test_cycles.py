@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import fsolve
 
 from stickslip import (
     GROUND,
@@ -249,6 +250,34 @@ def test_two_blocks_on_a_belt() -> None:
     result = simulate(cycle.scene, (0.0, 10 * cycle.period))
     last = [event.t for event in result.events if event.contact == "ca" and event.after == 0]
     assert np.diff(last) == pytest.approx(cycle.period * np.ones(len(last) - 1), abs=1e-11)
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_start_on_an_impact(after: bool) -> None:
+    """A ball that hits a wall with 1 m/s, e = 0.8, and gains it back from x'' = 0.1 x' - x - F: from either side of it.
+
+    The flight from -e back to x = 0 with 1 m/s gives F and the period.
+    """
+    e, growth, w = 0.8, 0.05, math.sqrt(1 - 0.05**2)
+
+    def flown(t: float, force: float) -> tuple[float, float]:
+        # about x = -F: from F and the velocity -e
+        b = (-e - growth * force) / w
+        place = math.exp(growth * t) * (force * math.cos(w * t) + b * math.sin(w * t))
+        turned = math.exp(growth * t) * w * (b * math.cos(w * t) - force * math.sin(w * t))
+        return place - force, growth * place + turned
+
+    period, force = fsolve(lambda u: np.array(flown(*u)) - [0.0, 1.0], [3.6, 0.3], xtol=1e-12)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=-e if after else 1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Force("m", 0.1 * velocity("m") - float(force)),
+        Stop("wall", "m", GROUND, upper=0.0, restitution=e),
+    )
+    cycle = limit_cycle(scene, transient=0, guess=3.5)
+    assert cycle.period == pytest.approx(period, abs=1e-9)
+    # the flow grows areas by exp(0.1 T), an impact takes e^2 of them; the other multiplier is 1
+    assert cycle.multipliers == pytest.approx([e * e * math.exp(0.1 * period)], abs=1e-8)
 
 
 def test_what_has_no_cycle() -> None:

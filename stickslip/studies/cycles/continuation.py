@@ -16,7 +16,7 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import SimulationError
 from stickslip.studies.cycles.branches import Branch, BranchPoint
-from stickslip.studies.cycles.cycle import Cycle, centred
+from stickslip.studies.cycles.cycle import Cycle, centred, from_zero
 from stickslip.studies.cycles.newton import closed_from, cycle_within
 from stickslip.studies.cycles.phases import cyclic, told, vanishing
 from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
@@ -35,6 +35,12 @@ _MEETS, _LOOKS = 0.02, 3
 
 _SHRUNK = 0.05
 """Part of its speeds to which a cycle shrinks that is about to become a state of rest."""
+
+_SHORT_STEP = 1 / 8
+"""Part of what is left up to the end of a branch that is tried where half of it does not lead on."""
+
+_GROWN = 10.0
+"""How many times as long as at the last value the period is where it grows without bound."""
 
 _SAME = 1e-6
 """Part of a period by which it may differ where the way back leads to the same cycle."""
@@ -91,6 +97,13 @@ def continue_cycle(
     steps = np.diff(wanted)
     if not wanted.size or not (np.all(steps > 0) or np.all(steps < 0)) or not np.isfinite(wanted).all():
         raise ValueError(f"continue_cycle: values must rise or fall, got {values!r}")
+    for value in wanted.tolist():
+        try:
+            one.set(own, value)
+        except (ValueError, TypeError) as error:
+            raise ValueError(
+                f"continue_cycle: {parameter!r} cannot be {value:g} ({error}); leave that value out"
+            ) from None
     if period is not None and not callable(period):
         period = finite(period, "continue_cycle: period")
     follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
@@ -136,7 +149,7 @@ class Follower:
         Beyond a fold it goes back over `every` value, by default the same ones. The first step is a part of the way to
         the second value.
         """
-        cycles: list[Cycle | None] = [first]
+        cycles = [first]
         last, beyond = first, None
         for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
             near = self._toward(last, before, value, first_step)
@@ -150,8 +163,8 @@ class Follower:
             self._between(last, before, found, value)
             last = found
             cycles.append(last)
-        cycles += [None] * (values.size - len(cycles))
-        return Branch(self._parameter.name, values, tuple(cycles), tuple(self._points), beyond)
+        told = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
+        return Branch(self._parameter.name, values, tuple(told), tuple(self._points), beyond)
 
     def reach(self, cycle: Cycle, before: float, value: float) -> Cycle:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
@@ -215,12 +228,15 @@ class Follower:
                 fold, place = turned
                 self._between(last, before, near.cycle, near.value)
                 said = "a multiplier is 1: two cycles meet, and the branch turns back"
-                self._points.append(BranchPoint(fold.value, "fold", said, fold.cycle))
+                self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
                 apart = abs(place.value - fold.value)
                 return self._beyond(_Reached(place.cycle, place.value), apart, rises, before, every)
-        passed, other = self._last(near, self._accuracy * abs(value - before))
+        # that one step was too long does not tell where the branch ends
+        passed, other = self._last(near._replace(end=value), self._accuracy * abs(value - before))
         a, at, why, end = passed[-1]
         phases, inner = vanishing(a), None
+        if a.period > _GROWN * last.period:
+            phases, why = [], "the period grows without bound"
         if other is None and phases and not a.forced:
             inner = self._within(passed)
         if inner is None:
@@ -238,10 +254,16 @@ class Follower:
                 )
             if _speed(a) < _SHRUNK * _speed(last):
                 why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
-            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why]), a))
+            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why]), from_zero(a)))
+            return None
+        if inner.cycle.neutral:
+            said = "; ".join(
+                [*phases, "the branch ends in a family of cycles without it (a multiplier is 1)"]
+            )
+            self._points.append(BranchPoint(0.5 * (at + end), "end", said, from_zero(a)))
             return None
         said = "; ".join([*phases, "cycles without it begin there, and the branch turns back"])
-        self._points.append(BranchPoint(0.5 * (at + end), "fold", said, a))
+        self._points.append(BranchPoint(0.5 * (at + end), "fold", said, from_zero(a)))
         # the fold is somewhere between the last cycle and the end
         apart = max(abs(inner.value - at), abs(inner.value - end))
         return self._beyond(inner, apart, rises, before, every)
@@ -269,17 +291,20 @@ class Follower:
             middle = 0.5 * (near.value + near.end)
             if middle in (near.value, near.end):
                 break
-            try:
-                one = self._step(near.cycle, near.value, middle)
-            except ERRORS as error:
-                near = passed[-1] = near._replace(why=str(error), end=middle)
-                continue
-            if cyclic(one.sequence) == cyclic(near.cycle.sequence):
-                near = near._replace(cycle=one, value=middle)
-                passed.append(near)
+            # a long step may lead elsewhere where a short one does not
+            for value in (middle, near.value + _SHORT_STEP * (near.end - near.value)):
+                try:
+                    one = self._step(near.cycle, near.value, value)
+                except ERRORS as error:
+                    near = near._replace(why=str(error))
+                    continue
+                if cyclic(one.sequence) == cyclic(near.cycle.sequence):
+                    near = near._replace(cycle=one, value=value)
+                    passed.append(near)
+                    break
+                other = _Reached(one, value)
             else:
-                other, near = _Reached(one, middle), near._replace(end=middle)
-                passed[-1] = near
+                near = passed[-1] = near._replace(end=middle)
         return passed, other
 
     def _within(self, passed: list[_Reached]) -> _Reached | None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Complex
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event
 from stickslip.simulation.result import Result
-from stickslip.studies.cycles.periodicity import middle_of
+from stickslip.studies.cycles.periodicity import scene_at
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
-
-Complex = NDArray[np.complex128]
 
 _ZERO = 1e-9
 _NEUTRAL = 1e-6
@@ -145,11 +142,18 @@ def cycle_of(shot: Shot) -> Cycle:
 
 
 def centred(cycle: Cycle) -> Cycle:
-    """Return a cycle of free period that starts in the middle of its longest motion; others as they are."""
-    if cycle.forced:
-        return cycle
+    """Return a cycle that starts in the middle of its longest motion, so that events do not pass its start."""
+    return cycle_of(cycle.shot.between_events())
+
+
+def from_zero(cycle: Cycle) -> Cycle:
+    """Return a forced cycle with the scene and the result that start at t = 0; others as they are."""
     shot = cycle.shot
-    return cycle_of(Shot(middle_of(cycle.result, 0.0, cycle.period), cycle.period, False, shot.options))
+    if not shot.begin:
+        return cycle
+    scene = scene_at(shot.result, shot.period)
+    result = Shot(scene, shot.period, True, shot.options).result
+    return replace(cycle, scene=scene, result=result, sequence=sequence_of(result))
 
 
 def _check_moves(shot: Shot) -> None:

@@ -174,18 +174,22 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, 
     return Scene(*elements, motion=scene.motion)
 
 
-def middle_of(result: Result, begin: float, end: float) -> Scene:
-    """Return the scene as it is in the middle of the longest motion between two times."""
-    system: System = result.trajectory.system
+def scene_at(result: Result, t: float) -> Scene:
+    """Return the scene as it is at a time of its motion, the right limit at an event."""
+    trajectory = result.trajectory
+    system: System = trajectory.system
+    piece = trajectory.pieces[int(trajectory.places(np.array([t]))[0])]
+    held = system.dwelling[piece.labels[system.dwelling] == 0]
+    return started(result.scene, system, result(t), held, t - piece.since[held], piece.modes)
+
+
+def middle_of(result: Result, begin: float, end: float) -> float:
+    """Return the middle of the longest motion between two times, in s."""
     pieces = result.trajectory.pieces
 
     def length(number: int) -> float:
         piece = pieces[number]
         return min(piece.stop, end) - max(piece.t, begin)
 
-    number = max(range(len(pieces)), key=length)
-    piece = pieces[number]
-    at = 0.5 * (min(piece.stop, end) + max(piece.t, begin))
-    y = result(at)
-    held = system.dwelling[piece.labels[system.dwelling] == 0]
-    return started(result.scene, system, y, held, at - piece.since[held], piece.modes)
+    piece = pieces[max(range(len(pieces)), key=length)]
+    return 0.5 * (min(piece.stop, end) + max(piece.t, begin))

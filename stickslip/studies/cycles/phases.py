@@ -11,8 +11,9 @@ from stickslip.studies.cycles.cycle import Cycle
 _SHORT = 0.02
 """A phase shorter than this part of the period is about to vanish."""
 
-_BEFORE, _GRAZES = 1e-4, 0.3
-"""A relative velocity that changes by less than this part of its range in a period, just before it is 0, grazes."""
+_BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
+"""A relative velocity that changes by less than the last part of its range in a period grazes. Its slope is taken so
+many periods before it is 0, but in the last part of the motion that leads there."""
 
 
 def cyclic(sequence: tuple[str, ...]) -> tuple[str, ...]:
@@ -47,18 +48,20 @@ def told(a: Cycle, b: Cycle) -> str:
 def vanishing(cycle: Cycle) -> list[str]:
     """Return what phase of a cycle is about to vanish, or which relative velocity only just comes to 0."""
     found = []
-    events, said = cycle.result.events, cycle.sequence
+    events, said, period = cycle.result.events, cycle.sequence, cycle.period
+    begins = cycle.result.t[0]
     for k, event in enumerate(events):
         later = (k + 1) % len(events)
-        if len(events) > 1 and (events[later].t - event.t) % cycle.period < _SHORT * cycle.period:
+        if len(events) > 1 and (events[later].t - event.t) % period < _SHORT * period:
             found.append(f"the phase between '{said[k]}' and '{said[later]}' vanishes")
         if event.cause == "impact":
-            speed = np.abs(cycle.result.sample([event.t, cycle.period]).relative_velocity(event.contact)[0])
+            speed = np.abs(cycle.result.sample([event.t]).relative_velocity(event.contact)[0])
             if speed < _SHORT * np.ptp(cycle.result.relative_velocity(event.contact)):
                 found.append(f"the impact at {event.contact!r} comes to graze")
         elif event.cause == "relative velocity 0" or event.before * event.after < 0:
-            before = cycle.result.sample([max(event.t - _BEFORE * cycle.period, 0.0), cycle.period])
-            pace = abs(before.relative_velocity(event.contact)[0]) / _BEFORE
-            if pace < _GRAZES * np.ptp(cycle.result.relative_velocity(event.contact)):
+            before = max((other.t for other in events if other.t < event.t), default=begins)
+            short = min(_BEFORE * period, _LATEST * (event.t - before))
+            speed = np.abs(cycle.result.sample([event.t - short]).relative_velocity(event.contact)[0])
+            if speed * period < _GRAZES * short * np.ptp(cycle.result.relative_velocity(event.contact)):
                 found.append(f"the relative velocity of {event.contact!r} comes to graze 0 at '{said[k]}'")
     return found

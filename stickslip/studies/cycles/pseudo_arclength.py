@@ -80,6 +80,8 @@ class Arc:
             if shot.error <= _SURE * shot.enough:
                 break
             matrix, missed, _, _ = self._linear(shot, value)
+            if matrix.shape[1] != place.tangent.size:
+                raise CycleError("contacts stick or slip at the start of the cycle that did not before")
             bordered = np.vstack([matrix, place.tangent])
             change = np.linalg.solve(bordered, np.append(-missed, 0.0))
             if np.abs(change).max() > _FAR * abs(length):

@@ -19,15 +19,15 @@ from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
-from stickslip.studies.cycles.cycle import Cycle, said
+from stickslip.studies.cycles.cycle import Cycle, from_zero, said
 from stickslip.studies.cycles.newton import closed
 from stickslip.studies.cycles.periodicity import (
     check_constant,
     check_loads,
     middle_of,
     read_positions,
+    scene_at,
     seen,
-    started,
 )
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
@@ -102,12 +102,12 @@ def limit_cycle(
         if transient != 0:
             periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
             start = _settled(scene, period, periods, options)
-        return closed(Shot(start, period, True, options))
+        return from_zero(closed(Shot(start, period, True, options).between_events()))
     check_constant(system)
     if transient == 0:
         if guess is None:
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
-        return _once(closed(Shot(scene, float(guess), False, options)))
+        return _once(closed(Shot(scene, float(guess), False, options).between_events()))
     start, about = _returning(scene, guess, transient, options)
     return _once(closed(Shot(start, about, False, options)))
 
@@ -151,11 +151,7 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
             f"the motion repeats only after {k} periods of {period:g} s; give period={k * period:.12g} for that cycle, "
             "or begin near another one with transient=0"
         )
-    piece = result.trajectory.pieces[-1]
-    held = system.dwelling[(piece.labels[system.dwelling] == 0)]
-    ages = periods * period - piece.since[held]
-    assert piece.path is not None
-    return started(scene, system, piece.path.last, held, ages, piece.modes)
+    return scene_at(result, periods * period)
 
 
 def _returning(
@@ -245,5 +241,6 @@ def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | Non
         whole = seen(system, whole, read)
         if np.abs(z[:, 0] - z[:, 1]).max() > _NEAR * max(float(np.ptp(whole, axis=1).max()), 1e-300):
             continue
-        return middle_of(result, float(times[first]), float(times[-1])), float(about)
+        at = middle_of(result, float(times[first]), float(times[-1]))
+        return scene_at(result, at), float(about)
     return None

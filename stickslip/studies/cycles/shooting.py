@@ -6,18 +6,22 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Complex
 from stickslip.model.scene import Scene
-from stickslip.studies.cycles.periodicity import Coordinates, read_positions, seen, started
+from stickslip.studies.cycles.periodicity import (
+    Coordinates,
+    middle_of,
+    read_positions,
+    scene_at,
+    seen,
+    started,
+)
 from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
-
-Complex = NDArray[np.complex128]
 
 _CLOSED = 1e-10
 """A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
@@ -34,13 +38,16 @@ class CycleError(RuntimeError):
 class Shot:
     """One period of a motion from a scene's start, and by how much it misses its start.
 
-    The scene starts at t = 0; if it is `forced`, the period is given.
+    It starts at the time `begin` in s; if it is `forced`, the period is given.
     """
 
-    def __init__(self, scene: Scene, period: float, forced: bool, options: dict[str, Any]) -> None:
+    def __init__(
+        self, scene: Scene, period: float, forced: bool, options: dict[str, Any], begin: float = 0.0
+    ) -> None:
         self.scene, self.period, self.forced, self.options = scene, period, forced, options
+        self.begin = begin
         self._by_parameter: dict[str, tuple[Array, Array]] = {}
-        self.result = simulated(scene, (0.0, period), **options)
+        self.result = simulated(scene, (begin, begin + period), **options)
         trajectory = self.result.trajectory
         self.system: System = trajectory.system
         first = trajectory.pieces[0]
@@ -49,8 +56,8 @@ class Shot:
         assert last.path is not None
         self.start, self.stop = first.y, last.path.last
         aged = self.coordinates.aged
-        self.ages = -first.since[aged]
-        self.ages_after = period - last.since[aged]
+        self.ages = begin - first.since[aged]
+        self.ages_after = begin + period - last.since[aged]
         before, after = self.coordinates.of(self.start), self.coordinates.of(self.stop)
         self.missed = np.concatenate([after - before, self.ages_after - self.ages])
         self.sizes = self.coordinates.sizes(self.result)
@@ -71,6 +78,12 @@ class Shot:
         parts = [off[:n].max(initial=0.0) / max(size[:n].max(initial=0.0), 1e-300)]
         parts.append(off[n:].max(initial=0.0) / max(size[n:].max(initial=0.0), 1e-300))
         return float(max(parts))
+
+    def between_events(self) -> Shot:
+        """Return the shot from the middle of the longest motion: an event at the start has no derivative."""
+        at = middle_of(self.result, self.begin, self.begin + self.period)
+        begin = at % self.period if self.forced else 0.0
+        return Shot(scene_at(self.result, at), self.period, self.forced, self.options, begin)
 
     @cached_property
     def _variation(self) -> Variation:
@@ -154,7 +167,7 @@ class Shot:
         own = self.scene if own is None else own
         try:
             scene = started(own, self.system, y, self.coordinates.aged, ages, modes)
-            return Shot(scene, self.period + longer, self.forced, self.options)
+            return Shot(scene, self.period + longer, self.forced, self.options, self.begin)
         except ValueError as error:
             raise CycleError(f"the search leads to where the scene cannot be: {error}") from None
 

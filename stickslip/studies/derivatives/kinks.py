@@ -23,6 +23,9 @@ _LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
 """Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
 is a touch."""
 
+_ROUNDOFF = 1e-13
+"""Part of its size by which a guard has to rise on both sides of a touch."""
+
 _AT_REST = 1e-9
 """Part of the speeds below which a row has come to rest with another one."""
 
@@ -118,9 +121,9 @@ def at_touches(
         found = scipy.optimize.minimize_scalar(
             value, bounds=bounds, method="bounded", options={"xatol": 1e-12}
         )
-        # a guard that has been small all along, as between the last rebounds of a stop, has minima by roundoff
-        comes_from = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
-        if found.fun <= min(_TOUCH * size[i], 0.5 * comes_from):
+        # where a guard is small, as between the last rebounds of a stop, it has minima by roundoff
+        around = min(float(g[i, : at + 1].max()), float(g[i, at + 2 :].max()))
+        if found.fun <= min(_TOUCH * size[i], 0.5 * around) and around > _ROUNDOFF * size[i]:
             tau = float(found.x)
             slopes = nearby.slopes_along(own.raw, number, varied, np.array([tau]))[:, 0]
             for _, k in own.moving(np.array([i]), slopes):

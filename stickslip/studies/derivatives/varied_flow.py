@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 
 _ORDER = 20
 _REMAINDER = 1e-16
-_STAGES = 5
+_STAGES, _JOINED, _SPLIT = 8, 16, 4
+"""Stages of a collocation, over so many steps of the solver; over a part of them where that is too far."""
+
+_LAST = 1e-8
+"""Part of its size that the last coefficient of a polynomial may have."""
+
 _TINY = np.finfo(float).tiny
 
 
@@ -81,30 +87,66 @@ def _reach(c: Array) -> float:
 
 
 def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
-    """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation on the solver's own steps."""
-    system, path = nearby.system, piece.path
+    """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
+
+    Steps are joined as long as S is a polynomial there: its last coefficient tells.
+    """
+    path = piece.path
+    assert path is not None
+    ends, found = [0.0], []
+
+    def follow(edges: Indices, S: Array) -> Array:
+        """Follow S over the solver's steps from edge to edge, and return it at the last one."""
+        for step, first, last in zip(
+            _collocations(nearby, piece, motion, since, path.taus[edges]), edges[:-1], edges[1:], strict=True
+        ):
+            c, following = step(S)
+            if last - first > 1 and _is_rough(c):
+                S = follow(np.unique(np.linspace(first, last, _SPLIT + 1).astype(int)), S)
+                continue
+            S = following
+            ends.append(float(path.taus[last]))
+            found.append(c)
+        return S
+
+    last = path.taus.size - 1
+    follow(np.append(np.arange(0, last, _JOINED), last), S)
+    return np.array(ends), np.array(found)
+
+
+def _collocations(
+    nearby: Nearby, piece: Piece, motion: Motion, since: Array, edges: Array
+) -> Iterator[Callable[[Array], tuple[Array, Array]]]:
+    """Yield for each of some steps what makes of S at its start the coefficients in it, and S at its end."""
+    path, size = piece.path, nearby.system.size
     assert path is not None
     nodes, weights, to_powers = _radau()
-    size, stages, steps = system.size, nodes.size, path.taus.size - 1
-    lengths = np.diff(path.taus)
-    taus = (path.taus[:-1, None] + lengths[:, None] * nodes).ravel()
+    lengths, stages = np.diff(edges), nodes.size
+    taus = (edges[:-1, None] + lengths[:, None] * nodes).ravel()
     y = motion.exact(taus, path.at(taus).T)
     still = np.zeros((size, taus.size, nearby.count))
     forcing = nearby.slopes(_rate, piece, motion, since, taus, y, still)
-    forcing = np.moveaxis(forcing.reshape(size, steps, stages, nearby.count), 0, 2)
-    found = np.empty((steps, stages + 1, size, nearby.count))
-    for i in range(steps):
-        h, first = lengths[i], i * stages
-        slopes = [dense(motion.jacobian(float(taus[j]), y[:, j])) for j in range(first, first + stages)]
-        blocks = h * weights[:, None, :, None] * np.array(slopes).transpose(1, 0, 2)[None]
-        whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
-        right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
-        # what is NaN in one direction is so in no other
-        stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
-        stage = stage.reshape(stages, size, nearby.count) + 0 * right
-        found[i] = np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage]))
-        S = stage[-1]
-    return path.taus.copy(), found
+    forcing = np.moveaxis(forcing.reshape(size, lengths.size, stages, nearby.count), 0, 2)
+    for i, h in enumerate(lengths.tolist()):
+
+        def step(S: Array, i: int = i, h: float = h) -> tuple[Array, Array]:
+            at = range(i * stages, (i + 1) * stages)
+            slopes = np.array([dense(motion.jacobian(float(taus[j]), y[:, j])) for j in at])
+            blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
+            whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
+            right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
+            # what is NaN in one direction is so in no other
+            stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
+            stage = stage.reshape(stages, size, nearby.count) + 0 * right
+            return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
+
+        yield step
+
+
+def _is_rough(c: Array) -> bool:
+    """Tell whether a polynomial of S leaves out what the next power would add."""
+    sizes = np.nan_to_num(np.abs(c)).max(axis=0)
+    return bool(np.any(np.nan_to_num(np.abs(c[-1])) > _LAST * np.maximum(sizes, _TINY)))
 
 
 def _rate(motion: Motion, taus: Array, y: Array) -> Array:

@@ -19,7 +19,7 @@ _GRAZING = 1e-7
 """A guard that falls more slowly than this part of what adds up in its slope grazes."""
 
 _SHORT = 1e-9
-"""Of rebounds that accumulate, those slower than this part of the speeds of the whole motion are so short that the
+"""Of flights that accumulate, those slower than this part of the speeds of the whole motion are so short that the
 derivative of their duration is roundoff."""
 
 _TIE_OF_ENGINES = 1e-13
@@ -114,11 +114,13 @@ class VariedGuards:
         )[fired, 0]
         moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
         falls = self.falls(tau, y)[fired]
-        steep = np.divide(np.abs(falls), slopes[fired], out=np.zeros(falls.size), where=slopes[fired] > 0)
+        # slopes are those at the start: what has none there and falls later does not graze
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steep = np.nan_to_num(np.abs(falls) / slopes[fired], posinf=np.inf)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
         names = sorted({self.label(int(i)) for i in fired})
-        rebound = self._rebound(int(fired[first]))
+        rebound = self._flies(int(fired[first]), tau, abs(float(falls[first])))
         if rebound <= _SHORT:
             return begin.copy(), {}
         if steep[first] <= _GRAZING < rebound:
@@ -139,15 +141,21 @@ class VariedGuards:
             moved[stops] = self._nearby.border_slopes(y, q, S)[[self._border(some[k]) for k in stops]]
         return moved
 
-    def _rebound(self, i: int) -> float:
-        """Return how fast the stop was left that a guard watches, as a part of all speeds; else infinity."""
+    def _flies(self, i: int, tau: float, falls: float) -> float:
+        """Return how fast the stop is left, or fallen back to, that a guard watches, as a part of all speeds.
+
+        It is infinity for other guards, and where the fall to the stop is slower at its end than before.
+        """
         guards, system = self.guards, self._nearby.system
-        if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] != 1:
+        if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] > 1:
+            return np.inf
+        speed = abs(guards.first[1, i]) if guards.order[i] else falls
+        if not guards.order[i] and falls * tau < guards.start[0, i]:
             return np.inf
         speeds = np.zeros(system.size)
         speeds[system.moved_state] = self._nearby.state_sizes[0]
         most = self._motion.equations.border_magnitudes(speeds, np.zeros(system.inputs))
-        return float(abs(guards.first[1, i]) / most[np.count_nonzero(guards.is_border[:i])])
+        return float(speed / most[np.count_nonzero(guards.is_border[:i])])
 
     def falls(self, tau: float, y: Array) -> Array:
         """Return the slopes of all guards along the motion."""
