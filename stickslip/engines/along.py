@@ -26,18 +26,19 @@ class Along:
         return bool(self._is_exact[rows].all())
 
     def values(self, rows: Indices, taus: Array, late: bool = False) -> Array:
-        """Return some guards at local times, one row each; where they are polynomials, those that leave 0 undivided.
+        """Return some guards at local times, one row each; those that leave 0 are not divided.
 
         If `late`, velocities have passed 0 once they are beyond what is uncertain.
         """
         path, guards = self.path, self.guards
-        if not self.is_exact(rows):
-            return guards.values(taus, self.motion.exact(taus, path.at(taus).T), late)[rows]
-        ends = path.taus
-        step = np.minimum(np.maximum(ends.searchsorted(taus, "right") - 1, 0), ends.size - 2)
-        places = 2 * (taus - ends[step]) / (ends[step + 1] - ends[step]) - 1
-        basis = chebyshev_values(places, self._coefficients.shape[2] - 1)
-        found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])
+        if self.is_exact(rows):
+            ends = path.taus
+            step = np.minimum(np.maximum(ends.searchsorted(taus, "right") - 1, 0), ends.size - 2)
+            places = 2 * (taus - ends[step]) / (ends[step + 1] - ends[step]) - 1
+            basis = chebyshev_values(places, self._coefficients.shape[2] - 1)
+            found: Array = np.einsum("nj,rnj->rn", basis, self._coefficients[rows][:, step])
+        else:
+            found = guards.undivided(taus, self.motion.exact(taus, path.at(taus).T))[rows]
         if late:
             found += guards.leeway[rows, None]
         if guards.told >= 0:

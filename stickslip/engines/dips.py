@@ -63,7 +63,8 @@ def first_dip(along: Along) -> Dip | None:
         return along.values(rows, tau, late)
 
     ends = values(looks)
-    touch[np.maximum(ends.max(axis=1), low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
+    highest = ends.max(axis=1, where=np.isfinite(ends), initial=-np.inf)
+    touch[np.maximum(highest, low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
     found = _first_negative(looks, ends, values, touch)
     if found is None:
         return None

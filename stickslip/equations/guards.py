@@ -159,6 +159,14 @@ class Guards(GuardsAtStart):
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
         return g
 
+    def undivided(self, taus: Array, y: Array) -> Array:
+        """Return the guards at local times from the states; what they are at the start that leave 0 is subtracted."""
+        q = self.motion.inputs(taus, y, self._wanted)
+        g = self.raw(self.motion.watched(taus, y, q), q)
+        if not self.is_plain:
+            self._subtract_start(g, taus)
+        return g
+
     def along(self, path: Path) -> tuple[Array, Mask, Array]:
         """Return Chebyshev coefficients (guards, k, order) of the guards in each step of a path.
 
@@ -192,7 +200,9 @@ class Guards(GuardsAtStart):
         if self._has_constant:
             g[:, :, 0] += self._constant[:, None]
         if not self.is_plain:
-            self._subtract_start(g, path.taus[:-1] + half, half)
+            self._subtract_start(g[:, :, 0], path.taus[:-1] + half)
+            if self._bent.size:
+                g[self._bent, :, 1] -= np.multiply.outer(self.start[1, self._bent], half)
         low = g[:, :, 0] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.velocity_uncertainty:
             low += self.leeway[:, None]
@@ -202,16 +212,15 @@ class Guards(GuardsAtStart):
             is_exact[self.rows.rising] = False
         return g, is_exact, low
 
-    def _subtract_start(self, g: Array, middle: Array, half: Array) -> None:
+    def _subtract_start(self, g: Array, taus: Array) -> None:
         """Subtract what guards are at the start that leave 0 there, in place, and add how far others may stray."""
         if self._offset is not None:
-            g[:, :, 0] += self._offset[:, None]
+            g += self._offset[:, None]
         first = (self.order == 1).nonzero()[0]
-        g[first, :, 0] -= self.first[0, first, None]
+        g[first] -= self.first[0, first, None]
         if self._bent.size:
             start = self.start[:, self._bent, None]
-            g[self._bent, :, 0] -= start[0] + start[1] * middle
-            g[self._bent, :, 1] -= start[1] * half
+            g[self._bent] -= start[0] + start[1] * taus
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
@@ -18,6 +19,7 @@ from stickslip import (
     OneWay,
     Scene,
     Spring,
+    feedback,
     piecewise_linear,
     simulate,
     sine,
@@ -225,6 +227,32 @@ def test_what_touches_rest_slips_on_where_nothing_more_holds_it(
     if not held:
         exact = 2 / (4 * math.pi**2) * (1 - math.cos(2.8 * math.pi))
         assert result.velocity("b0")[-1] == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.parametrize("rate", [0.02, 50.0])
+@pytest.mark.parametrize(("least", "held"), [(1e-2, False), (1e-3, True)])
+@pytest.mark.parametrize("options", ENGINES[::3])
+def test_a_touch_is_told_the_same_in_every_unit_of_time(
+    options: dict[str, Any], least: float, held: bool, rate: float
+) -> None:
+    """From rest v = 2 sin wt + B wt; its lowest value, where cos wt = -B/2 for the second time, is `least`."""
+
+    def place(slope: float) -> float:
+        return 2 * math.pi - math.acos(-slope / 2)
+
+    slope = brentq(lambda b: 2 * math.sin(place(b)) + b * place(b) - least, 0.1, 1.0)
+    pushed = sine(2.0 * rate, rate / (2 * math.pi), phase=math.pi / 2, offset=slope * rate)
+    # with this normal force the guards are no polynomials; in motion it does nothing
+    pressed = feedback(lambda v: rate * (1.0 + 0.1 * v * v), velocity("b"))
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, DryFriction(1.0, 0.0), normal=pressed),
+        Force("b", pushed),
+    )
+    result = simulate(scene, (0.0, 8.0 / rate), rtol=1e-5, atol=1e-7, **options)
+    assert [int(e.after) for e in result.events] == [0, 1] * held
+    if held:
+        assert rate * result.events[0].t == pytest.approx(place(slope), abs=1e-5)
 
 
 @pytest.mark.parametrize(("least", "events"), [(1e-15, 2), (1e-12, 0), (1e-6, 0)])
