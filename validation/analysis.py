@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, fsolve
 
 from stickslip import (
     GROUND,
@@ -27,6 +27,7 @@ from stickslip import (
     Spring,
     Stop,
     continue_cycle,
+    feedback,
     limit_cycle,
     position,
     saturate,
@@ -342,6 +343,37 @@ def _flip() -> tuple[float, str]:
     return abs(2 * math.pi * flip.value - exact) / exact, f"at w = {2 * math.pi * flip.value:.12g}"
 
 
+def _duffing() -> tuple[float, str]:
+    """x'' + 0.1 x' + x + x^3 = sin(w t) / 2: at its fold the state comes back, and det(monodromy - 1) is 0."""
+
+    def missed(u: Array) -> list[float]:
+        x0, v0, w = u.tolist()
+
+        def rate(t: float, y: Array) -> list[float]:
+            x, v, a, b, p, q = y.tolist()
+            k = -1 - 3 * x * x
+            return [v, -0.1 * v - x - x**3 + 0.5 * math.sin(w * t), b, -0.1 * b + k * a, q, -0.1 * q + k * p]
+
+        start = [x0, v0, 1.0, 0.0, 0.0, 1.0]
+        end = solve_ivp(rate, (0.0, 2 * math.pi / w), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+        x, v, a, b, p, q = end.tolist()
+        return [x - x0, v - v0, (a - 1) * (q - 1) - b * p]
+
+    exact = float(fsolve(missed, [-2.3, -0.2, 2.21], xtol=1e-12)[2])
+    scene = Scene(
+        Body("m", inertia=1.0, position=-2.11320976, velocity=1.90449901),
+        Spring("m", GROUND, stiffness=1.0, damping=0.1),
+        Force("m", feedback(lambda x: -(x**3), position("m"))),
+        Force("m", sine(0.5, 2.15 / (2 * math.pi))),
+    )
+    at = np.array([2.15, 2.3]) / (2 * math.pi)
+    cycle = limit_cycle(scene, period=1 / at[0], transient=0)
+    (fold,) = continue_cycle(cycle, "forces[1].signal.frequency", at, period=lambda f: 1 / f).points
+    if fold.kind != "fold":
+        raise Wrong(f"no fold: {fold}")
+    return abs(2 * math.pi * fold.value - exact) / exact, f"at w = {2 * math.pi * fold.value:.12g}"
+
+
 @dataclass(frozen=True)
 class Falling:
     """F_s / (1 + 3 w), the friction of Leine et al."""
@@ -433,6 +465,14 @@ def rows(count: int) -> list[Row]:
         ),
         analysis_row(
             "analysis-flip", "period doubling of an impact oscillator, frequency", "closed form", _flip, 1e-9
+        ),
+        analysis_row(
+            "analysis-duffing",
+            "upper fold of a Duffing oscillator that is driven, frequency",
+            "DOP853 and its variations, 1e-13",
+            _duffing,
+            1e-8,
+            quick=False,
         ),
         analysis_row(
             "analysis-leine-period",

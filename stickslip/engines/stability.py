@@ -11,14 +11,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.motion import Motion
-from stickslip.model.arrays import Array, Mask
-
-Complex = NDArray[np.complex128]
+from stickslip.model.arrays import Array, Complex, Mask
 
 _DENSE = 200
 _ROUNDOFF = 1e-9

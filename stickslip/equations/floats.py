@@ -14,12 +14,8 @@ from types import CodeType
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["LawInFloats", "Line", "lines", "rates_of", "remembered", "smallest_of"]
-
-Array = NDArray[np.float64]
-
+from stickslip.model.arrays import Array
 
 _Made = TypeVar("_Made")
 _MOST = 50

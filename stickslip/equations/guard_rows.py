@@ -48,19 +48,9 @@ class GuardRows:
     that carry their level, then the borders of regions, which belong to no row (-1), then the normal forces that depend
     on the state: N while closed, -N while open. Last come the velocities of open rows that show a mode.
 
-    Of `loose`, open rows, the velocities are watched; these have the `signs`.
-
-    Attributes
-    ----------
-    row, source : array of int
-    turn, mu, constant : array
-    rising : array of int
-        Guards whose level rises with a dwell, by `rise` times the input `dwell`.
-    is_velocity, is_border, is_force, is_normal : array of bool
-    direction : array
-        In which a held row is pushed that comes to its limit there, 0 for others.
-    loose : int
-        How many are velocities of open rows.
+    Of `loose`, open rows, the velocities are watched; these have the `signs`. Levels of `rising` guards rise with a
+    dwell, by `rise` times the input `dwell`; a held row at its limit is pushed in the `direction` of its guard, which
+    is 0 for others.
     """
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:

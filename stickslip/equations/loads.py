@@ -132,18 +132,8 @@ class Loads:
 class Stretch:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
-    Attributes
-    ----------
-    value, slope : array (size,)
-        The straight part at the start.
-    is_straight : bool
-        Whether there is nothing else.
-    bent : array of int
-        Entries that are not straight.
-    regions : tuple of int or None
-        The regions of tables in which motions begin.
-    waves : Waves
-        The entries of sines, and how fast these turn.
+    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `regions` those of tables
+    in which motions begin.
     """
 
     def __init__(

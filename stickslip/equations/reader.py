@@ -123,13 +123,8 @@ class Reader:
     """Resolves quantities to linear forms.
 
     `position_state` tells where the positions of bodies and drives stand in the state, `places` where blocks do.
-
-    Attributes
-    ----------
-    signals : list of Signal
-        Loads that are inputs of their own.
-    nodes : list of Node
-        Functions, each after those that it depends on.
+    `signals` are the loads that are inputs of their own, and `nodes` the functions, each after those that it depends
+    on.
     """
 
     def __init__(self, book: Book, position_state: dict[int, int], places: dict[str, BlockPlace]) -> None:

@@ -216,17 +216,30 @@ def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
     return shown
 
 
-def until_unseen_crossing(motion: Motion, path: Path, uncertain: float) -> Path:
+def until_rest(motion: Motion, path: Path, uncertain: float, margin: float) -> tuple[Path, list[int]]:
+    """Return the path up to where rows have come to rest unseen, and those that have relaxed to it.
+
+    `uncertain` are a solver's errors of velocities, and `margin` is that inside which a row may have relaxed.
+    """
+    rows = motion.equations.slip[motion.system.hard[motion.equations.slip]]
+    if not (rows.size and (uncertain or margin > 0)) or path.taus.size < 2:
+        return path, []
+    points = path.points.T
+    w = _signed(motion, path.taus, points, rows)
+    cut = _until_unseen_crossing(motion, path, uncertain, rows, w) if uncertain else path
+    if cut is not path:
+        points = cut.points.T
+        w = _signed(motion, cut.taus, points, rows)
+    return _relaxed(motion, cut, margin, rows, points, w) if margin > 0 else (cut, [])
+
+
+def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: Indices, w: Array) -> Path:
     """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
 
     A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
     force that follows the velocity, stops a row nearer than that. There its acceleration is gone, which at ``w = 0``
     drove it on: that is a crossing, and no touch of 0.
     """
-    rows = motion.equations.slip[motion.system.hard[motion.equations.slip]]
-    if not (uncertain and rows.size) or path.taus.size < 2:
-        return path
-    w = _signed(motion, path.taus, path.points.T, rows)
     found = float(path.taus[-1])
     passed = w < 0
     # what ends here is told there
@@ -262,19 +275,16 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
     return driven < -_DRIVEN * adds_up and left > 0.5 * driven
 
 
-def relaxed(motion: Motion, path: Path, margin: float) -> tuple[Path, list[int]]:
+def _relaxed(
+    motion: Motion, path: Path, margin: float, rows: Indices, points: Array, w: Array
+) -> tuple[Path, list[int]]:
     """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
 
     Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
     only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
     """
-    system, equations = motion.system, motion.equations
-    rows = equations.slip[system.hard[equations.slip]]
-    if margin <= 0 or not rows.size or path.taus.size < 2:
-        return path, []
     count = path.taus.size - path.has_event
-    points = path.points[:count].T
-    w = _signed(motion, path.taus[:count], points, rows)
+    points, w = points[:, :count], w[:, :count]
     near = (w <= margin) & (w > 0)
     if not np.count_nonzero(near):
         return path, []

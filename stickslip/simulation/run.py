@@ -18,9 +18,8 @@ from stickslip.events.endings import (
     at_limit,
     at_stops,
     jumped,
-    relaxed,
     shown_at_end,
-    until_unseen_crossing,
+    until_rest,
 )
 from stickslip.events.impact import struck
 from stickslip.events.search import Situation
@@ -127,8 +126,7 @@ class Run:
             path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
-        path = until_unseen_crossing(motion, path, now.guards.velocity_uncertainty)
-        path, ones = relaxed(motion, path, self._wanted.margin)
+        path, ones = until_rest(motion, path, now.guards.velocity_uncertainty, self._wanted.margin)
         tau = float(path.taus[-1])
         t = motion.t + tau
         stop = motion.stretch.stop

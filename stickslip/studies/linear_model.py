@@ -8,19 +8,16 @@ from typing import Any
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Complex, Indices
 from stickslip.model.checks import finite, names
 from stickslip.model.elements import Force
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
-
-Complex = NDArray[np.complex128]
 
 _AHEAD = 1e-6
 _PART = 1e-4

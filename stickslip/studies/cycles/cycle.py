@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Complex
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event
@@ -16,8 +15,6 @@ from stickslip.simulation.result import Result
 from stickslip.studies.cycles.periodicity import scene_at
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
-
-Complex = NDArray[np.complex128]
 
 _ZERO = 1e-9
 _NEUTRAL = 1e-6

@@ -19,7 +19,7 @@ from stickslip.studies.cycles.periodicity import check_loads
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
-_MOST_STEPS, _MOST_HALVINGS, _PATIENCE = 25, 6, 4
+_MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
 _SURE = 1e-4
 """Part of what is enough at which no further step is taken."""
 
@@ -31,8 +31,8 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 """Parts by which a cycle is made smaller to find one just within it."""
 
 
-def closed(shot: Shot) -> Cycle:
-    """Return the cycle to which Newton's method leads from a shot."""
+def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
+    """Return the cycle to which Newton's method leads from a shot; so many lengths are tried of each step."""
     enough = shot.enough
     best: Shot | None = None
     errors: list[float] = []
@@ -45,7 +45,7 @@ def closed(shot: Shot) -> Cycle:
         if shot.error <= _SURE * shot.enough or stalls:
             break
         change, longer = shot.solve(-shot.missed)
-        following = _nearer(shot, change, longer)
+        following = _nearer(shot, change, longer, trials)
         if following is None:
             break
         shot = following
@@ -58,13 +58,13 @@ def closed(shot: Shot) -> Cycle:
     return cycle_of(best)
 
 
-def _nearer(shot: Shot, change: Array, longer: float) -> Shot | None:
+def _nearer(shot: Shot, change: Array, longer: float, trials: int) -> Shot | None:
     """Return the shot after a step of Newton's method, shortened until it misses less; None where that fails."""
     part = 1.0
     if not shot.forced and abs(longer) > 0.5 * shot.period:
         part = 0.5 * shot.period / abs(longer)
     found: Shot | None = None
-    for _ in range(_MOST_HALVINGS):
+    for _ in range(trials):
         try:
             one = shot.moved(part * change, part * longer)
         except (SimulationError, CycleError):
@@ -119,7 +119,8 @@ def closed_from(
     if shot.forced:
         check_loads(compiled(scene), shot.period + period)
     foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
-    found = closed(foretold)
+    # where whole steps lead nowhere the parameter has changed too much
+    found = closed(foretold, trials=2)
     off = _apart(found.shot, foretold)
     if off > max(_NEAR_BY, _FAR * _apart(foretold, shot)):
         raise CycleError("the search leads to a cycle far from the one before")

@@ -6,11 +6,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Complex
 from stickslip.model.scene import Scene
 from stickslip.studies.cycles.periodicity import (
     Coordinates,
@@ -23,8 +22,6 @@ from stickslip.studies.cycles.periodicity import (
 from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.parameters import Parameter
-
-Complex = NDArray[np.complex128]
 
 _CLOSED = 1e-10
 """A motion closes where it misses its start by no more than this part of its size; one by CVODE a thousand times as
