@@ -14,16 +14,17 @@ from stickslip.model.crossings import root_between
 class Along:
     """The guards of a motion along its path.
 
-    `low` is what no guard goes below in each step, -inf where that is not known.
+    `low` is what no guard goes below in each step, -inf where that is not known; `are_exact` tells which guards are
+    polynomials.
     """
 
     def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:
         self.motion, self.guards, self.path = motion, guards, path
-        self._coefficients, self._is_exact, self.low = guards.along(path)
+        self._coefficients, self.are_exact, self.low = guards.along(path)
 
     def is_exact(self, rows: Indices) -> bool:
         """Tell whether some guards are polynomials."""
-        return bool(self._is_exact[rows].all())
+        return bool(self.are_exact[rows].all())
 
     def values(self, rows: Indices, taus: Array, late: bool = False) -> Array:
         """Return some guards at local times, one row each; those that leave 0 are not divided.
@@ -50,7 +51,7 @@ class Along:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
         rows = np.array([row])
-        if self._is_exact[row] and left > self.guards.told:
+        if self.are_exact[row] and left > self.guards.told:
             coefficients = self._coefficients[row, step].tolist()
             coefficients[0] += float(self.guards.leeway[row]) if late else 0.0
 

@@ -17,7 +17,24 @@ import scipy
 from stickslip.engines.along import Along
 from stickslip.model.arrays import Array, Indices, Mask
 
-_FRACTIONS = np.array([0.25, 0.5, 0.75, 1.0])
+_PLACES = np.array([0.0, 0.23, 0.49, 0.77, 1.0])
+"""About the quarters of a step, not evenly: what repeats itself from one to the next is no line."""
+
+_THIRD = np.zeros((5, 2))
+"""Weights of the two third differences there."""
+_THIRD[:4, 0], _THIRD[1:, 1] = (
+    6 / 4**3 / np.prod(some[:, None] - some + np.eye(4), axis=1) for some in (_PLACES[:4], _PLACES[1:])
+)
+
+_HALVINGS, _AT_MOST = 12, 1000
+"""How often a step is halved at most in which they do not tell what a guard does, and how many parts are looked at."""
+
+_TOLD = 0.1
+"""Third differences of a guard over a step, as a part of its range there, that tell what it does."""
+
+_FAR = 0.1
+"""The same as a part of what it is above 0."""
+
 _SUSPICION = 5e-2
 _FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
@@ -50,7 +67,10 @@ def first_dip(along: Along) -> Dip | None:
     # a turn shows beside its neighbours
     some[:-1] |= some[1:]
     some[1:] |= some[:-1]
-    looks = (taus[:-1, None] + np.diff(taus)[:, None] * _FRACTIONS)[some].ravel()
+    unknown = rows[~along.are_exact[rows]]
+    looks = _looks(
+        lambda tau: along.values(unknown, tau, late=True), taus[:-1][some], taus[1:][some], unknown.size > 0
+    )
     if motion.dwell_times.size and np.isinf(low).any():
         extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
         looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
@@ -77,6 +97,31 @@ def first_dip(along: Along) -> Dip | None:
     return Dip(
         _lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]])
     )
+
+
+def _looks(guards: Callable[[Array], Array], left: Array, right: Array, may_turn: bool) -> Array:
+    """Return places in some steps, and in their parts where guards turn between these.
+
+    A solver's error test tells nothing of a function of states that nothing in motion feels: a normal force on a
+    contact at rest may rise and fall many times within a step.
+    """
+    found = []
+    for _ in range(_HALVINGS):
+        taus = left[:, None] + (right - left)[:, None] * _PLACES
+        found.append(taus[:, 1:].ravel())
+        if not may_turn:
+            break
+        values = guards(taus.ravel()).reshape(-1, *taus.shape)
+        least = values.min(axis=2)
+        with np.errstate(invalid="ignore"):
+            third = np.abs(values @ _THIRD).max(axis=2)
+            spread = values.max(axis=2) - least
+            turns = ((third > _TOLD * spread) & (third > _FAR * least)).any(axis=0)
+        if not 0 < turns.sum() <= _AT_MOST:
+            break
+        left, right, middle = left[turns], right[turns], taus[turns, 2]
+        left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
+    return np.unique(np.concatenate(found))
 
 
 def _first_negative(

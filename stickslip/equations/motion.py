@@ -84,7 +84,7 @@ class Motion(Inputs):
         The inputs `q` need not be given.
         """
         equations, lines = self.equations, self._lines
-        rows = equations.velocity_dependent
+        rows, places = equations.velocity_dependent, equations.bristle_places
         if q is None and lines is not None and not isinstance(tau, np.ndarray):
             w: Array = equations.law_velocities @ y
             w += lines.w
@@ -95,7 +95,7 @@ class Motion(Inputs):
         else:
             q = self.inputs(tau, y) if q is None else q
             w, normal = self.system.relative_velocity(y, q)[rows], np.maximum(q[rows], 0.0)
-        return w, normal, self._lag(tau, w), y[equations.bristle_places]
+        return w, normal, self._lag(tau, w), y[places] if places.size else y[:0]
 
     def _lag(self, tau: float | Array, w: Array) -> Array:
         """Return what the dwell of the velocity-dependent rows still withholds, an array like `w`."""

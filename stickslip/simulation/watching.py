@@ -23,6 +23,12 @@ from stickslip.model.when import When
 DEGREE = 20
 """Order of the polynomial that a quantity is taken for within a step."""
 
+_HALVINGS, _AT_MOST = 16, 1000
+"""How often a step is halved at most in which a quantity is no such polynomial, and how many parts are at once."""
+
+_LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
+"""The last terms tell, where they are such a part of what varies; beyond so many times that it stays off 0."""
+
 _PARTS = 4
 """Parts of the shortest period of the loads within which a quantity is a polynomial."""
 
@@ -54,11 +60,7 @@ class Watch:
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
         found: list[Crossing] = []
-        edges = np.union1d(path.taus, self._loads.periods(0.0, float(path.taus[-1]), _PARTS))
-        nodes = chebyshev_nodes(DEGREE)
-        taus = edges[:-1, None] + np.diff(edges)[:, None] * nodes
-        values, sizes = self._values(motion, path, taus.ravel())
-        values = values.reshape(len(self._events), *taus.shape)
+        edges, values, sizes = self._parts(motion, path)
         after = list(self._signs)
         for k, event in enumerate(self._events):
             rough, noise = (part * float(sizes[k].max(initial=0.0)) for part in (ROUGH, TINY))
@@ -81,6 +83,35 @@ class Watch:
         self._signs = after
         stops = [one for one in wanted if one.event.stop]
         return [one for one in wanted if one.tau <= stops[0].tau] if stops else wanted
+
+    def _parts(self, motion: Motion, path: Path) -> tuple[Array, Array, Array]:
+        """Return the ends of parts of a path, the quantities in each at Chebyshev points, and what adds up in them.
+
+        Steps are halved in which a quantity is not the polynomial through these values, unless it is far from 0.
+        """
+        edges = np.union1d(path.taus, self._loads.periods(0.0, float(path.taus[-1]), _PARTS))
+        nodes, to_series = chebyshev_nodes(DEGREE), from_nodes(DEGREE)
+        left, length = edges[:-1], np.diff(edges)
+        done: list[tuple[Array, Array, Array]] = []
+        for _ in range(_HALVINGS):
+            taus = left[:, None] + length[:, None] * nodes
+            values, sizes = self._values(motion, path, taus.ravel())
+            values, sizes = (one.reshape(len(self._events), *taus.shape) for one in (values, sizes))
+            done.append((left, values, sizes))
+            c = np.abs(values @ to_series.T)
+            varies = c[:, :, 1:].sum(axis=2)
+            rough = c[:, :, -_LAST:].max(axis=2) > _RESOLVED * varies + ROUGH * sizes.max(axis=2)
+            halved = (rough & (c[:, :, 0] <= _FAR * varies)).any(axis=0)
+            if not 0 < halved.sum() <= _AT_MOST:
+                break
+            done[-1] = left[~halved], values[:, ~halved], sizes[:, ~halved]
+            length = np.repeat(0.5 * length[halved], 2)
+            left = np.repeat(left[halved], 2)
+            left[1::2] += length[1::2]
+        starts = np.concatenate([one[0] for one in done])
+        order = np.argsort(starts)
+        values, sizes = (np.concatenate([one[k] for one in done], axis=1)[:, order] for k in (1, 2))
+        return np.append(starts[order], edges[-1]), values, sizes
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and what adds up in them."""

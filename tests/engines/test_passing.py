@@ -21,6 +21,7 @@ from stickslip import (
     Spring,
     feedback,
     piecewise_linear,
+    position,
     simulate,
     sine,
     velocity,
@@ -253,6 +254,21 @@ def test_a_touch_is_told_the_same_in_every_unit_of_time(
     assert [int(e.after) for e in result.events] == [0, 1] * held
     if held:
         assert rate * result.events[0].t == pytest.approx(place(slope), abs=1e-5)
+
+
+@pytest.mark.parametrize("options", ENGINES[::3])
+def test_a_cam_that_turns_freely_lets_a_brake_go(options: dict[str, Any]) -> None:
+    """Nothing in motion feels the normal force: 10 - 0.6 t (1 - cos 10 t) falls below 5 within a long step."""
+    cam = feedback(lambda a: 10 - 0.6 * a * (1 - math.cos(10 * a)), position("cam"))
+    scene = Scene(
+        Body("cam", inertia=1.0, velocity=1.0),
+        Body("drum", inertia=1.0),
+        Force("drum", 5.0),
+        Contact("brake", "drum", GROUND, DryFriction(1.0, 0.8), normal=cam),
+    )
+    result = simulate(scene, (0.0, 10.0), rtol=1e-5, atol=1e-7, **options)
+    first = brentq(lambda t: 5 - 0.6 * t * (1 - math.cos(10 * t)), 4.6, 4.7)
+    assert result.events[0].t == pytest.approx(first, abs=1e-9)
 
 
 @pytest.mark.parametrize(("least", "events"), [(1e-15, 2), (1e-12, 0), (1e-6, 0)])

@@ -188,3 +188,13 @@ def test_watched_positions_change_no_result() -> None:
 def test_what_is_refused(make: Any, message: str) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         make()
+
+
+@pytest.mark.parametrize("method", ["series", "BDF"])
+def test_a_function_that_turns_often_within_a_step_is_counted(method: Any) -> None:
+    """An encoder: v = exp(-0.1 t), so sin(100 x) has passed 0 at every multiple of pi/100 below 10 (1 - 1/e)."""
+    scene = Scene(Body("b", inertia=1.0, velocity=1.0), Force("b", -0.1 * velocity("b")))
+    tick = When("tick", feedback(lambda x: math.sin(100 * x), position("b")))
+    result = simulate(scene, (0.0, 10.0), method=method, events=[tick])
+    way = np.arange(1, int(1000 * -math.expm1(-1) / math.pi) + 1) * math.pi / 100
+    assert [e.t for e in result.events] == pytest.approx((-10 * np.log1p(-way / 10)).tolist(), abs=1e-6)
