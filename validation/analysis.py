@@ -374,6 +374,44 @@ def _duffing() -> tuple[float, str]:
     return abs(2 * math.pi * fold.value - exact) / exact, f"at w = {2 * math.pi * fold.value:.12g}"
 
 
+def _drill_string() -> tuple[float, str]:
+    """Beyond the table's speed at which its stick-slip ends a bit has unstable cycles that slip all the time.
+
+    Such a cycle is a periodic motion of ``J v' = k x + c (W - v) - N mu(v)``, ``x' = W - v``, in which small deviations
+    grow by ``exp(integral of the trace)``.
+    """
+    inertia, k, c, speed, normal = 374.0, 473.0, 20.0, 20.0, 1e4
+    scene = Scene(
+        Body("bit", inertia=inertia),
+        Drive("table", velocity=15.0),
+        Spring("bit", "table", stiffness=k, damping=c),
+        Contact(
+            "rock",
+            "bit",
+            GROUND,
+            DryFriction(0.8, 0.5, stribeck_velocity=0.9, stribeck_exponent=1.0),
+            normal=normal,
+        ),
+    )
+    branch = continue_cycle(scene, "table.velocity", [15.0, speed, 30.0])
+    if branch.beyond is None or (cycle := branch.beyond.cycles[0]) is None or cycle.sequence:
+        raise Wrong(f"no cycles beyond the end of stick-slip that slip all the time: {branch}")
+
+    def rate(t: float, y: Array) -> list[float]:
+        x, v, _ = y.tolist()
+        fall = 0.3 * math.exp(-v / 0.9)
+        push = k * x + c * (speed - v) - normal * (0.5 + fall)
+        return [speed - v, push / inertia, (-c + normal * fall / 0.9) / inertia]
+
+    first = cycle.result.sample([0.0])
+    twist = float(first.position("table")[0] - first.position("bit")[0])
+    start = [twist, float(first.velocity("bit")[0]), 0.0]
+    end = solve_ivp(rate, (0.0, cycle.period), start, method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    apart = worst(end[:2].tolist(), start[:2], 1.0) / speed
+    factor = math.exp(float(end[2]))
+    return max(apart, abs(float(cycle.multipliers[0].real) / factor - 1)), f"a multiplier of {factor:.9g}"
+
+
 @dataclass(frozen=True)
 class Falling:
     """F_s / (1 + 3 w), the friction of Leine et al."""
@@ -472,6 +510,14 @@ def rows(count: int) -> list[Row]:
             "DOP853 and its variations, 1e-13",
             _duffing,
             1e-8,
+            quick=False,
+        ),
+        analysis_row(
+            "analysis-drill-string",
+            "cycles of a drill string beyond the end of its stick-slip: closure and multiplier",
+            "DOP853, 1e-13",
+            _drill_string,
+            1e-6,
             quick=False,
         ),
         analysis_row(

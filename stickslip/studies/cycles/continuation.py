@@ -33,6 +33,9 @@ _FIRST, _SHORTEST, _MOST_PLACES, _MOST_FOLDS = 0.25, 1e-3, 200, 6
 _MEETS, _LOOKS = 0.02, 3
 """Part by which a cycle that meets the end of a branch may differ from it, and at how many values it is looked for."""
 
+_NEAR_FOLD = 0.1
+"""Part of the way from a fold to the next value on which cycles keep their sequence of modes."""
+
 _SHRUNK = 0.05
 """Part of its speeds to which a cycle shrinks that is about to become a state of rest."""
 
@@ -179,11 +182,15 @@ class Follower:
         least = float(np.spacing(max(abs(at), abs(value))))
         step, failed = math.copysign(max(first * abs(value - at), least), value - at), False
         shortest = max(_SHORTEST_STEP * abs(step), least)
+        # just beyond a fold both branches are so near to each other that the way back tells nothing
+        beyond = at + _NEAR_FOLD * (value - at) if first < 1.0 else at
         while at != value:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
             try:
                 following = self._step(cycle, at, aim)
                 if cyclic(following.sequence) != cyclic(cycle.sequence):
+                    if (beyond - aim) * (value - at) > 0:
+                        raise CycleError("the search leads to the other branch of a fold")
                     self._check_way_back(following, aim, cycle, at)
             except ERRORS as error:
                 step *= 0.5
