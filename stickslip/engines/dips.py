@@ -67,22 +67,19 @@ def first_dip(along: Along) -> Dip | None:
     # a turn shows beside its neighbours
     some[:-1] |= some[1:]
     some[1:] |= some[:-1]
-    unknown = rows[~along.are_exact[rows]]
-    looks = _looks(
-        lambda tau: along.values(unknown, tau, late=True), taus[:-1][some], taus[1:][some], unknown.size > 0
-    )
-    if motion.dwell_times.size and np.isinf(low).any():
-        extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
-        looks = np.unique(np.concatenate([looks, extra[extra < taus[-1]]]))
-    if along.path.hit and some[-1]:
-        looks = looks[:-1]
-    if not looks.size:
-        return None
 
     def values(tau: Array, late: bool = True) -> Array:
         return along.values(rows, tau, late)
 
-    ends = values(looks)
+    looks, ends = _looks(values, ~along.are_exact[rows], taus[:-1][some], taus[1:][some])
+    if motion.dwell_times.size and np.isinf(low).any():
+        extra = np.multiply.outer(motion.dwell_times, _DWELLS).ravel()
+        looks, which = np.unique(np.append(looks, extra := extra[extra < taus[-1]]), return_index=True)
+        ends = np.hstack([ends, values(extra)])[:, which]
+    if along.path.hit and some[-1]:
+        looks, ends = looks[:-1], ends[:, :-1]
+    if not looks.size:
+        return None
     highest = ends.max(axis=1, where=np.isfinite(ends), initial=-np.inf)
     touch[np.maximum(highest, low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
     found = _first_negative(looks, ends, values, touch)
@@ -99,29 +96,31 @@ def first_dip(along: Along) -> Dip | None:
     )
 
 
-def _looks(guards: Callable[[Array], Array], left: Array, right: Array, may_turn: bool) -> Array:
-    """Return places in some steps, and in their parts where guards turn between these.
+def _looks(guards: Callable[[Array], Array], bend: Mask, left: Array, right: Array) -> tuple[Array, Array]:
+    """Return places in some steps, and in their parts where guards that `bend` turn between these; and the guards.
 
     A solver's error test tells nothing of a function of states that nothing in motion feels: a normal force on a
     contact at rest may rise and fall many times within a step.
     """
-    found = []
+    places, values = [], []
     for _ in range(_HALVINGS):
         taus = left[:, None] + (right - left)[:, None] * _PLACES
-        found.append(taus[:, 1:].ravel())
-        if not may_turn:
-            break
-        values = guards(taus.ravel()).reshape(-1, *taus.shape)
-        least = values.min(axis=2)
+        g = guards(taus.ravel())
+        places.append(taus.ravel())
+        values.append(g)
+        some = g[bend].reshape(-1, *taus.shape)
+        least = some.min(axis=2)
         with np.errstate(invalid="ignore"):
-            third = np.abs(values @ _THIRD).max(axis=2)
-            spread = values.max(axis=2) - least
+            third = np.abs(some @ _THIRD).max(axis=2)
+            spread = some.max(axis=2) - least
             turns = ((third > _TOLD * spread) & (third > _FAR * least)).any(axis=0)
         if not 0 < turns.sum() <= _AT_MOST:
             break
         left, right, middle = left[turns], right[turns], taus[turns, 2]
         left, right = np.concatenate([left, middle]), np.concatenate([middle, right])
-    return np.unique(np.concatenate(found))
+    found, which = np.unique(np.concatenate(places), return_index=True)
+    # at its start a motion obeys its modes
+    return found[found > 0], np.hstack(values)[:, which[found > 0]]
 
 
 def _first_negative(
