@@ -71,7 +71,9 @@ class VariedImpact:
             return self.v
         w, own = self._relative(self.system, self.before), self._relative(system, before)
         rigid = dense(system.G[self._rigid])
-        apart, change = (np.asarray(np.linalg.lstsq(rigid, one)[0], dtype=float) for one in (w, own - w))
+        apart, change = (
+            np.asarray(np.linalg.lstsq(rigid, one, rcond=None)[0], dtype=float) for one in (w, own - w)
+        )
         jump, none = now - before, np.zeros_like(before)
         moved, _ = self._linear(system, apart, change, jump, none)
         met = struck(system, apart, none, jump, self.sides, self.hit).v
@@ -86,7 +88,7 @@ class VariedImpact:
             return change, 0.0
         # only relative velocities count: what bodies have in common brings no more than its roundoff
         w = self._relative(self.system, self.before)
-        apart = np.asarray(np.linalg.lstsq(dense(self.system.G[self._rigid]), w)[0], dtype=float)
+        apart = np.asarray(np.linalg.lstsq(dense(self.system.G[self._rigid]), w, rcond=None)[0], dtype=float)
         return self._linear(self.system, apart, change, self.now - self.before, self.pace * later)
 
     @property
