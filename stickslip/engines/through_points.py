@@ -88,11 +88,13 @@ def _differences(
     """Return divided differences (order, points, size) from each point on, and their sizes in tolerances."""
     found = np.zeros((highest + 1, *points.shape))
     found[0] = points
-    for k in range(1, highest + 1):
-        np.subtract(found[k - 1, 1 : taus.size - k + 1], found[k - 1, :-k], out=found[k, :-k])
-        found[k, :-k] /= (taus[k:] - taus[:-k])[:, None]
-    parts = np.abs(found)
-    parts /= tolerance[0] * np.abs(points) + tolerance[1]
+    # over the shortest of times they may be too large for a number
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(1, highest + 1):
+            np.subtract(found[k - 1, 1 : taus.size - k + 1], found[k - 1, :-k], out=found[k, :-k])
+            found[k, :-k] /= (taus[k:] - taus[:-k])[:, None]
+        parts = np.abs(found)
+        parts /= tolerance[0] * np.abs(points) + tolerance[1]
     # state by state: the largest of two or three numbers each would take long
     sizes = np.ascontiguousarray(parts.transpose(2, 0, 1)).max(axis=0)
     return found, sizes
@@ -122,13 +124,16 @@ def _newton(
     reach += half
     reach[1:2] *= 0.25
     terms = np.empty((most + _AHEAD, steps.size))
-    terms[:most] = np.cumprod(reach, axis=0) * sizes[orders[1:], first[1:]]
+    with np.errstate(over="ignore", invalid="ignore"):
+        terms[:most] = np.cumprod(reach, axis=0) * sizes[orders[1:], first[1:]]
+    terms[np.isnan(terms)] = np.inf
     # what is not known beyond the last term counts as no smaller than that
     terms[most:] = terms[most - 1]
     errors = np.maximum(terms[1 : 1 + top], terms[2 : 2 + top])
     enough = errors <= _NEGLIGIBLE
-    # else the degree with the smallest error, of equal ones the highest
-    best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), top - np.argmin(errors[::-1], axis=0))
+    # else the degree with the smallest error, of equal ones the highest; a line where no error is known
+    least = np.where(np.isinf(errors).all(axis=0), 1, top - np.argmin(errors[::-1], axis=0))
+    best = np.where(enough.any(axis=0), 1 + np.argmax(enough, axis=0), least)
     return best, first, nodes, errors[best - 1, np.arange(steps.size)]
 
 

@@ -106,11 +106,12 @@ def test_reading_everything_is_a_fraction_of_the_work_of_simulating(count: int) 
 
 def test_another_name_costs_the_same_however_many_events_there_are() -> None:
     costs = []
-    for stop in (10.0, 40.0):
+    # what is computed once per process is computed in the first run
+    for stop in (5.0, 10.0, 40.0):
         result = simulate(blocks(6), (0.0, stop))
         result.force("cb0")
         costs.append(calls(lambda result=result: read_everything(result))[1])
-    assert costs[0] == costs[1]
+    assert costs[1] == costs[2]
 
 
 def test_positions_that_no_spring_made_states_are_integrated_once_for_all_names() -> None:
