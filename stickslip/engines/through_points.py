@@ -28,6 +28,9 @@ _NEGLIGIBLE = 1e-2
 _AHEAD = 2
 """Terms beyond a degree that tell its error: one alone may be small by chance."""
 
+_NO_STEP = 1e-6
+"""Part of the steps before and after that a step has at least whose end tells something."""
+
 _AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)
 """Parts of the points that lie before a step."""
 
@@ -39,6 +42,7 @@ def path_through(
 
     If some of them are not finite, that is a `SolverFailure`.
     """
+    taus, points = _apart(taus, points)
     fine = np.isfinite(points).all(axis=1)
     count = taus.size if fine.all() else int(fine.argmin())
     taus, points = taus[:count], points[:count]
@@ -51,6 +55,16 @@ def path_through(
             path,
         )
     return path
+
+
+def _apart(taus: Array, points: Array) -> tuple[Array, Array]:
+    """Return points without those that a step of nothing between long ones leads to: their differences are roundoff."""
+    steps = np.diff(taus)
+    if steps.size < 3 or steps[1:-1].min() >= _NO_STEP * steps.max():
+        return taus, points
+    kept = np.ones(taus.size, dtype=bool)
+    kept[2:-1] = steps[1:-1] >= _NO_STEP * np.minimum(steps[:-2], steps[2:])
+    return taus[kept], points[kept]
 
 
 def through_points(taus: Array, points: Array, tolerance: tuple[float, Any], degree: int) -> Array:

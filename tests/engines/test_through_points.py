@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import exp
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
 from stickslip.engines.sundials import CVODE
-from stickslip.engines.through_points import through_points
+from stickslip.engines.through_points import path_through, through_points
 
 Array = np.ndarray
 
@@ -100,3 +101,14 @@ def test_a_block_that_slides_to_rest(
     )[0]
     assert [(e.contact, int(e.after)) for e in result.events] == [("c", 0)]
     assert result.events[0].t == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+def test_a_step_of_nothing_between_long_ones_does_not_count(method: str) -> None:
+    # y = t^2 with errors of 1e-15, at points of which two are 1e-10 s apart
+    taus = np.array([0.0, 0.7, 1.5, 2.4, 3.3, 3.3 + 1e-10, 3.9])
+    points = (taus**2 + 1e-15 * (-1.0) ** np.arange(taus.size))[:, None]
+    motion: Any = SimpleNamespace(exact=lambda tau, y: y)
+    path = path_through(motion, taus, points, (1e-13, 1e-15), method, False)
+    t = np.linspace(0.0, 3.9, 200)
+    np.testing.assert_allclose(path.at(t)[:, 0], t**2, rtol=0, atol=1e-13)
