@@ -282,12 +282,27 @@ class Reader:
 
     def _normal(self, atom: Quantity, row: str) -> Form:
         j = self._row_of[row]
-        load = self._book.rows[j].normal
+        entry = self._book.rows[j]
+        load = entry.normal
+        if entry.pressing is not None:
+            label = f"the force of gap {row!r}"
+            return self._inside(atom, label, lambda: self.form(entry.pressing, label))
         if isinstance(load, Signal):
             return Form(inputs={("normal", j, 0): 1.0})
         label = f"the normal force of contact {row!r}"
         own = self._inside(atom, label, lambda: self.form(load, label))
+        if self._is_never_negative(own):
+            return own
         return self._lookup(own, of.Table(of.TIME, (0.0,), (0.0,), 0.0, 1.0), label)
+
+    def _is_never_negative(self, form: Form) -> bool:
+        """Tell whether a form is a positive multiple of a table without negative values: it needs no cutting off."""
+        if form.states or len(form.inputs) != 1:
+            return False
+        ((kind, number, _), factor), *_ = form.inputs.items()
+        if kind != "node" or (table := self.nodes[number].table) is None:
+            return False
+        return factor > 0 and min(table.ys) >= 0 >= table.before and table.after >= 0
 
     def _power(self, atom: Quantity, row: str) -> Form:
         label = f"the power of contact {row!r}"

@@ -23,7 +23,8 @@ _MORE = 3
 """By how much more than the state's the order of a quantity is taken that is a function of it."""
 
 _AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
-"""A motion is followed so many times longer than the one before took to a border, and ever further where none comes."""
+"""A motion is followed so many times longer than the one before took to a border, and ever further where none comes;
+one shorter than such a part of what was ahead met its border at once."""
 
 
 class Borders:
@@ -59,7 +60,9 @@ class Borders:
         found = self._cut(motion, path)
         length, whole = float(found.taus[-1]), float(path.taus[-1])
         if length < whole:
-            self._reach = max(_AHEAD * length, _LEAST * motion.horizon)
+            # borders that are met in the same instant do not tell when the next one comes
+            if length > _LEAST * motion.horizon:
+                self._reach = _AHEAD * length
         elif length >= self._reach:
             self._reach = _GROWTH * length
         return found
