@@ -267,6 +267,10 @@ def test_a_longer_transient_leads_nearer(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(search, "closed", closed)
     assert limit_cycle(belt()).period == pytest.approx(BELT_PERIOD, abs=1e-12)
     assert len(tried) == 3
+    tried = tried[:1]
+    scene, period = den_hartog()
+    assert abs(limit_cycle(scene, period=period).multipliers[0]) == pytest.approx(0.49815078400816, abs=1e-8)
+    assert len(tried) == 3
 
 
 def test_early_events_do_not_tell_of_a_motion_that_dies_away() -> None:

@@ -8,6 +8,7 @@ direction of the motion where the period is free.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
 _MOST_FAILURES = 3
-"""After how many transients Newton's method may fail."""
+"""After how many transients Newton's method may fail where the period is free."""
 
 
 def limit_cycle(
@@ -101,17 +102,27 @@ def limit_cycle(
         if guess is not None:
             raise ValueError("limit_cycle: give the period or a guess of it, not both")
         check_loads(system, period)
-        start = scene
-        if transient != 0:
-            periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
-            start = _settled(scene, period, periods, options)
-        return from_zero(closed(Shot(start, period, True, options).between_events()))
+        given = partial(_of_period, period, options)
+        if transient == 0:
+            return given(scene)
+        periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
+        start = _settled(scene, period, periods, options)
+        try:
+            return given(start)
+        except CycleError:
+            # a longer transient leads nearer, or tells that the motion repeats after several periods
+            return given(_settled(start, period, int(_LONGER) * periods, options))
     check_constant(system)
     if transient == 0:
         if guess is None:
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
         return _once(closed(Shot(scene, float(guess), False, options).between_events()))
     return _once(_after_transient(scene, guess, transient, options))
+
+
+def _of_period(period: float, options: dict[str, Any], start: Scene) -> Cycle:
+    """Return the forced cycle near a start."""
+    return from_zero(closed(Shot(start, period, True, options).between_events()))
 
 
 def _once(cycle: Cycle) -> Cycle:
