@@ -215,7 +215,8 @@ class Run:
             rest = max(now.guards.velocity_uncertainty, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
         stops = arrived(motion, path, now.labels, now.guards.velocity_uncertainty)
-        touching = at.touching | at_rest | stops
+        # what an impact parts in the instant in which it comes to rest moves on
+        touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
