@@ -201,8 +201,7 @@ class GuardsAtStart:
                 flat = AT_LIMIT * size[i] + rough
                 limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
             if not motion.is_linear:
-                differenced = _DIFFERENCED * majorant[2, i]
-                limits[1] += differenced
+                limits[1] += _DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)
             if order == _DOWN:
                 self.violated[i] = True
@@ -266,18 +265,30 @@ class GuardsAtStart:
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        return self._with_time(self._adds_up)
+        if self.motion.is_linear:
+            return self._with_time(self._adds_up)
+        return self._with_time(self._adds_up, self._changes)
+
+    @cached_property
+    def _changes(self) -> Array:
+        """The same without what has cancelled in the rates, orders 0 to 3.
+
+        Beside a stiff damper two forces that cancel would else count in all later orders, more in each.
+        """
+        sizes = self.motion.magnitudes(3, from_rates=True)
+        return np.array([self.rows.majorants(z, q) for q, z in sizes])
 
     @cached_property
     def _adds_up(self) -> Array:
-        """The same at exactly this time, orders 0 to 3."""
+        """What adds up at exactly this time, orders 0 to 3."""
         return self.motion.guard_magnitudes(self.rows, 3)
 
-    def _with_time(self, sizes: Array) -> Array:
+    def _with_time(self, sizes: Array, changes: Array | None = None) -> Array:
         """Return what adds up with the roundoff of the time: it is one of all that changes."""
+        changes = sizes if changes is None else changes
         late = _TIME / ROUNDOFF * abs(self.motion.t)
         orders = np.arange(1.0, sizes.shape[0])[:, None]
-        return np.asarray(sizes[:-1] + late * orders * sizes[1:])
+        return np.asarray(sizes[:-1] + late * orders * changes[1:])
 
     @cached_property
     def scale(self) -> Array:
