@@ -138,12 +138,15 @@ class _Residual:
 
     def _scale_forces(self, force: Array) -> None:
         motion, system = self._motion, self._system
-        largest = np.abs(self._forces(0.0, motion.y)).max(initial=0.0)
-        levels = system.largest_coefficient[motion.equations.held]
+        held, m = motion.equations.held, system.m
+        # what adds up in them: as a row breaks away the forces on its bodies may cancel
+        _, sizes = motion.magnitudes(1)[0]
+        largest = sizes[m : m + held.size].max(initial=0.0)
+        levels = system.largest_coefficient[held]
         for tau in (0.0, 0.5 * motion.horizon, motion.horizon):
             # a load that fails there fails later, when the solver comes to it
             with contextlib.suppress(ArithmeticError, ValueError):
-                normal = motion.normals(tau, motion.y)[motion.equations.held]
+                normal = motion.normals(tau, motion.y)[held]
                 largest = max(largest, float((levels * normal).max(initial=0.0)))
         self.force_scale = np.maximum(np.abs(force), largest)
         # a body without inertia moves only with others, so count it as the lightest of those

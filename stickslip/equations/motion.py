@@ -356,13 +356,16 @@ class Motion(Inputs):
             finite = linked is None and not following.any()
         return Expansion(ys, q, zs)
 
-    def magnitudes(self, order: int) -> list[tuple[Array, Array]]:
+    def magnitudes(self, order: int, from_rates: bool = False) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.
 
-        Their roundoff is a part of it. It is the series of the same equations with nothing cancelled.
+        Their roundoff is a part of it. It is the series of the same equations with nothing cancelled, or, if
+        `from_rates`, with nothing cancelled but in the rates.
         """
         y, found = np.abs(self.y), []
         for k, q in enumerate(self._input_magnitudes(order)):
+            if k == 1 and from_rates:
+                y = np.abs(self.first.y[1])
             if self.dependence is not None:
                 self._add_magnitudes(q, y, k == 0)
             rate, z = self.equations.magnitudes(y, q)
@@ -405,6 +408,8 @@ class Motion(Inputs):
         q1_ahead = self._input_rate(d, ahead, rate_ahead)
         later = self._slope(d, ahead, rate_ahead, self.inputs(d, ahead), q1_ahead)
         z2, q2 = 0.5 * (later[size:] - z1) / d, 0.5 * (q1_ahead - first.q[1]) / d
+        # velocities are states, of which more is known
+        z2[: self.system.m] = self.system.relative_velocity(bend, q2)
         return Expansion(first.y, np.array([*first.q, q2]), np.array([z0, z1, z2]))
 
     def _slope(self, tau: float, y: Array, rate: Array, q: Array, dq: Array) -> Array:

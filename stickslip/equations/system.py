@@ -177,7 +177,6 @@ class System:
         self.reader = reader
         clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
         self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
-        self.samples = 0
         nodes = reader.nodes[:on_forces]
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
         self._seen = Part.of(seen, place)
@@ -351,7 +350,6 @@ class System:
             if after is y:
                 after = y.copy()
             x, u = y[place.first : place.first_held], part.at(y, q)
-            self.samples += 1
             try:
                 held = block.call("output", t, x, u, place.outputs, exactly=False)
                 after[place.first_held : place.end] = held

@@ -62,7 +62,7 @@ class Run:
         self.t, self._wanted, self._fastest = self.start, wanted, 0.0
         self._standing = self._hits = 0
         self._looked_at = self.t
-        self.restarts = self.most_guards = 0
+        self.restarts = self.most_guards = self.samples = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
         self.watch: Watch | None = None
@@ -78,7 +78,7 @@ class Run:
         y = system.at_start()
         if system.sampled:
             q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
-            y = system.sample(self.t, self.start, q, y)
+            y = self._sample(self.t, q, y)
         if self._borders is not None:
             self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
@@ -115,8 +115,7 @@ class Run:
             self._follow(now, self.local)
             return
         self._is_whole = False
-        horizon = motion.horizon if self._borders is None else self._borders.horizon(motion)
-        path = self.engine.advance(motion, now.guards, horizon)
+        path = self.engine.advance(motion, now.guards, motion.horizon)
         if not np.isfinite(path.last).all():
             raise ArithmeticError(
                 "positions or velocities are no longer finite; make forces, stiffnesses or the time smaller"
@@ -215,7 +214,8 @@ class Run:
             rest = max(now.guards.velocity_uncertainty, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
         stops = arrived(motion, path, now.labels, now.guards.velocity_uncertainty)
-        touching = at.touching | at_rest | stops
+        # what an impact parts in the instant in which it comes to rest moves on
+        touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], held])
@@ -254,7 +254,11 @@ class Run:
         if not system.sampled or t != motion.stretch.stop:
             return path.last[system.first_block :]
         q = motion.inputs(float(path.taus[-1]), path.last)[: system.inputs]
-        return system.sample(t, self.start, q, path.last)[system.first_block :]
+        return self._sample(t, q, path.last)[system.first_block :]
+
+    def _sample(self, t: float, q: Array, y: Array) -> Array:
+        self.samples += sum(block.is_due(t, self.start) for _, block, _ in self.system.sampled)
+        return self.system.sample(t, self.start, q, y)
 
     def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
         assert self.now is not None

@@ -173,7 +173,7 @@ class _Simulation:
 
     def __init__(self, run: Run, task: Task, title: str) -> None:
         self._run, self._recorder, self._task, self._title = run, run.recorder, task, title
-        self._calls, self._samples = self._function_calls, run.system.samples
+        self._calls = self._function_calls
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -264,7 +264,7 @@ class _Simulation:
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
             "function_calls": self._function_calls - self._calls,
-            "samples": self._run.system.samples - self._samples,
+            "samples": self._run.samples,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
             "guards_isolated": work.guards_isolated,

@@ -19,6 +19,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     Result,
     Scene,
     Signal,
@@ -522,6 +523,47 @@ def test_default_tolerances_suit_small_units() -> None:
     first, scaled = (simulate(two_on_springs(length), (0.0, 20.0)) for length in (1.0, 1e-9))
     assert told(first) == told(scaled)
     np.testing.assert_allclose(times(scaled), times(first), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("engine", [{}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("geared", [False, True])
+def test_a_start_velocity_of_roundoff_is_no_scale(engine: dict[str, Any], geared: bool) -> None:
+    """What is left of a run before, 1e-11 m/s, changes nothing: breakaway where ``5 + 1.5 sin 1.1 t = 0.845 6.26``."""
+    law = DryFriction(0.845, 0.5815, stribeck_velocity=0.134, stribeck_exponent=1.0)
+    load = signal(lambda t: -5.0 - 1.5 * math.sin(1.1 * t), period=5.7)
+    ends = []
+    for velocity in (0.0, -1.3e-11):
+        parts = [Body("b", inertia=6.0, velocity=velocity), Gear("g", "a", "b", ratio=1.0)] if geared else []
+        body = Body("a", inertia=1.0 if geared else 7.0, velocity=velocity)
+        contact = Contact("c", "a", GROUND, law, normal=6.26)
+        result = simulate(Scene(body, contact, Force("a", load), *parts), (0.0, 2.6), method="BDF", **engine)
+        assert result.events[-1].t == pytest.approx(math.asin((0.845 * 6.26 - 5.0) / 1.5) / 1.1, abs=1e-9)
+        ends.append(result.velocity("a")[-1])
+    assert ends[1] == pytest.approx(ends[0], abs=1e-7)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 1e-6])
+@pytest.mark.parametrize("delay", [0.0, 1e4])
+@pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
+def test_slow_sliding_beside_a_stiff_damper_ends(damping: float, delay: float, velocity: float) -> None:
+    """A load of 3 sin(omega t) moves 1 kg against 1 N and a damper: it rests where ``3 sin(omega t - phi) = k``.
+
+    With ``tan phi = omega / c`` and ``k = sqrt(1 + tan^2 phi)``; what the start brings in has died away.
+    """
+    omega = 2 * math.pi / 500.0
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=velocity),
+        Force("a", signal(lambda t: 3.0 * math.sin(omega * t), period=500.0)),
+        Damper("a", GROUND, damping=damping),
+        Contact("c", "a", GROUND, DryFriction(0.1, 0.1), normal=10.0),
+    )
+    events = simulate(scene, (delay, delay + 500.0), method="BDF").events[-4:]
+    lag = math.atan(omega / damping)
+    slip = math.asin(1 / 3) / omega
+    rest = (math.pi - math.asin(1 / 3 / math.cos(lag)) + lag) / omega
+    assert [(int(e.before), int(e.after)) for e in events] == [(0, 1), (1, 0), (0, -1), (-1, 0)]
+    expected = [delay + t for t in (slip, rest, 250.0 + slip, 250.0 + rest)]
+    np.testing.assert_allclose([e.t for e in events], expected, rtol=0, atol=1e-4)
 
 
 # Large scenes

@@ -344,6 +344,49 @@ def test_a_low_flight_does_not_graze() -> None:
     assert np.allclose(found.events[times, 0][:22], 2 * fall * np.cumsum(k * e ** (k - 1.0)), rtol=1e-6)
 
 
+def carried_to_a_wall(friction: float, force: float, distance: float) -> tuple[float, float, float]:
+    """Return when a cart with a load has come to rest at a wall, and their place and velocity at 1 s.
+
+    A force f < 0 on the cart slows both down with ``a = -f / (m + M)``. At the wall the cart (m) is thrown back with
+    e w, the load (M) goes on with w. Friction F ends that within ``(1 + e) w / (F / M + (F + f) / m)``, and both come
+    back to the wall. All accelerations are constant, so each time all is r times as fast and as long.
+    """
+    cart, load, e, start = 0.25, 0.5, 0.5, 1.0
+    a = -force / (cart + load)
+    w = math.sqrt(start**2 - 2 * a * distance)
+    slips = (1 + e) * w / (friction / load + (friction + force) / cart)
+    gap = e * w * slips - (friction + force) / cart * slips**2 / 2
+    together = w - friction / load * slips
+    hit = math.sqrt(together**2 - 2 * a * gap)
+    rest = (start - w) / a + (slips + (together - hit) / a) / (1 - hit / w)
+    return rest, distance - a * (1 - rest) ** 2 / 2, -a * (1 - rest)
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+def test_a_cart_and_its_load_that_strike_a_wall_ever_more_softly(method: Any) -> None:
+    """The friction between them comes to rest in the instant of an impact, as far as numbers can tell."""
+    values = np.array([5.0, -0.4, 0.1])
+    scene = Scene(
+        Body("cart", inertia=0.25, velocity=1.0),
+        Body("load", inertia=0.5, velocity=1.0),
+        Contact("bed", "load", "cart", DryFriction(1.0, 1.0), normal=values[0]),
+        Force("cart", values[1]),
+        Stop("wall", "cart", GROUND, upper=values[2], restitution=0.5),
+    )
+    found = sensitivities(scene, (0.0, 1.0), ["bed.normal", "forces[0].signal", "wall.upper"], method=method)
+    assert found.reasons == () and found.result.mode("bed")[-1] == 0
+    exact = np.array(
+        [
+            (np.array(carried_to_a_wall(*(values + h))) - carried_to_a_wall(*(values - h))) / (2e-4 * value)
+            for value, h in zip(values, np.diag(1e-4 * values), strict=True)
+        ]
+    )
+    computed = [found.events[-1], found.position("cart"), found.velocity("load")]
+    assert np.allclose(np.transpose(computed), exact, atol=1e-6)
+    end = [found.result.events[-1].t, found.result.position("cart")[-1], found.result.velocity("load")[-1]]
+    assert np.allclose(end, carried_to_a_wall(*values), atol=1e-7)
+
+
 @pytest.mark.slow
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
@@ -513,6 +556,45 @@ def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> Non
     found = sensitivities(block(Force("m", 5.0)), (0.0, 2.0), ["m.velocity", "c.law.mu_coulomb"])
     assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == pytest.approx(-20.0, abs=1e-10)
     assert "the derivatives to the two sides differ" in found.reasons[0]
+
+
+def test_a_force_that_starts_at_its_level_has_no_derivative() -> None:
+    """F = mu_c N + a t with the dwell tau: with a push more the block slips at once, with one less it sticks."""
+    law = DryFriction(1.2, 0.8, dwell=0.3)
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("c", "m", GROUND, law, normal=1.0),
+        Force("m", 0.8),
+        Force("m", piecewise_linear([0.0, 1.0], [0.0, 0.6])),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["forces[0].signal", "m.inertia"])
+    assert np.isnan(found.events[:, 0]).all() and np.isfinite(found.events[:, 1]).all()
+    assert found.reasons[0].endswith("'c' starts at its level: the derivatives to the two sides differ")
+
+
+def test_a_dwell_that_begins_later_to_both_sides_has_no_derivative() -> None:
+    """A block rides on a belt. If the belt is faster or slower by h it slips for h m / (mu_c N) before it sticks."""
+
+    def belt(dwell: float, speed: float = 0.1) -> Scene:
+        return Scene(
+            Body("m", inertia=1.0, velocity=0.1),
+            Drive("b", velocity=speed),
+            Spring("m", GROUND, stiffness=2.0),
+            Contact("c", "m", "b", DryFriction(1.5, 1.0, dwell=dwell), normal=1.0),
+        )
+
+    span = (0.0, 8.0)
+    found = sensitivities(belt(5.0), span, ["b.velocity", "c.law.dwell"])
+    assert np.isnan(found.events[0, 0]) and np.isfinite(found.events[0, 1])
+    assert "'c' starts at rest, and to both sides its dwell begins later" in found.reasons[0]
+    let_go = [
+        next(e.t for e in simulate(belt(5.0, 0.1 + h), span).events if "breakaway" in e.cause)
+        for h in (-1e-6, 0.0, 1e-6)
+    ]
+    assert (let_go[1] - let_go[0]) / 1e-6 == pytest.approx(-78.48, abs=0.01)
+    assert (let_go[2] - let_go[1]) / 1e-6 == pytest.approx(-78.77, abs=0.01)
+    # without a dwell it comes along at once: t = mu_s N / (k v)
+    assert sensitivities(belt(0.0), span, ["b.velocity"]).events[0] == pytest.approx([-75.0], abs=1e-9)
 
 
 def test_relaxation_has_no_time() -> None:

@@ -32,7 +32,10 @@ from stickslip.studies.derivatives.varied_flow import flow
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
 _TOGETHER = 1e-10
-"""Events nearer in time than this part of the time span, but with different derivatives, count as one."""
+"""Events nearer in time than this part of the time span count as one, if their derivatives differ."""
+
+_SMALL = 1e-3
+"""Part of its size by which a parameter may change without making two such events one."""
 
 _JUMP = 1e-7
 """Part of the speeds by which velocities may differ from those after the jump that is expected."""
@@ -89,9 +92,13 @@ class Variation(Nearby):
             S = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
             S = np.where(until < np.inf, np.nan, S)
             end[:] = self._end(number, motion, S, since)
-            if piece.stop - piece.t <= _TOGETHER * (trajectory.span[1] - trajectory.span[0]) and number:
-                for k in range(self.count):
-                    if not abs(begin[k] - end[k]) <= TIE * (abs(begin[k]) + abs(end[k])):
+            length = piece.stop - piece.t
+            if length <= _TOGETHER * (trajectory.span[1] - trajectory.span[0]) and number:
+                for k, direction in enumerate(self.directions):
+                    change = abs(end[k] - begin[k])
+                    # rebounds that accumulate become short, but stay as they are for small changes
+                    stays = change * direction.size * _SMALL <= length
+                    if not (stays or change <= TIE * (abs(begin[k]) + abs(end[k]))):
                         self._refuse(piece.stop, k, "two events fall together", end)
             S, since = self._jump(number, motion, S, since, end)
             begin = end
@@ -102,6 +109,14 @@ class Variation(Nearby):
             self.reasons.append((t, k, why))
         for one in derivatives:
             one[..., k] = np.nan
+
+    def give_up(self, k: int, why: str) -> None:
+        """Let there be no derivative in a direction, and say why."""
+        self.reasons[:] = [one for one in self.reasons if one[1] != k]
+        self._refuse(self.trajectory.span[0], k, why)
+        for varied in self.pieces:
+            varied.until[k] = 0.0
+            varied.end[k] = np.nan
 
     def _begin(self) -> tuple[Array, Array]:
         """Return the variations at the start, held velocities made equal."""
@@ -130,7 +145,7 @@ class Variation(Nearby):
                 own = near.drive_velocities(self.stretch_after(t, loads).at(t))
                 parts.append(weight * near.balance(held).project(impact.near(near, own, own), own))
             S[:n, k] = system.balance(held).project(slope, none) + total(parts)
-        for k, why in kinks.at_start(self, piece, motion, S):
+        for k, why in kinks.at_start(self, piece, motion, S, since):
             self._refuse(t, k, why, S)
         for k, why in kinks.at_stops(self, piece, motion, S, sides):
             self._refuse(t, k, why, S)
