@@ -190,8 +190,7 @@ class Scene:
             row = rows[quantity.row]
             if isinstance(quantity, Normal) and not isinstance(row, (Contact, Gap)):
                 raise ValueError(
-                    f"{label}: the force of {row.label} is whatever keeps it, and cannot be read as a normal force; "
-                    "name a contact, or a Gap, which is an elastic stop"
+                    f"{label}: {row.label} has no normal force to read; name a contact, or a Gap, an elastic stop"
                 )
             if isinstance(quantity, Power) and not isinstance(row, Contact):
                 raise ValueError(f"{label}: {row.label} has no power to read; name a contact")
