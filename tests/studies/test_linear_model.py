@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.signal import lsim
+from scipy.signal import lsim, step
 
 from stickslip import (
     GROUND,
@@ -68,6 +68,8 @@ def test_stuck_contacts_are_constraints() -> None:
     assert np.allclose(force.D, [[0.75, -0.25], [0.0, 0.0]])
     assert np.allclose(force.C @ _position(stuck, "a"), [-12.0, 0.0])
     assert np.allclose(slipping.select(["normal(c)"], ["force(c)"]).D, [[0.5]])
+    _, x = step(stuck.select(["force(a)"], ["position(a)"]).to_scipy(), T=np.linspace(0.0, 5.0, 11))
+    assert x[-1] == pytest.approx((1 - math.cos(10.0)) / 16, abs=1e-14)
 
 
 def _position(model: object, body: str) -> np.ndarray:
@@ -148,6 +150,10 @@ def test_squeal_by_mode_coupling() -> None:
     shift = math.sqrt(0.1875 * 0.001)
     assert np.allclose(np.sort(below.frequencies**2), [2.25 - shift, 2.25 + shift], atol=1e-12)
     assert above.eigenvalues[0].real == pytest.approx(np.sqrt(complex(-2.25, shift)).real, abs=1e-12)
+    g = math.sqrt(3) / 4
+    loud = linearize(coupled(0.32)).eigenvalues[0].real
+    assert loud == pytest.approx(np.sqrt(complex(-2.25, math.sqrt(g * (0.48 - g)))).real, abs=1e-12)
+    assert loud == pytest.approx(0.04752, abs=5e-6)
 
 
 def test_loads_are_read_at_a_time() -> None:

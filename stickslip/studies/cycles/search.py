@@ -189,8 +189,8 @@ def _after_transient(
                     if (left := left_of(result)) < _SHRINKS:
                         raise CycleError(
                             f"no cycle was found: the motion shrinks, from the third to the last quarter of "
-                            f"{span:.6g} s to {left:.2g} of its size: it seems to come to a steady state, and linearize "
-                            "tells whether that is stable"
+                            f"{span:.6g} s to {left:.2g} of its size: it seems to come to a steady state, and "
+                            "linearize tells whether that is stable"
                         ) from error
                     raise
                 span *= _LONGER
