@@ -340,6 +340,18 @@ def test_a_period_much_longer_than_a_turn(speed: float) -> None:
     assert list(cycle.multipliers) == [0.0]
 
 
+def test_what_is_left_of_a_motion_that_shrinks() -> None:
+    # swings decay as exp(-0.04 t): in a quarter of 10 periods of 2 pi / sqrt(1 - 0.04^2) to exp(-0.04 * 2.5 periods)
+    scene = Scene(
+        Body("block", inertia=1.0, position=1.0),
+        Spring("block", GROUND, stiffness=1.0, damping=0.08),
+    )
+    period = 2 * math.pi / math.sqrt(1 - 0.04**2)
+    assert search.left_of(simulate(scene, (0.0, 20 * period))) == pytest.approx(
+        math.exp(-0.04 * 5 * period), rel=1e-5
+    )
+
+
 def test_a_load_in_resonance_has_no_cycle() -> None:
     scene = Scene(
         Body("m", inertia=1.0),
