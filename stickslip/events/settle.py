@@ -195,9 +195,8 @@ def _slip_states(system: System, w: Array, now: Situation) -> Array:
     speed, sign = np.abs(w), np.sign(w)
     slipped = system.starts_slipping if now.labels is None else np.abs(now.labels) == 1
     limit = np.where(slipped, system.laws.rests_below, system.laws.slips_beyond)
-    # an event of its normal force fires a row, too, at any speed
     slips = (speed > limit) | (now.fired & ~slipped & (speed > 0.5 * limit))
-    slips &= ~(now.fired & slipped & (speed < 2.0 * limit))
+    slips &= ~(now.fired & slipped)
     return np.where(system.free, FREE, np.where(slips, sign, 0.0))
 
 
