@@ -408,6 +408,20 @@ def test_a_wrong_guess_of_the_period() -> None:
         limit_cycle(belt(), guess=3.8)
 
 
+def test_small_loads_have_a_period_too() -> None:
+    """1e-13 N move a mass of 1e-12 kg, whose damper leaves exp(-c T / (2 m)) of deviations after a period of 10 s."""
+    scene = Scene(
+        Body("m", inertia=1e-12),
+        Spring("m", GROUND, stiffness=1e-12, damping=2e-13),
+        Force("m", sine(1e-13, 0.1)),
+    )
+    with pytest.raises(ValueError, match="the loads do not repeat with the period 7 s"):
+        limit_cycle(scene, period=7.0)
+    assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx(
+        [math.exp(-1.0)] * 2, abs=1e-12
+    )
+
+
 def test_bad_arguments_are_refused() -> None:
     scene, period = den_hartog()
     with pytest.raises(ValueError, match="give their period"):
