@@ -28,12 +28,14 @@ from stickslip import (
     Stop,
     continue_cycle,
     feedback,
+    fit,
     limit_cycle,
     position,
     saturate,
     sensitivities,
     simulate,
     sine,
+    step,
     velocity,
 )
 from stickslip.model.signals import Signal
@@ -44,6 +46,9 @@ from validation.rows import Array, Row, Tried, Wrong, worst
 from validation.tried import try_each
 
 SEED, STOP = 16000, 1.0
+_RECORDS = 100
+"""Records with noise that are fitted."""
+
 _STEPS = (1e-3, 1e-2, 1e-4, 1e-5, 1e-6)
 """Steps of differences as parts of a parameter: long ones bend, short ones are rough. They end with a shorter one that
 is no better."""
@@ -481,6 +486,51 @@ def _leine_end() -> tuple[float, str]:
 QUICK_SCENES, SCENES = 3, 300
 
 
+# -- fits --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Falling:
+    """A kinetic coefficient that falls from 0.45 at rest: with a dwell the static one is above that."""
+
+    coulomb: float
+    velocity: float
+
+    def __call__(self, speed: float) -> float:
+        """Return the coefficient at a speed."""
+        return self.coulomb + (0.45 - self.coulomb) * math.exp(-speed / self.velocity)
+
+
+def _pulled(static: float, coulomb: float, dwell: float, velocity: float) -> Scene:
+    """Return a block that a hand pulls by a spring, first slowly and then faster."""
+    law = DryFriction(static, 0.45, dwell=dwell, kinetic=_Falling(coulomb, velocity))
+    return Scene(
+        Body("block", inertia=1.0),
+        Drive("hand", velocity=step(6.5, 0.3, 0.6)),
+        Spring("block", "hand", stiffness=10.0, damping=0.1),
+        Contact("floor", "block", GROUND, law, normal=10.0),
+    )
+
+
+def _fits(count: int) -> tuple[float, str]:
+    """Return the part of some records, each with a noise of its own, of which a true value is not within 3 errors."""
+    true, noise, t = np.array([0.6, 0.3, 1.0, 0.2]), 0.01, np.linspace(0.05, 9.0, 200)
+    clean = simulate(_pulled(*true), (0.0, t[-1]), t_eval=t).velocity("block")
+    names = [f"floor.law.{one}" for one in ("mu_static", "kinetic.coulomb", "dwell", "kinetic.velocity")]
+    off = np.empty((count, true.size))
+    for seed in range(count):
+        noisy = clean + noise * np.random.default_rng(seed).normal(size=t.size)
+        data = {"block.velocity": (t, noisy, noise)}
+        found = fit(_pulled(0.57, 0.28, 1.3, 0.25), names, data, rtol=1e-7, atol=1e-9)
+        off[seed] = (found.values - true) / found.standard_errors
+    outside = int(np.count_nonzero((np.abs(off) > 3).any(axis=1)))
+    typical = ", ".join(f"{one:.2f}" for one in np.sqrt(np.mean(off**2, axis=0)))
+    return (
+        outside / count,
+        f"{count - outside} of {count} within; {typical} standard errors off in the mean square",
+    )
+
+
 def rows(count: int) -> list[Row]:
     """Return the rows, with the derivatives of so many random scenes."""
     return [
@@ -534,5 +584,14 @@ def rows(count: int) -> list[Row]:
             _leine_end,
             1e-6,
             quick=False,
+        ),
+        analysis_row(
+            "analysis-fits",
+            "fits of four numbers of friction to noisy stick-slip: part with a true value beyond 3 standard errors",
+            "the values the records were made with",
+            partial(_fits, _RECORDS),
+            0.05,
+            quick=False,
+            limit=60.0 + 20.0 * _RECORDS,
         ),
     ]

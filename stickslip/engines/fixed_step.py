@@ -110,12 +110,12 @@ class FixedStep:
         values = guards.values(taus, ys.T)
         # an open row that turns over needs no new start: what it shows is all that changes
         violated = values.min(axis=0, initial=np.inf) < 0
-        changed = violated
+        changed = violated | motion.has_left(taus, ys.T)
         if not motion.stretch.is_straight:
             alive = motion.system.alive[:, None]
             now = (motion.loads(0.0)[: motion.system.m] > 0)[:, None] & alive
             later = motion.loads(taus)[: motion.system.m] > 0
-            changed = violated | np.any((later & alive) != now, axis=0)
+            changed |= np.any((later & alive) != now, axis=0)
         if changed.any():
             first = int(changed.argmax())
             return first + 1, bool(violated[first]), True

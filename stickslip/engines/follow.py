@@ -36,17 +36,15 @@ def longest_step(motion: Motion, max_step: float, period: float) -> float:
 class Lookout:
     """Watches the smallest guard at the points of a solver, and stops it behind the first one that is negative.
 
+    It stops it too where tables have left their regions.
     `end` is that point: local time in s and unknowns.
     """
 
     def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
         self._guards, self._interruption, self._work = guards, interruption, work
         self.end: tuple[float, Array] | None = None
-
-    @property
-    def found(self) -> bool:
+        self.found = False
         """Whether it has found a guard negative."""
-        return self.end is not None
 
     def at(self, tau: float, y: Array, unknowns: Array) -> float:
         """Return what the solver is told of the guards in a state, of which it knows `unknowns`."""
@@ -55,9 +53,11 @@ class Lookout:
             return 0.0
         self._work.guard_calls += 1
         value = -1.0 if self._interruption.pressed else sound(self._guards.smallest(tau, y), tau)
-        if value <= 0 < tau:
+        self.found = value <= 0 < tau
+        has_left = not self.found and self._guards.motion.has_left(tau, y)
+        if self.found or has_left:
             self.end = tau, unknowns.copy()
-        return value
+        return -1.0 if has_left else value
 
     def points_of(self, solution: Any) -> tuple[Array, Array]:
         """Return local times and unknowns at the ends of the steps that a solver has taken."""

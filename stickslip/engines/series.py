@@ -84,6 +84,8 @@ class Series:
             y = motion.exact(tau, c.sum(axis=0))
             if not np.abs(y).max(initial=0.0) < _BEYOND:
                 raise ArithmeticError(f"the motion grows beyond {_BEYOND:g}: something feeds it without end")
+            if motion.has_left(tau, y):
+                break
             if len(pieces) > _MOST_STEPS:
                 raise ArithmeticError("the series needs too many steps; use method='BDF'")
         return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)

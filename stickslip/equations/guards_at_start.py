@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from stickslip.equations.guard_values import GuardValues
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
-from stickslip.equations.motion import Expansion, Motion
+from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 ROUNDOFF = 1e-12
@@ -37,19 +37,14 @@ _HIGHEST = 8
 _NO_ROWS = np.empty(0, dtype=np.intp)
 
 
-class GuardsAtStart:
-    """The guards of a motion, ready when constructed.
+class GuardsAtStart(GuardValues):
+    """The guards of a motion and what they are at its start, ready when constructed.
 
-    Rows that carry no force are watched, too, if their `labels` are not 0. `at_rest` are rows whose relative velocity
-    is 0 at the start, `fired` those that an event has just found at their limit. A row has to pass 0 by the
-    `velocity_uncertainty`, the errors of a solver, before that is an event.
+    `fired` are rows that an event has just found at their limit. A row has to pass 0 by the `velocity_uncertainty`, the
+    errors of a solver, before that is an event.
 
     Attributes
     ----------
-    row : array of int
-        The row of each guard, -1 where it is the border of a region.
-    is_border : array of bool
-        Guards that are borders of regions.
     violated : array of bool
         Guards that are negative at the start or just after it, but for those of normal forces.
     misjudged : array of int
@@ -66,77 +61,20 @@ class GuardsAtStart:
         fired: Mask,
         velocity_uncertainty: float = 0.0,
     ) -> None:
-        self.motion, self.at_rest, self.velocity_uncertainty = motion, at_rest, velocity_uncertainty
-        rows = self.rows = motion.equations.guard_rows(labels)
-        self.row, self.size, self.direction = rows.row, rows.size, rows.direction
-        self.is_velocity, self.is_border, self.is_normal = rows.is_velocity, rows.is_border, rows.is_normal
-        # borders have the number -1
-        self.rests = rows.is_velocity & (np.append(at_rest, False) if rows.has_borders else at_rest)[rows.row]
-        self._constant, self._has_constant = rows.constant, rows.has_constant
-        if rows.has_threshold:
-            self._constant = rows.constant.copy()
-            self._constant[: rows.slips] = np.where(self.rests[: rows.slips], 0.0, rows.threshold)
-            self._has_constant = bool(self._constant.any())
-        # functions of the state act on forces; of the others only normal forces may read them
-        self._wanted: Any = None
-        if rows.is_of_velocities:
-            self._wanted = motion.for_normals if rows.has_normals else ()
+        super().__init__(motion, labels, at_rest)
+        self.velocity_uncertainty = velocity_uncertainty
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
         self.is_plain = True
         if self.size:
             self._classify(fired)
         self.misjudged = _NO_ROWS
-        if rows.has_normals:
+        if self.rows.has_normals:
             self.misjudged = self.row[self.violated & self.is_normal]
             self.violated &= ~self.is_normal
-        self.armed = self.size - rows.loose
+        self.armed = self.size - self.rows.loose
         if not self.is_plain:
             self.armed -= int(np.count_nonzero(self.order == NEVER))
-
-    # -- values --------------------------------------------------------------------------------------------
-
-    def raw(self, z: Array, q: Array) -> Array:
-        """Return the guards as they are, one column per time where `z` and `q` have columns."""
-        rows, column = self.rows, (slice(None), None) if z.ndim == 2 else slice(None)
-        g: Array = rows.turn[column] * z[rows.source]
-        if rows.has_levels:
-            g += rows.mu[column] * q[rows.row]
-        if self._has_constant:
-            g += self._constant[column]
-        if rows.rising.size:
-            g[rows.rising] -= rows.rise[column] * q[rows.dwell]
-        return g
-
-    def series(self, expansion: Expansion) -> Array:
-        """Return the Taylor coefficients of the guards as they are, one row per order."""
-        rows = self.rows
-        if expansion.g is not None:
-            g = expansion.g
-            if rows.loose:
-                own = slice(-rows.loose, None)
-                g = np.concatenate([g, expansion.z[:, rows.source[own]] * rows.turn[own]], axis=1)
-            if self._has_constant:
-                g = np.concatenate([g[:1] + self._constant, g[1:]])
-            return g
-        g = rows.turn * expansion.z[:, rows.source]
-        if rows.has_levels:
-            g += rows.mu * expansion.q[:, rows.row]
-        if rows.rising.size:
-            g[:, rows.rising] -= rows.rise * expansion.q[:, rows.dwell]
-        if self._has_constant:
-            g[0] += self._constant
-        return g
-
-    @cached_property
-    def first(self) -> Array:
-        """Taylor coefficients of the guards at the start, orders 0 and 1 at least."""
-        return self.start if self.motion.is_linear else self.series(self.motion.first)
-
-    @cached_property
-    def start(self) -> Array:
-        """Taylor coefficients of the guards at the start, orders 0 to 2."""
-        return self.series(self.motion.start)
 
     # -- the start -----------------------------------------------------------------------------------------
 

@@ -10,12 +10,15 @@ import numpy as np
 
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 _DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
 
 _DIFFERENCE = 1e-5
+
+_BESIDE = 1e-11
+"""Part of a border within which a table is not left: roundoff."""
 
 
 class Inputs:
@@ -88,6 +91,35 @@ class Inputs:
     def start_inputs(self) -> Array:
         """Inputs and dwells at the start."""
         return self.inputs(0.0, self.y)
+
+    def looked_up(self, tau: float | Array, y: Array) -> Array:
+        """Return what each table is looked up at, a line each, one column per time where that is an array."""
+        assert self.dependence is not None
+        q = self.inputs(tau, y, self.dependence.for_tables)
+        return self.dependence.looked_up(q[: self.system.inputs], self.exact(tau, y))
+
+    def has_left(self, tau: float | Array, y: Array) -> Mask | bool:
+        """Tell whether a table has left the region whose line the motion follows, for each time.
+
+        The motion need not be followed any further: on a line that tables have left it may grow beyond all bounds.
+        """
+        if not self.regions:
+            return False
+        low, high = self._limits
+        x = self.looked_up(tau, y).T
+        return np.asarray(((x < low) | (x > high)).any(axis=-1))
+
+    @cached_property
+    def _limits(self) -> tuple[Array, Array]:
+        """Between which values tables have not left their regions, which they may start beside by roundoff."""
+        assert self.dependence is not None
+        x = self.looked_up(0.0, self.y)
+        low, high = np.array(
+            [self.dependence.borders(k, region) for k, region in enumerate(self.regions or ())]
+        ).T
+        low, high = np.minimum(low, x), np.maximum(high, x)
+        size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
+        return low - _BESIDE * size, high + _BESIDE * size
 
     def normals(self, tau: float | Array, y: Array) -> Array:
         """Return the normal forces at local time `tau`."""

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from stickslip.model.arrays import Array
-from stickslip.model.signals import Constant, Line, PiecewiseLinear, Signal, Sine, time_scale
+from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
 """The entries to which sines are added, and how fast these turn in rad/s."""
@@ -97,7 +97,7 @@ class Loads:
     def _stretch(self, t: float, stop: float) -> Stretch:
         value, slope = self._constant.copy(), np.zeros(self.size)
         waves: list[tuple[int, float, float, float]] = []
-        functions: list[tuple[int, Callable[[float], float]]] = []
+        functions: list[tuple[int, Signal]] = []
         count = len(self._signals)
         place_of_rate = {i: count + k for k, i in enumerate(self._rates)}
         for i in self._changing:
@@ -106,7 +106,7 @@ class Loads:
             if self._stepped:
                 functions.append((i, signal))
                 if rate is not None:
-                    functions.append((rate, signal.slope))
+                    functions.append((rate, _slope(signal, t, stop)))
                 continue
             for term in signal.parts(t):
                 if isinstance(term, Sine):
@@ -125,7 +125,7 @@ class Loads:
                 else:
                     functions.append((i, term))
                     if rate is not None:
-                        functions.append((rate, term.slope))
+                        functions.append((rate, _slope(term, t, stop)))
         return Stretch(t, stop, value, slope, waves, functions)
 
 
@@ -143,7 +143,7 @@ class Stretch:
         value: Array,
         slope: Array,
         waves: Sequence[tuple[int, float, float, float]],
-        functions: Sequence[tuple[int, Callable[[float], float]]],
+        functions: Sequence[tuple[int, Signal]],
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
         self.regions: tuple[int, ...] | None = None
@@ -187,7 +187,7 @@ class Stretch:
                 q[i - first] += amplitude * np.sin(angle)
         for i, function in self._functions:
             if first <= i < stop:
-                q[i - first] += _sample(function, np.minimum(times, self._before_stop))
+                q[i - first] += function.sampled(np.minimum(times, self._before_stop))
         return q
 
     def rate(self, t: float) -> Array:
@@ -196,16 +196,8 @@ class Stretch:
         if self.has_waves:
             np.add.at(rate, self._entry, self._turn * self._amplitude * np.cos(self._angle(t)))
         for i, function in self._functions:
-            rate[i] += self._slope_of(function, t)
+            rate[i] += function.slope(min(t, self._before_stop))
         return rate
-
-    def _slope_of(self, function: Callable[[float], float], t: float) -> float:
-        if isinstance(function, Signal):
-            return function.slope(min(t, self._before_stop))
-        # the slope of a slope: a difference within the stretch
-        d = 1e-5 * min(1.0, self.stop - self.start)
-        left, right = max(t - d, self.start), min(t + d, self._before_stop)
-        return (function(right) - function(left)) / (right - left) if right > left else 0.0
 
     def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
         """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.
@@ -238,7 +230,7 @@ class Stretch:
                 size = size * np.abs(self._turn) / (k + 1)
         for i, function in self._functions:
             found[0, i] += abs(function(min(t, self._before_stop)))
-            found[1, i] += abs(self._slope_of(function, t))
+            found[1, i] += abs(function.slope(min(t, self._before_stop)))
         return found
 
     @property
@@ -259,7 +251,7 @@ class Stretch:
         return np.asarray(2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase)
 
 
-def _sample(function: Callable[[float], float], times: Array) -> Array:
-    if isinstance(function, Signal):
-        return function.sampled(times)
-    return np.array([function(float(t)) for t in times])
+def _slope(term: Signal, start: float, stop: float) -> Signal:
+    """Return the slope of a load within a stretch, as a load that has a slope: over a part of its period."""
+    period = term.period or math.inf
+    return Function(term.slope, (), period if math.isfinite(period) else None, limits=(start, stop))

@@ -27,6 +27,10 @@ Key = tuple[str, int, int]
 _STEP, _SMALL = 1e-5, 1e-3
 """Differences are this part of an argument, or of a small number."""
 
+_TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-2
+"""Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
+part of a slope by which it must differ from that over a larger step."""
+
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
 
@@ -107,15 +111,25 @@ class Node:
 def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:
     """Return the derivatives of a function by differences of second order ahead, a line per value.
 
-    They look to one side only: a function may end at 0.
+    They look to one side only: a function may end at 0. A small argument may be all that a slow scene has, so a step is
+    a part of it where the function tells such steps apart, and bends within a step that is a part of a larger number.
     """
-    found = np.empty((value.size, arguments.size))
-    for k, x in enumerate(arguments.tolist()):
+
+    def along(k: int, size: float) -> tuple[Array, Array]:
         near, far = arguments.copy(), arguments.copy()
-        near[k] += _STEP * max(abs(x), _SMALL)
-        h = near[k] - x
-        far[k] = x + 2 * h
-        found[:, k] = (4 * function(near) - function(far) - 3 * value) / (2 * h)
+        near[k] += _STEP * size
+        h = near[k] - arguments[k]
+        far[k] = arguments[k] + 2 * h
+        change = 4 * (function(near) - value) - (function(far) - value)
+        return change / (2 * h), np.abs(change)
+
+    found = np.empty((value.size, arguments.size))
+    for k, size in enumerate(np.abs(arguments).tolist()):
+        found[:, k], _ = along(k, max(size, _SMALL))
+        if _TINY < size < _SMALL:
+            fine, change = along(k, size)
+            bends = np.abs(fine - found[:, k]) > _BENDS * np.abs(fine)
+            found[:, k] = np.where(bends & (change > _TOLD * np.abs(value)), fine, found[:, k])
     return found
 
 
@@ -282,7 +296,10 @@ class Reader:
 
     def _normal(self, atom: Quantity, row: str) -> Form:
         j = self._row_of[row]
-        load = self._book.rows[j].normal
+        entry = self._book.rows[j]
+        if (pressing := entry.pressing) is not None:
+            return self.form(pressing, f"the force of gap {row!r}")
+        load = entry.normal
         if isinstance(load, Signal):
             return Form(inputs={("normal", j, 0): 1.0})
         label = f"the normal force of contact {row!r}"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.guards import Guards
-from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
@@ -378,7 +378,9 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
-    return abs(_acceleration(motion, tau, equal, row)) <= _CONSTANT * scale
+    driven = sign * _acceleration(motion, tau, equal, row)
+    # what drives it on at rest it does not hold
+    return -_CONSTANT * scale <= driven <= AT_LIMIT * scale
 
 
 def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from stickslip.model.arrays import Array
 from stickslip.model.checks import finite, limit
@@ -61,13 +60,14 @@ def pid(
     e = as_expression(error, f"{label}: error")
     if period is not None:
         inputs = [e] if rate is None else [e, as_expression(rate, f"{label}: rate")]
-        law = _Law(kp, ki, kd, low, high, finite(period, f"{label}: period"), rate is None)
-        # integral, error of the last sample, and whether there was one
+        differs = kd != 0 and rate is None
+        law = _Law(kp, ki, kd, low, high, finite(period, f"{label}: period"), differs)
+        # integral; where differences are taken the error of the last sample, too, and whether there was one
         return Sampled(
             name,
             period=period,
             inputs=tuple(inputs),
-            states=(0.0, 0.0, 0.0),
+            states=(0.0, 0.0, 0.0) if differs else (0.0,),
             update=law.update,
             output=law.output,
             outputs=1,
@@ -102,8 +102,12 @@ class _Law:
     differences: bool
 
     def _raw(self, x: Array, u: Array) -> float:
-        rate = x[2] * (u[0] - x[1]) / self.period if self.differences else u[1]
-        return float(self.kp * u[0] + self.ki * x[0] + self.kd * rate)
+        found = self.kp * u[0] + self.ki * x[0]
+        if self.differences:
+            found += self.kd * x[2] * (u[0] - x[1]) / self.period
+        elif self.kd:
+            found += self.kd * u[1]
+        return float(found)
 
     def output(self, t: float, x: Array, u: Array) -> float:
         """Return the limited output."""
@@ -113,5 +117,5 @@ class _Law:
         """Return the integral, unless the output is beyond a limit and goes further, and the error."""
         raw, push = self._raw(x, u), self.ki * u[0]
         beyond = (raw > self.high and push > 0) or (raw < self.low and push < 0)
-        integral: Any = x[0] + (0.0 if beyond else self.period * u[0])
-        return [float(integral), float(u[0]), 1.0]
+        integral = float(x[0] + (0.0 if beyond else self.period * u[0]))
+        return [integral, float(u[0]), 1.0] if self.differences else [integral]

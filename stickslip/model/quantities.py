@@ -143,7 +143,7 @@ class Stretch(OfRow):
 
 @dataclass(frozen=True)
 class Normal(OfRow):
-    """Normal force of a contact in N, 0 where it is open."""
+    """Normal force of a contact in N, or size of the force of a gap; 0 where it is open."""
 
     kind = "normal"
 
@@ -312,12 +312,14 @@ def stretch(row: str) -> Quantity:
 
 
 def normal(contact: str) -> Quantity:
-    """Return the normal force of a contact in N, 0 where it is open, as a quantity.
+    """Return the normal force of a contact, or the size of the force of a gap, in N, as a quantity.
+
+    It is 0 where the contact or the gap is open. So a gap may press a contact: a part that hops on a track.
 
     Parameters
     ----------
     contact : str
-        Name of a contact.
+        Name of a contact or of a gap.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stickslip.model.checks import check_entries
-from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Named, Row
+from stickslip.model.elements import KINDS, AnyBlock, Body, Contact, Drive, Element, Gap, Named, Row
 from stickslip.model.elements.base import Motion, check_motion, listed
 from stickslip.model.elements.book import GROUND
 from stickslip.model.laws import Law, PreSlip, Shape
@@ -187,9 +187,13 @@ class Scene:
                 raise ValueError(
                     f"{label}: no contact is called {quantity.row!r}; known are {listed(rows) or 'none'}"
                 )
-            if isinstance(quantity, (Normal, Power)) and not isinstance(rows[quantity.row], Contact):
-                what = "normal force" if isinstance(quantity, Normal) else "power"
-                raise ValueError(f"{label}: {rows[quantity.row].label} has no {what} to read; name a contact")
+            row = rows[quantity.row]
+            if isinstance(quantity, Normal) and not isinstance(row, (Contact, Gap)):
+                raise ValueError(
+                    f"{label}: {row.label} has no normal force to read; name a contact, or a Gap, an elastic stop"
+                )
+            if isinstance(quantity, Power) and not isinstance(row, Contact):
+                raise ValueError(f"{label}: {row.label} has no power to read; name a contact")
 
     def _check_weightless(self) -> None:
         """Refuse bodies without inertia whose motion ties alone do not decide: they could move without energy."""

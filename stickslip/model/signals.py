@@ -334,7 +334,7 @@ class Function(Signal):
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order that looks across no break and no limit."""
-        h = 1e-5 * min(self.shortest_period or 1.0, 1.0)
+        h = 3e-6 * self.shortest_period if self.shortest_period else 1e-5
         times = self.break_times
         i = bisect_right(times, t)
         behind = t - max(self.limits[0], times[i - 1] if i else -math.inf)

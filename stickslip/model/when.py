@@ -14,7 +14,7 @@ class When(metaclass=NamedArguments):
     """An event of the user: a quantity crosses 0.
 
     It changes nothing in the motion; it is located as exactly as a change of mode, noted among the events, and may stop
-    the simulation.
+    the simulation. A function that rises and falls within less than a step needs `max_step` of `simulate`.
 
     Parameters
     ----------

@@ -22,9 +22,6 @@ from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
 _MORE = 3
 """By how much more than the state's the order of a quantity is taken that is a function of it."""
 
-_AHEAD, _GROWTH, _LEAST = 2.0, 4.0, 1e-9
-"""A motion is followed so many times longer than the one before took to a border, and ever further where none comes."""
-
 
 class Borders:
     """Keeps a run in the regions of its tables; the loads tell motions which these are."""
@@ -34,7 +31,6 @@ class Borders:
         self._system, self._loads, self._dependence = system, loads, system.dependence
         # the largest values so far: what comes to a border has their roundoff
         self._sizes = np.zeros(len(system.dependence.tables))
-        self._reach = math.inf
 
     def place(self, y: Array, t: float) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
@@ -50,21 +46,8 @@ class Borders:
             found.append(region if inside else self._dependence.region(k, x))
         self._loads.regions = tuple(found)
 
-    def horizon(self, motion: Motion) -> float:
-        """Return up to which local time to follow a motion: not much further than to the border that comes next."""
-        return min(motion.horizon, self._reach)
-
     def cut(self, motion: Motion, path: Path) -> Path:
         """Return a path up to the first border; the regions are those beyond it."""
-        found = self._cut(motion, path)
-        length, whole = float(found.taus[-1]), float(path.taus[-1])
-        if length < whole:
-            self._reach = max(_AHEAD * length, _LEAST * motion.horizon)
-        elif length >= self._reach:
-            self._reach = _GROWTH * length
-        return found
-
-    def _cut(self, motion: Motion, path: Path) -> Path:
         regions = self._loads.regions
         if path.taus.size < 2 or regions is None:
             return path
@@ -128,6 +111,4 @@ class Borders:
         return math.inf
 
     def _values(self, motion: Motion, path: Path, taus: Array) -> Array:
-        y = motion.exact(taus, path.at(taus).T)
-        q = motion.inputs(taus, y, self._dependence.for_tables)
-        return self._dependence.looked_up(q[: self._system.inputs], y)
+        return motion.looked_up(taus, motion.exact(taus, path.at(taus).T))

@@ -115,8 +115,7 @@ class Run:
             self._follow(now, self.local)
             return
         self._is_whole = False
-        horizon = motion.horizon if self._borders is None else self._borders.horizon(motion)
-        path = self.engine.advance(motion, now.guards, horizon)
+        path = self.engine.advance(motion, now.guards, motion.horizon)
         if not np.isfinite(path.last).all():
             raise ArithmeticError(
                 "positions or velocities are no longer finite; make forces, stiffnesses or the time smaller"

@@ -145,7 +145,7 @@ def test_what_is_refused(make: Any, error: type[Exception], message: str) -> Non
         (position("c"), "force on 'a': no body is called 'c'; known are 'a', 'b', 'ground'"),
         (1 + 2 * feedback(math.sin, velocity("c")), "force on 'a': no body is called 'c'"),
         (stretch("c"), "force on 'a': no contact is called 'c'; known are 'gear', 'rub'"),
-        (normal("gear"), "force on 'a': gear 'gear' has no normal force to read; name a contact"),
+        (normal("gear"), "force on 'a': gear 'gear' has no normal force to read; name a contact, or a Gap"),
         (power("gear"), "force on 'a': gear 'gear' has no power to read"),
     ],
 )

@@ -25,6 +25,7 @@ from stickslip import (
     Spring,
     explain,
     load,
+    normal,
     piecewise_linear,
     simulate,
     sine,
@@ -253,3 +254,26 @@ def test_bad_gaps_are_refused(values: dict[str, Any], said: str) -> None:
     with pytest.raises((ValueError, TypeError), match="gap 'g'") as caught:
         Gap("g", "a", "b", **values)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("damping", [0.0, 30.0, 3000.0])
+def test_a_part_that_hops_is_slowed_by_the_impulse_of_the_floor(damping: float) -> None:
+    # as long as it slips, m (v_x(t) - v_x(0)) = -mu (impulse of the floor) = -mu m (v_y(t) - v_y(0) + g t), however
+    # the floor pushes; at rest on the floor the normal force is m g
+    mass, mu, g = 0.5, 0.3, 9.81
+    scene = Scene(
+        Body("along", inertia=mass, velocity=9.0),
+        Body("height", inertia=mass, position=0.02, velocity=0.3),
+        Gap("floor", "height", GROUND, lower=0.0, stiffness=4000.0, damping=damping),
+        Contact("rub", "along", GROUND, DryFriction(mu, mu), normal=normal("floor")),
+        Force("height", -mass * g),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert result.stats["engine"] == "Taylor series"
+    (rest,) = [event.t for event in result.events if event.contact == "rub" and event.after == 0]
+    slips = result.t < rest
+    lost = mu * (result.velocity("height") - 0.3 + g * result.t)
+    assert np.abs(result.velocity("along") - 9.0 + lost)[slips].max() < 1e-10
+    assert np.allclose(result.normal("rub"), np.abs(result.force("floor")), rtol=0, atol=1e-9)
+    if damping:
+        assert result.normal("rub")[-1] == pytest.approx(mass * g, rel=1e-3)

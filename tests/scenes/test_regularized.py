@@ -23,6 +23,7 @@ from stickslip import (
     Scene,
     Spring,
     piecewise_linear,
+    position,
     simulate,
     sine,
 )
@@ -215,6 +216,7 @@ def mixed(n: int) -> Scene:
         Damper("b1", GROUND, damping=0.3),
         Drive("d", velocity=sine(0.5, 0.5)),
         Contact("driven", "b2", "d", laws[3], normal=3.0),
+        Contact("fed", "b4", "d", laws[3], normal=3.0 + 0.4 * position("b0") - 0.2 * position("b3")),
         Contact("ground", "b0", GROUND, laws[0], normal=sine(2.0, 1.0, offset=3.0)),
         Force("b4", sine(4.0, 0.7)),
     ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
@@ -231,6 +232,44 @@ def test_steep_tables_and_normal_forces_are_stiff() -> None:
 def test_what_grows_without_end_is_an_error(load: Any) -> None:
     with pytest.raises(SimulationError, match="the motion grows beyond"):
         simulate(Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", load)), (0.0, 99.0), method="series")
+
+
+@pytest.mark.parametrize(("way", "span"), [({}, 3.0), ({"method": "series"}, 20.0), ({"method": "BDF"}, 1.0)])
+def test_what_grows_fast_stops_growing_at_the_limits(way: dict[str, Any], span: float) -> None:
+    """v' = clip(50 v, -0.2, 0.2): exp(50 t) up to ln(4) / 50, which would be 1e65 after 3 s; from there on 0.2 t."""
+    push = Force("m", saturate(50 * velocity("m"), -0.2, 0.2))
+    result = simulate(Scene(Body("m", inertia=1.0, velocity=1e-3), push), (0.0, span), rtol=1e-9, **way)
+    assert abs(result.velocity("m")[-1] - (0.004 + 0.2 * (span - math.log(4) / 50))) < exact(result, 1e-9)
+    assert len(result.trajectory.pieces) == 2
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+def test_a_steep_push_in_the_direction_of_motion(method: Any) -> None:
+    """``v' = clip(50 v, -0.2, 0.2) - x - 0.05 sign(v)``: between its limits, where v turns over, it grows."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Spring("m", GROUND, stiffness=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.05, 0.05), normal=1.0),
+        Force("m", saturate(50 * velocity("m"), -0.2, 0.2)),
+    )
+    result = simulate(scene, (0.0, 9.0), method=method, rtol=1e-10)
+    turns, t, y, s = [], 0.0, [0.0, 1.0], 1.0
+    for _ in range(2):
+        # by hand from border to border: s v falls to 0.004, to 0, where friction turns over, and to -0.004
+        for edge, friction in ((0.004, s), (0.0, s), (-0.004, -s)):
+
+            def rate(_: float, y: Any, s: float = s, edge: float = edge, r: float = friction) -> list[float]:
+                return [y[1], (0.2 * s if edge > 0 else 50 * y[1]) - y[0] - 0.05 * r]
+
+            def over(_: float, y: Any, s: float = s, edge: float = edge) -> float:
+                return float(s * y[1] - edge)
+
+            over.terminal, over.direction = True, -1.0  # type: ignore[attr-defined]
+            found = solve_ivp(rate, (t, t + 9.0), y, events=over, rtol=1e-11, atol=1e-13, max_step=0.1)
+            t, y = found.t[-1], found.y[:, -1]
+            turns += [t] * (edge == 0)
+        s = -s
+    np.testing.assert_allclose([event.t for event in result.events[:2]], turns, rtol=0, atol=1e-7)
 
 
 def test_leading_shoe_of_a_drum_brake() -> None:

@@ -542,6 +542,30 @@ def test_a_start_velocity_of_roundoff_is_no_scale(engine: dict[str, Any], geared
     assert ends[1] == pytest.approx(ends[0], abs=1e-7)
 
 
+def test_slow_functions_are_the_same_as_fast_ones() -> None:
+    """Months in place of seconds: slopes of functions are differences over parts of their own periods."""
+
+    def scene(second: float) -> Scene:
+        turn = 2 * math.pi / second
+        law = DryFriction(0.5, 0.5, stribeck_velocity=0.05 / second)
+        return Scene(
+            Body("b", inertia=1.0),
+            Drive(
+                "d", velocity=signal(lambda t: 0.5 / second * math.sin(turn * t / 3.1), period=3.1 * second)
+            ),
+            Contact("c", "b", "d", law, normal=4.3 / second**2),
+            Force("b", signal(lambda t: 2 / second**2 * math.sin(turn * t / 2.9 + 3.4), period=2.9 * second)),
+        )
+
+    first, *others = (
+        simulate(scene(second), (0.0, 6.0 * second), method="BDF") for second in (1.0, 1e5, 1e7)
+    )
+    assert len(first.events) == 9
+    for second, slow in zip((1e5, 1e7), others, strict=True):
+        assert told(slow) == told(first)
+        np.testing.assert_allclose(np.array(times(slow)) / second, times(first), rtol=0, atol=1e-6)
+
+
 @pytest.mark.parametrize("velocity", [0.0, 1e-6])
 @pytest.mark.parametrize("delay", [0.0, 1e4])
 @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])

@@ -12,6 +12,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Cycle,
     CycleError,
     Damper,
     Drive,
@@ -31,6 +32,7 @@ from stickslip import (
     sine,
     velocity,
 )
+from stickslip.studies.cycles import newton, search
 
 BELT_PERIOD = 7.61125925410131
 """2 (F_s - F_c) / (k v) + (2 pi - 2 atan((F_s - F_c) / (v sqrt(k m)))) / w, k 2, m 1, v 0.1, F_s 1.5, F_c 1."""
@@ -252,6 +254,41 @@ def test_two_blocks_on_a_belt() -> None:
     assert np.diff(last) == pytest.approx(cycle.period * np.ones(len(last) - 1), abs=1e-11)
 
 
+def test_a_longer_transient_leads_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where Newton's method fails from a transient, the search goes on after a longer one."""
+    tried: list[search.Shot] = []
+
+    def closed(shot: search.Shot) -> Cycle:
+        tried.append(shot)
+        if len(tried) < 3:
+            raise CycleError("too far away")
+        return newton.closed(shot)
+
+    monkeypatch.setattr(search, "closed", closed)
+    assert limit_cycle(belt()).period == pytest.approx(BELT_PERIOD, abs=1e-12)
+    assert len(tried) == 3
+    tried = tried[:1]
+    scene, period = den_hartog()
+    assert abs(limit_cycle(scene, period=period).multipliers[0]) == pytest.approx(0.49815078400816, abs=1e-8)
+    assert len(tried) == 3
+
+
+def test_early_events_do_not_tell_of_a_motion_that_dies_away() -> None:
+    """Two blocks stick a few times and then slide for good, and a damper lets that decay."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.2),
+        Body("b", inertia=1.21, velocity=0.2),
+        Drive("belt", velocity=0.2),
+        Spring("a", GROUND, stiffness=1.71),
+        Spring("a", "b", stiffness=1.81),
+        Spring("b", GROUND, stiffness=1.24, damping=0.2),
+        Contact("ca", "a", "belt", DryFriction(1.0, 0.5, dwell=0.5), normal=1.0),
+        Contact("cb", "b", "belt", DryFriction(1.0, 0.5, dwell=0.5), normal=1.3),
+    )
+    with pytest.raises(CycleError, match="does not change"):
+        limit_cycle(scene)
+
+
 @pytest.mark.parametrize("after", [False, True])
 def test_a_start_on_an_impact(after: bool) -> None:
     """A ball that hits a wall with 1 m/s, e = 0.8, and gains it back from x'' = 0.1 x' - x - F: from either side of it.
@@ -301,6 +338,18 @@ def test_a_period_much_longer_than_a_turn(speed: float) -> None:
     slip = (2 * math.pi - 2 * math.atan(0.5 / (speed * math.sqrt(2.0)))) / math.sqrt(2.0)
     assert cycle.period == pytest.approx(0.5 / speed + slip, rel=1e-13)
     assert list(cycle.multipliers) == [0.0]
+
+
+def test_what_is_left_of_a_motion_that_shrinks() -> None:
+    # swings decay as exp(-0.04 t): in a quarter of 10 periods of 2 pi / sqrt(1 - 0.04^2) to exp(-0.04 * 2.5 periods)
+    scene = Scene(
+        Body("block", inertia=1.0, position=1.0),
+        Spring("block", GROUND, stiffness=1.0, damping=0.08),
+    )
+    period = 2 * math.pi / math.sqrt(1 - 0.04**2)
+    assert search.left_of(simulate(scene, (0.0, 20 * period))) == pytest.approx(
+        math.exp(-0.04 * 5 * period), rel=1e-5
+    )
 
 
 def test_a_load_in_resonance_has_no_cycle() -> None:

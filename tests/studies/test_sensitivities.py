@@ -19,6 +19,7 @@ from stickslip import (
     Force,
     Gap,
     Gear,
+    LuGre,
     Result,
     Scene,
     Spring,
@@ -213,6 +214,22 @@ def test_a_kinetic_curve_by_cvode() -> None:
             continue  # the body starts at the old one
         told = differences(scene, span, one.name, all_in, 2e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
+
+
+@pytest.mark.slow
+def test_bristles_that_the_motion_presses_on() -> None:
+    law = LuGre(DryFriction(1.5, 1.0, stribeck_velocity=0.05), stiffness=100.0, damping=1.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Spring("m", GROUND, stiffness=2.0),
+        Contact("c", "m", "belt", law, normal=1.0 + 0.6 * position("m")),
+    )
+    names, span = ["c.law.stiffness", "springs[0].stiffness"], (0.0, 3.0)
+    exact = all_of(sensitivities(scene, span, names))
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-3 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 1e-6 * np.abs(told).max(), one.name
 
 
 def test_forces_near_rest_where_a_curve_bends_fast() -> None:
@@ -556,6 +573,45 @@ def test_a_start_at_rest_has_no_derivative_with_respect_to_its_velocity() -> Non
     found = sensitivities(block(Force("m", 5.0)), (0.0, 2.0), ["m.velocity", "c.law.mu_coulomb"])
     assert np.isnan(found.velocity("m")[0]) and found.velocity("m")[1] == pytest.approx(-20.0, abs=1e-10)
     assert "the derivatives to the two sides differ" in found.reasons[0]
+
+
+def test_a_force_that_starts_at_its_level_has_no_derivative() -> None:
+    """F = mu_c N + a t with the dwell tau: with a push more the block slips at once, with one less it sticks."""
+    law = DryFriction(1.2, 0.8, dwell=0.3)
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("c", "m", GROUND, law, normal=1.0),
+        Force("m", 0.8),
+        Force("m", piecewise_linear([0.0, 1.0], [0.0, 0.6])),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["forces[0].signal", "m.inertia"])
+    assert np.isnan(found.events[:, 0]).all() and np.isfinite(found.events[:, 1]).all()
+    assert found.reasons[0].endswith("'c' starts at its level: the derivatives to the two sides differ")
+
+
+def test_a_dwell_that_begins_later_to_both_sides_has_no_derivative() -> None:
+    """A block rides on a belt. If the belt is faster or slower by h it slips for h m / (mu_c N) before it sticks."""
+
+    def belt(dwell: float, speed: float = 0.1) -> Scene:
+        return Scene(
+            Body("m", inertia=1.0, velocity=0.1),
+            Drive("b", velocity=speed),
+            Spring("m", GROUND, stiffness=2.0),
+            Contact("c", "m", "b", DryFriction(1.5, 1.0, dwell=dwell), normal=1.0),
+        )
+
+    span = (0.0, 8.0)
+    found = sensitivities(belt(5.0), span, ["b.velocity", "c.law.dwell"])
+    assert np.isnan(found.events[0, 0]) and np.isfinite(found.events[0, 1])
+    assert "'c' starts at rest, and to both sides its dwell begins later" in found.reasons[0]
+    let_go = [
+        next(e.t for e in simulate(belt(5.0, 0.1 + h), span).events if "breakaway" in e.cause)
+        for h in (-1e-6, 0.0, 1e-6)
+    ]
+    assert (let_go[1] - let_go[0]) / 1e-6 == pytest.approx(-78.48, abs=0.01)
+    assert (let_go[2] - let_go[1]) / 1e-6 == pytest.approx(-78.77, abs=0.01)
+    # without a dwell it comes along at once: t = mu_s N / (k v)
+    assert sensitivities(belt(0.0), span, ["b.velocity"]).events[0] == pytest.approx([-75.0], abs=1e-9)
 
 
 def test_relaxation_has_no_time() -> None:

@@ -35,6 +35,7 @@ class RowEntry:
     # others, and name each other by their place in this sequence. The value is the force of a gap; that of a
     # stop has none
     regions: Sequence[Region] = ()
+    pressing: Quantity | None = None  # of a gap: the size of its force in N, so that it may press a contact
 
 
 @dataclass(frozen=True)

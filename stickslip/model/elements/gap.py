@@ -9,6 +9,7 @@ from stickslip.model.elements.base import Radii, Row
 from stickslip.model.elements.book import Book
 from stickslip.model.modes import Mode
 from stickslip.model.piecewise import Linear, Region
+from stickslip.model.quantities import Quantity, relative_velocity, saturate, stretch
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,20 @@ class Gap(Row, Radii):
 
     def place(self, book: Book) -> None:
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
-        book.row(self.name, self.coefficients, kind="gap", regions=self._regions())
+        book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing())
+
+    def _pressing(self) -> Quantity:
+        """Return the size of its force: ``max(0, min(2 k d, k d + c d'))`` beyond a limit, as a sum of both."""
+        found: Quantity = 0.0 * stretch(self.name)
+        for side, limit in ((1, self.upper), (-1, self.lower)):
+            if limit in (inf, -inf):
+                continue
+            push = self.stiffness * side * (stretch(self.name) - limit)
+            if self.damping:
+                drag = self.damping * side * relative_velocity(self.name)
+                push = push + drag - saturate(drag - push, 0.0, inf)
+            found = found + saturate(push, 0.0, inf)
+        return found
 
     def _regions(self) -> list[Region]:
         """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""

@@ -8,6 +8,7 @@ direction of the motion where the period is free.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,12 @@ _NEAR = 0.05
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
+
+_SHRINKS = 0.9
+"""A motion of which less is left than such a part in the last quarter of a transient comes to rest."""
+
+_MOST_FAILURES = 3
+"""After how many transients Newton's method may fail where the period is free."""
 
 
 def limit_cycle(
@@ -98,18 +105,27 @@ def limit_cycle(
         if guess is not None:
             raise ValueError("limit_cycle: give the period or a guess of it, not both")
         check_loads(system, period)
-        start = scene
-        if transient != 0:
-            periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
-            start = _settled(scene, period, periods, options)
-        return from_zero(closed(Shot(start, period, True, options).between_events()))
+        given = partial(_of_period, period, options)
+        if transient == 0:
+            return given(scene)
+        periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
+        start = _settled(scene, period, periods, options)
+        try:
+            return given(start)
+        except CycleError:
+            # a longer transient leads nearer, or tells that the motion repeats after several periods
+            return given(_settled(start, period, int(_LONGER) * periods, options))
     check_constant(system)
     if transient == 0:
         if guess is None:
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
         return _once(closed(Shot(scene, float(guess), False, options).between_events()))
-    start, about = _returning(scene, guess, transient, options)
-    return _once(closed(Shot(start, about, False, options)))
+    return _once(_after_transient(scene, guess, transient, options))
+
+
+def _of_period(period: float, options: dict[str, Any], start: Scene) -> Cycle:
+    """Return the forced cycle near a start."""
+    return from_zero(closed(Shot(start, period, True, options).between_events()))
 
 
 def _once(cycle: Cycle) -> Cycle:
@@ -154,17 +170,31 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     return scene_at(result, periods * period)
 
 
-def _returning(
+def _after_transient(
     scene: Scene, guess: float | None, transient: float | None, options: dict[str, Any]
-) -> tuple[Scene, float]:
-    """Return a start near a cycle, and about its period, from a transient."""
+) -> Cycle:
+    """Return the cycle that a transient leads near to; the longer it is, the nearer."""
     system = compiled(scene)
     span = 2.0 * transient if transient else (_TURNS * guess if guess else _TURNS * _turn(system))
+    failures = 0
     for trial in range(_MOST_TRIES):
         result = simulated(scene, (0.0, span), **options)
         found = _return_of(result, guess)
         if found is not None:
-            return found
+            try:
+                return closed(Shot(*found, False, options))
+            except CycleError as error:
+                failures += 1
+                if failures == _MOST_FAILURES:
+                    if (left := left_of(result)) < _SHRINKS:
+                        raise CycleError(
+                            f"no cycle was found: the motion shrinks, from the third to the last quarter of "
+                            f"{span:.6g} s to {left:.2g} of its size: it seems to come to a steady state, and "
+                            "linearize tells whether that is stable"
+                        ) from error
+                    raise
+                span *= _LONGER
+                continue
         if guess is not None and trial and (other := _return_of(result, None)) is not None:
             raise CycleError(
                 f"no cycle was found with a period of about {guess:g} s: the motion comes back after {other[1]:.6g} "
@@ -208,13 +238,27 @@ def _has_ended(result: Result) -> bool:
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
 
 
+def left_of(result: Result) -> float:
+    """Return the range of velocities in the last quarter of a motion as a part of that in the quarter before."""
+    start, stop = float(result.t[0]), float(result.t[-1])
+    third, last = (
+        np.ptp(
+            result.sample(np.linspace(start + a * (stop - start), start + b * (stop - start), 2000)).y, axis=1
+        )
+        for a, b in ((0.5, 0.75), (0.75, 1.0))
+    )
+    n = result.trajectory.system.n
+    return float(last[:n].max() / max(third[:n].max(), 1e-300))
+
+
 def _marks(result: Result) -> tuple[Array, list[str]]:
-    """Return times that come back on a cycle and what happens then: events, or else turns of the fastest body."""
-    if len(result.events) >= 4:
+    """Return times that may come back and what happens then: events, or where these cease turns of the fastest body."""
+    middle = 0.5 * (result.t[0] + result.t[-1])
+    if len(result.events) >= 4 and result.events[-1].t >= middle:
         return np.array([event.t for event in result.events]), [said(event) for event in result.events]
     t = np.linspace(result.t[0], result.t[-1], 4000)
     v = result.sample(t).y[: result.trajectory.system.n]
-    later = t >= 0.5 * (t[0] + t[-1])
+    later = t >= middle
     fastest = int(np.argmax(np.ptp(v[:, later], axis=1)))
     x = v[fastest] - 0.5 * (v[fastest, later].max() + v[fastest, later].min())
     up = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))

@@ -15,7 +15,7 @@ from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece
-from stickslip.studies.derivatives.nearby import Nearby
+from stickslip.studies.derivatives.nearby import Nearby, total
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
@@ -30,8 +30,13 @@ _AT_REST = 1e-9
 """Part of the speeds below which a row has come to rest with another one."""
 
 
-def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array) -> Iterator[tuple[int, str]]:
-    """Find directions that move rows off rest at the start which then begin to slip."""
+def at_start(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array
+) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest at the start which begin to slip, or forces off their levels there."""
+    times = np.zeros(nearby.count)
+    for k, label in _off_levels(nearby, piece, motion, S, since, times):
+        yield k, f"{label} starts at its level: the derivatives to the two sides differ"
     slip = motion.equations.slip
     rows = slip[nearby.at_rest(piece, motion)[slip]]
     if not rows.size:
@@ -39,7 +44,7 @@ def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array) -> Iterator
     none = np.zeros((nearby.system.m, nearby.count))
     at, y = np.zeros(1), piece.y[:, None]
     slopes = nearby.slopes(_relative, piece, motion, none, at, y, S[:, None, :])[:, 0]
-    scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), np.zeros(nearby.count))
+    scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), times)
     for k in range(nearby.count):
         off = rows[np.abs(slopes[rows, k]) > TIE * scale[k]]
         if off.size:
@@ -48,6 +53,26 @@ def at_start(nearby: Nearby, piece: Piece, motion: Motion, S: Array) -> Iterator
                 k,
                 f"{name} starts at relative velocity 0 and begins to slip: the derivatives to the two sides differ",
             )
+
+
+def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
+    """Find directions that move rows off rest at the start whose level rises while they rest.
+
+    Near by, to either side, they slip for a moment before they rest.
+    """
+    trajectory, system = nearby.trajectory, nearby.system
+    piece = trajectory.pieces[0]
+    rows = system.dwelling[(piece.modes == 0)[system.dwelling]]
+    for k, direction in enumerate(nearby.directions):
+        off = system.G @ direction.y[: system.n]
+        off = off + total(
+            [
+                weight * near.relative_velocity(piece.y, loads.after(piece.t).at(piece.t))
+                for weight, near, loads in nearby.near_ones[k]
+            ]
+        )
+        for j in rows[np.abs(off[rows]) > TIE * nearby.state_sizes[0] / direction.size].tolist()[:1]:
+            yield k, f"{system.rows[j].name!r} starts at rest, and to both sides its dwell begins later"
 
 
 def at_stops(
@@ -161,16 +186,29 @@ def beyond_break(
     stayed = replace(piece, t=following.t, y=path.last)
     stretch = nearby.motion_of(number + 1).stretch
     held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
-    own = VariedGuards(nearby, stayed, held)
-    guards = own.guards
-    at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & ~guards.is_velocity).nonzero()[0]
-    if not at.size:
-        return
     y = held.exact(0.0, stayed.y)
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
-    slopes = nearby.slopes(own.raw, stayed, held, since, np.zeros(1), y[:, None], moved[:, None, :])[:, 0]
+    for k, label in _off_levels(nearby, stayed, held, moved, since, times):
+        yield k, f"{label} comes to its level on a break of a load"
+
+
+def _off_levels(
+    nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, times: Array
+) -> Iterator[tuple[int, str]]:
+    """Find directions that move forces off levels at which a motion starts, and what these belong to.
+
+    The time at which it starts changes by `times`.
+    """
+    own = VariedGuards(nearby, piece, motion)
+    guards = own.guards
+    is_force = ~(guards.is_velocity | guards.is_border)
+    at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & is_force).nonzero()[0]
+    if not at.size:
+        return
+    y = motion.exact(0.0, piece.y)
+    slopes = nearby.slopes(own.raw, piece, motion, since, np.zeros(1), y[:, None], S[:, None, :])[:, 0]
     for i, k in own.moving(at, slopes + np.outer(own.falls(0.0, y), times)):
-        yield k, f"{own.label(i)} comes to its level on a break of a load"
+        yield k, own.label(i)
 
 
 def at_rest_together(

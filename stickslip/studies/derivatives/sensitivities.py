@@ -16,6 +16,7 @@ from stickslip.model.elements import GROUND
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
+from stickslip.studies.derivatives import kinks
 from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.derivatives.varied_integrals import integral
@@ -190,7 +191,10 @@ def sensitivities(
     named = named_parameters(scene, parameters, "sensitivities")
     result = simulated(scene, t_span, method=method, rtol=rtol, atol=atol)
     directions = [along_parameter(scene, one, result.trajectory, "sensitivities") for one in named]
-    return from_variation(Variation(result, directions))
+    variation = Variation(result, directions)
+    for k, why in kinks.at_dwells(variation):
+        variation.give_up(k, why)
+    return from_variation(variation)
 
 
 def from_variation(variation: Variation) -> Sensitivities:

@@ -110,6 +110,14 @@ class Variation(Nearby):
         for one in derivatives:
             one[..., k] = np.nan
 
+    def give_up(self, k: int, why: str) -> None:
+        """Let there be no derivative in a direction, and say why."""
+        self.reasons[:] = [one for one in self.reasons if one[1] != k]
+        self._refuse(self.trajectory.span[0], k, why)
+        for varied in self.pieces:
+            varied.until[k] = 0.0
+            varied.end[k] = np.nan
+
     def _begin(self) -> tuple[Array, Array]:
         """Return the variations at the start, held velocities made equal."""
         piece, system = self.trajectory.pieces[0], self.system
@@ -137,7 +145,7 @@ class Variation(Nearby):
                 own = near.drive_velocities(self.stretch_after(t, loads).at(t))
                 parts.append(weight * near.balance(held).project(impact.near(near, own, own), own))
             S[:n, k] = system.balance(held).project(slope, none) + total(parts)
-        for k, why in kinks.at_start(self, piece, motion, S):
+        for k, why in kinks.at_start(self, piece, motion, S, since):
             self._refuse(t, k, why, S)
         for k, why in kinks.at_stops(self, piece, motion, S, sides):
             self._refuse(t, k, why, S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stickslip.equations.guard_values import GuardValues
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -36,15 +37,14 @@ class VariedGuards:
 
     def __init__(self, nearby: Nearby, piece: Piece, motion: Motion) -> None:
         self._nearby, self._piece, self._motion = nearby, piece, motion
-        self._none = np.zeros(nearby.system.m, dtype=bool)
         rest = nearby.at_rest(piece, motion) & ~motion.equations.is_held
-        self.guards = Guards(motion, piece.labels, rest, self._none)
+        self.guards = Guards(motion, piece.labels, rest, np.zeros(nearby.system.m, dtype=bool))
 
     def raw(self, own: Motion, taus: Array, states: Array) -> Array:
         """Return the guards of the motion, or of one near by: a quantity."""
-        guards = self.guards
+        guards: GuardValues = self.guards
         if own is not self._motion:
-            guards = Guards(own, self._piece.labels, guards.at_rest, self._none)
+            guards = GuardValues(own, self._piece.labels, guards.at_rest)
         return guards.raw(own.watched(taus, states), own.inputs(taus, states))
 
     def label(self, i: int) -> str:

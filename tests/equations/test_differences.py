@@ -1,0 +1,79 @@
+"""Derivatives of functions whose arguments are small, against closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy
+
+from stickslip import Block, Body, Drive, Force, Scene, Spring, feedback, output, simulate, velocity
+from stickslip.equations.reader import differences
+
+
+@pytest.mark.parametrize(
+    ("function", "slope", "x"),
+    [
+        # steps of 1e-8 are too long where a function is a logarithm, as the friction of faults is
+        (lambda v: 0.6 + 0.01 * math.asinh(v / 1e-12), lambda v: 0.01 / math.hypot(v, 1e-12), 2e-11),
+        (lambda v: 0.6 + 0.01 * math.asinh(v / 1e-12), lambda v: 0.01 / math.hypot(v, 1e-12), -3e-9),
+        (math.sqrt, lambda v: 0.5 / math.sqrt(v), 1e-14),
+        # and steps in proportion to the argument are lost in roundoff here
+        (lambda v: 5.0 + v, lambda v: 1.0, 1e-7),
+        (lambda v: 5.0 + math.sin(v), lambda v: 1.0, 1e-13),
+        (lambda v: math.cos(v) - 1.0, lambda v: -1e-4, 1e-4),
+        (lambda v: 3.0 * v, lambda v: 3.0, 0.0),
+        (lambda v: 3.0 * v, lambda v: 3.0, 5e-324),
+        (lambda v: v * v, lambda v: 4.0, 2.0),
+    ],
+)
+def test_a_step_fits_the_argument(
+    function: Callable[[float], float], slope: Callable[[float], float], x: float
+) -> None:
+    found = differences(lambda a: np.array([function(a[0])]), np.array([x]), np.array([function(x)]))
+    assert found[0, 0] == pytest.approx(slope(x), rel=1e-4)
+
+
+def test_a_fault_with_rate_and_state_slips_in_events() -> None:
+    # Dieterich and Ruina with the ageing law, half as stiff as critical: mu = a asinh(v / (2 V0) exp(...)); velocities
+    # from 2e-11 to 1e-2 m/s. Held against LSODA on the same equations
+    a, b, length, mu0, rate, pressure = 0.01, 0.015, 1e-5, 0.6, 1e-6, 5e6
+    stiffness = 0.5 * (b - a) * pressure / length
+    mass = 1e-2 * stiffness / (2 * math.pi) ** 2
+
+    def friction(v: float, theta: float) -> float:
+        return (
+            -pressure
+            * a
+            * math.asinh(v / (2 * rate) * math.exp((mu0 + b * math.log(rate * theta / length)) / a))
+        )
+
+    start = friction(rate, length / rate) / stiffness
+    age = 0.3 * length / rate
+    scene = Scene(
+        Body("block", inertia=mass, velocity=rate, position=start),
+        Drive("plate", velocity=rate),
+        Spring("block", "plate", stiffness=stiffness),
+        Block(
+            "age",
+            inputs=[velocity("block")],
+            states=[age],
+            derivative=lambda t, x, u: [1 - u[0] * x[0] / length],
+        ),
+        Force("block", feedback(friction, velocity("block"), output("age"))),
+    )
+    result = simulate(scene, (0.0, 400.0))
+    assert result.velocity("block").max() > 5e-3
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        x, v, theta = y
+        force = stiffness * (rate * t - x) + friction(v, theta)
+        return [v, force / mass, 1 - v * theta / length]
+
+    told = scipy.integrate.solve_ivp(
+        rates, (0.0, 400.0), [start, rate, age], method="LSODA", rtol=1e-9, atol=[1e-15, 1e-15, 1e-9]
+    )
+    assert result.position("block")[-1] == pytest.approx(told.y[0, -1], abs=1e-8)
+    assert result.velocity("block")[-1] == pytest.approx(told.y[1, -1], rel=1e-3)
