@@ -386,6 +386,7 @@ def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
         limit_cycle(scene, period=1.0)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_only_gaps_hold_together() -> None:
     """A body with play swings by itself; nothing but the gap reads its position."""
     scene = Scene(
