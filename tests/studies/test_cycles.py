@@ -386,6 +386,7 @@ def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
         limit_cycle(scene, period=1.0)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_only_gaps_hold_together() -> None:
     """A body with play swings by itself; nothing but the gap reads its position."""
     scene = Scene(
@@ -406,6 +407,20 @@ def test_a_wrong_guess_of_the_period() -> None:
     assert limit_cycle(belt(), guess=15.2).period == pytest.approx(BELT_PERIOD, abs=1e-12)
     with pytest.raises(CycleError, match=r"comes back after 7\.61126 s; give guess=7\.61126"):
         limit_cycle(belt(), guess=3.8)
+
+
+def test_small_loads_have_a_period_too() -> None:
+    """1e-13 N move a mass of 1e-12 kg, whose damper leaves exp(-c T / (2 m)) of deviations after a period of 10 s."""
+    scene = Scene(
+        Body("m", inertia=1e-12),
+        Spring("m", GROUND, stiffness=1e-12, damping=2e-13),
+        Force("m", sine(1e-13, 0.1)),
+    )
+    with pytest.raises(ValueError, match="the loads do not repeat with the period 7 s"):
+        limit_cycle(scene, period=7.0)
+    assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx(
+        [math.exp(-1.0)] * 2, abs=1e-12
+    )
 
 
 def test_bad_arguments_are_refused() -> None:
