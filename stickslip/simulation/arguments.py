@@ -89,7 +89,9 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
     """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        ends, normal = (contact.a, contact.b), as_expression(contact.normal).signal
+        ends, pressed = (contact.a, contact.b), as_expression(contact.normal)
+        # what the motion presses is only known as it goes
+        normal = None if pressed.terms else pressed.signal
         contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
 
 

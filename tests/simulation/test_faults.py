@@ -25,10 +25,12 @@ from stickslip import (
     Spring,
     signal,
     simulate,
+    sine,
     triangle,
 )
 from stickslip.engines.sundials import CVODE
 from stickslip.model.laws.dry_friction import Law
+from stickslip.model.signals import Signal
 
 LAW = DryFriction(0.3, 0.2)
 FLOOR = Contact("floor", "a", GROUND, LAW, normal=1.0)
@@ -265,3 +267,17 @@ def test_what_sundials_says_can_be_logged(caplog: pytest.LogCaptureFixture) -> N
     with caplog.at_level(logging.DEBUG, "stickslip.sundials"):
         assert CVODE(decays, max_num_steps=3).solve(np.array([0.0, 1.0, 2.0]), np.ones(1)).status < 0
     assert "mxstep steps taken before reaching tout" in caplog.text
+
+
+@pytest.mark.parametrize("law", [Dahl(LAW, 1e4), LuGre(LAW, 1e4)])
+@pytest.mark.parametrize(
+    "normal", [sine(5.0, 1.0, offset=5.0), sine(5.0, 1.0, offset=5.0002), signal(lambda t: 5.0 * t * t)]
+)
+def test_bristles_pressed_from_nearly_nothing_are_refused(law: Law, normal: Signal) -> None:
+    # CVODE lost 17 % of the friction of the second, and all of that of the third, without a word
+    scene = Scene(Body("a", inertia=1.0, velocity=9.0), Contact("floor", "a", GROUND, law, normal=normal))
+    with pytest.raises(
+        ValueError, match=r"floor.* normal force comes back from nearly 0 at t = .*DryFriction"
+    ):
+        simulate(scene, (0.0, 2.0))
+    assert simulate(scene.replace("floor", normal=normal + 0.1), (0.0, 0.1)).success

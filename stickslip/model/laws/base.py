@@ -44,7 +44,8 @@ class Use:
     ends: tuple[str, str]
     both_move: bool
     """Whether both ends are bodies, not the ground or a drive."""
-    normal: Signal
+    normal: Signal | None
+    """The normal force in N, None where it depends on the motion."""
     start: float
     stop: float
 

@@ -13,6 +13,9 @@ from stickslip.model.laws.dry_friction import DryFriction, Law, register
 from stickslip.model.laws.kinetic import Kinetic
 
 _TINY = 1e-300
+_NEARLY_OPEN, _SAMPLES = 1e-4, 101
+"""Part of its largest value, at so many times, below which a normal force is nearly 0."""
+
 _FASTEST = 1e12
 """Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
 
@@ -86,7 +89,9 @@ class BristleLaw(Law):
         return _Bristles
 
     def check_use(self, use: Use) -> None:
-        """Refuse bristles that are pressed from nothing on a ramp: they are infinitely stiff at its foot."""
+        """Refuse bristles that are pressed from nothing, or nearly so, on a ramp: they are infinitely stiff there."""
+        if use.normal is None:
+            return
         pressed = use.normal.clipped(use.start, use.stop)
         times = [use.start, *pressed.breaks(use.start, use.stop)]
         foot = next((t for t in times if pressed(t) == 0 and pressed.slope(t) > 0), None)
@@ -95,6 +100,15 @@ class BristleLaw(Law):
                 f"{use.label}: its normal force rises from 0 at t = {foot:g}, where a bristle is infinitely stiff; "
                 "let it start above 0, or use DryFriction"
             )
+        # it rises by powers of ten within a step there: a solver takes the stiffness before for the one after
+        near = _NEARLY_OPEN * max(pressed(t) for t in [*times, *np.linspace(use.start, use.stop, _SAMPLES)])
+        beyond = use.normal - near
+        for t in beyond.clipped(use.start, use.stop).breaks(use.start, use.stop):
+            if abs(beyond(t)) <= 1e-6 * near and beyond.slope(t) > 0:
+                raise ValueError(
+                    f"{use.label}: its normal force comes back from nearly 0 at t = {t:g}, where a bristle is all but "
+                    f"infinitely stiff; let it stay above {near:.3g}, or use DryFriction"
+                )
 
 
 @register
@@ -105,7 +119,8 @@ class LuGre(BristleLaw):
     ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the
     Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
     ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
-    shorter than 2.7 of these times, and a normal force that rises from 0 makes them infinitely stiff.
+    shorter than 2.7 of these times. A normal force that rises from less than a ten-thousandth of its largest value
+    makes them all but infinitely stiff and is refused.
 
     Parameters
     ----------
