@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
 from stickslip.engines.linear_solver import sparsity_pattern
 from stickslip.engines.progress import Progress
 from stickslip.engines.sundials import IDA
@@ -99,6 +99,8 @@ class Ida:
             "rtol": self._rtol,
             "atol": np.concatenate([self._atol, of_forces]),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
+            # from rest IDA's own first step may be so long that it gives up before it is short enough
+            "first_step": first_step(motion, self._rtol, self._atol),
             "algebraic_idx": list(range(motion.y.size, equations.start.size)) or None,
             "jacfn": equations.jacobian,
             "max_num_steps": 100_000,
