@@ -570,19 +570,23 @@ def test_slow_functions_are_the_same_as_fast_ones() -> None:
 @pytest.mark.parametrize("delay", [0.0, 1e4])
 @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
 @pytest.mark.parametrize("engine", [{"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("kind", ["function", "sine with dwell"])
 def test_slow_sliding_beside_a_stiff_damper_ends(
-    engine: dict[str, Any], damping: float, delay: float, velocity: float
+    kind: str, engine: dict[str, Any], damping: float, delay: float, velocity: float
 ) -> None:
     """A load of 3 sin(omega t) moves 1 kg against 1 N and a damper: it rests where ``3 sin(omega t - phi) = k``.
 
     With ``tan phi = omega / c`` and ``k = sqrt(1 + tan^2 phi)``; what the start brings in has died away.
     """
     omega = 2 * math.pi / 500.0
+    load = sine(3.0, 1 / 500.0)
+    if kind == "function":
+        load = signal(lambda t: 3.0 * math.sin(omega * t), period=500.0)
     scene = Scene(
         Body("a", inertia=1.0, velocity=velocity),
-        Force("a", signal(lambda t: 3.0 * math.sin(omega * t), period=500.0)),
+        Force("a", load),
         Damper("a", GROUND, damping=damping),
-        Contact("c", "a", GROUND, DryFriction(0.1, 0.1), normal=10.0),
+        Contact("c", "a", GROUND, DryFriction(0.1, 0.1, dwell=float(kind != "function")), normal=10.0),
     )
     events = simulate(scene, (delay, delay + 500.0), **engine).events[-4:]
     lag = math.atan(omega / damping)
