@@ -27,6 +27,7 @@ from stickslip import (
     Tie,
     simulate,
 )
+from stickslip.model.signals import as_signal
 from validation.comparison import AT_THE_END, compare_events, over_family, signal_of
 from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
@@ -157,14 +158,17 @@ def difference(family: str, group: str, number: int) -> float:
     for k, body in enumerate(data["bodies"]):
         off = np.abs(result.velocity(body["name"]) - right.velocities[:, k]) / largest
         error = max(error, float(off.max(initial=0.0)))
-    _compare_forces(right, result, [row["name"] for row in data["rows"]], FORCES.get(group, FORCE))
+    _compare_forces(right, result, data, FORCES.get(group, FORCE))
     return error
 
 
-def _compare_forces(right: Truth, result: Result, names: list[str], bound: float) -> None:
-    """Compare the forces of rows where they are unique."""
-    found = {name: result.force(name) for name in names}
-    largest = max([1e-6, *(abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f))])
+def _compare_forces(right: Truth, result: Result, data: Mapping[str, Any], bound: float) -> None:
+    """Compare the forces of rows where they are unique, as parts of the largest force or load."""
+    found = {row["name"]: result.force(row["name"]) for row in data["rows"]}
+    loads = [as_signal(signal_of(force["load"]), "load") for force in data["forces"]]
+    sizes = [abs(load(t)) for load in loads for t in right.t.tolist()]
+    sizes += [abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f)]
+    largest = max([1e-6, *sizes])
     for k, forces in enumerate(right.forces):
         for name, wanted in forces.items():
             have = found[name][k]

@@ -103,14 +103,16 @@ class GuardsAtStart(GuardValues):
     def _look_closer(self, close: list[int], fired: Mask) -> None:
         coefficients, majorant = self.first, self.majorant
         size, motion, modes = self.scale, self.motion, self.motion.equations.modes
-        has_fired = np.append(fired, False)
+        has_fired = np.append(fired, False)[self.row]
         of_stop = np.zeros(self.size, dtype=bool)
         if self.rows.has_borders:
             functions = motion.system.piecewise
-            of_stop[self.is_border] = functions.is_stop[functions.owner[motion.equations.borders]]
+            owner = functions.owner[motion.equations.borders]
+            of_stop[self.is_border] = functions.is_stop[owner]
+            has_fired[self.is_border] = functions.is_stop[owner] & fired[functions.row[owner]]
         for i in close:
             flat = 0.0
-            closeness = _AS_FIRED if has_fired[self.row[i]] else AT_LIMIT
+            closeness = _AS_FIRED if has_fired[i] else AT_LIMIT
             rough = ROUNDOFF * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.rests[i]:
@@ -122,17 +124,19 @@ class GuardsAtStart(GuardValues):
                 else:
                     # where a load is a function, its slopes are as uncertain as the time
                     near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
-                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[self.row[i]] else 0.0
+                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[i] else 0.0
                     limits = [
                         max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
                         AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
                     ]
             else:
                 reach = closeness * size[i] + rough
-                if of_stop[i]:
-                    # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left. In flight it
-                    # is not at its limit, however low it flies: there it rebounds
-                    reach = np.inf if coefficients[0, i] <= 0 else _AT_STOP * majorant[0, i]
+                if of_stop[i] and coefficients[0, i] <= 0:
+                    # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
+                    reach = np.inf
+                elif of_stop[i] and not has_fired[i]:
+                    # in flight it is not at its limit, however low it flies: there it rebounds
+                    reach = _AT_STOP * majorant[0, i]
                 if not abs(coefficients[0, i]) <= reach:
                     self.violated[i] = coefficients[0, i] < 0
                     continue

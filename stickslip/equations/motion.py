@@ -265,12 +265,9 @@ class Motion(Inputs):
         found = equations.respond(slopes)
         rows = equations.velocity_dependent
         if rows.size and dependence.rows.size:
-            # forces that depend on velocity are multiples of the normal force, but for those of bristles
-            w, normal, lag, z = self.law_arguments(tau, y)
-            pressed = normal > 0
-            e = equations.law.forces(w, normal, lag, z)
-            part = np.where(pressed, e / np.where(pressed, normal, 1.0), 0.0)
-            found = found + equations.push(part[:, None] * slopes[rows])
+            of_forces, of_rates = equations.law.by_normal(*self.law_arguments(tau, y))
+            found = found + equations.push(of_forces[:, None] * slopes[rows])
+            found[equations.bristle_places] += of_rates[:, None] * slopes[rows[equations.law.bristles]]
         size, n = system.size, system.n
         if not system.sparse:
             full = np.zeros((size, size))
@@ -279,7 +276,9 @@ class Motion(Inputs):
                 full[:, :n] = full[:, :n] @ equations.balance.T
             return full
         # entries that may differ from 0 elsewhere are kept, because the solver keeps the pattern
-        some = (equations.respond(dependence.pattern(slopes.shape[0])) != 0)[:size] | (found[:size] != 0)
+        pattern = dependence.pattern(slopes.shape[0])
+        some = (equations.respond(pattern) + equations.push(pattern[rows]) != 0)[:size] | (found[:size] != 0)
+        some[equations.bristle_places] |= pattern[rows[equations.law.bristles]] != 0
         places = some.nonzero()
         entries = (found[places], (places[0], dependence.columns[places[1]]))
         matrix = scipy.sparse.csr_array(entries, shape=(size, size))

@@ -79,7 +79,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
             velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
             at[guards.passing] &= (velocities >= (_FULLY - 1) * leeway) | (velocities <= -_FULLY * leeway)
-        fired[guards.row[at & ~guards.is_border]] = True
+        # where a normal force ends it is not the row that has come to its limit
+        fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
         near = (part <= _ALONE).nonzero()[0]

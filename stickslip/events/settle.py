@@ -101,9 +101,11 @@ def _settled(
         closed &= ~system.is_stop | at_stop
     all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now.y, now.was, now.t, q)
+    # a law that does not stick has no rest but where it carries no force
+    may_rest = np.asarray(system.hard | ~closed)
     # within Karnopp's dead band a contact counts as at rest
-    limit = np.maximum(rough, system.laws.rests_below)
-    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop)
+    limit = np.where(system.hard, np.maximum(rough, system.laws.rests_below), rough)
+    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop) & may_rest
     named = np.sign(w)
     if now.labels is not None and (beyond or not all_closed):
         named, resting = _directions(now, w, closed, resting, beyond)
@@ -156,8 +158,6 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
     if not system.all_friction:
         # a one-way clutch cannot turn forward: what is left of that is roundoff
         resting |= system.is_tie | system.is_one_way & (w > 0)
-    if not system.all_hard:
-        resting &= system.hard
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
 
 

@@ -123,7 +123,8 @@ def _measured(scene: Scene, data: Any) -> tuple[Measured, ...]:
         if quantity not in _QUANTITIES or of not in known:
             raise ValueError(
                 f"fit: data {name!r}: write 'BODY.velocity', 'BODY.position' or 'CONTACT.force'; "
-                f"known are {', '.join(sorted(map(repr, ends | rows))[:10])}"
+                f"known are {', '.join(sorted(map(repr, ends | rows))[:10])}; for the pull of a spring tie its end, a "
+                "body of inertia 0, to what holds it, and write 'TIE.force'"
             )
         if not isinstance(series, (tuple, list)) or len(series) not in (2, 3):
             raise TypeError(f"fit: data {name!r} must be (times, values) or (times, values, sigma)")

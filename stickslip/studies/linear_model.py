@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -20,7 +20,6 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
 _AHEAD = 1e-6
-_PART = 1e-4
 _AT_CORNER = 1e-9
 
 
@@ -176,18 +175,14 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     labels = trajectory.pieces[0].labels.tolist()
     modes = {row.name: Mode(k) for row, k in zip(system.rows, labels, strict=True) if row.kind != "tie"}
     names, to_states, chosen = _states(system, motion)
-    y = motion.y
-    whole = dense(motion.jacobian(0.0, y))
-    A = whole[chosen] @ to_states
     inputs, columns = _inputs(scene, system)
     unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
-    answer = motion.equations.respond(unit)
-    law_forces = _law_slopes(motion, unit, answer[system.size : system.size + system.m])
-    if motion.has_law:
-        answer = answer + motion.equations.push(law_forces)
-    B = answer[: system.size][chosen]
-    outputs, C, D = _outputs(motion, to_states, unit, answer, law_forces)
+    held = motion.equations.consistent(np.zeros((system.size, len(columns))), system.drive_velocities(unit))
+    by_inputs = _response(motion, held, unit + _inputs_of_states(motion, held))
+    by_states = _response(motion, to_states, _inputs_of_states(motion, to_states))
+    outputs, (C, D) = _outputs(motion, [(to_states, by_states), (held, by_inputs)])
+    A, B = by_states.rates[chosen], by_inputs.rates[chosen]
     return LinearModel(A, B, C, D, names, inputs, outputs, modes, t)
 
 
@@ -274,50 +269,57 @@ def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:
     return tuple(names), places
 
 
-def _law_slopes(motion: Motion, unit: Array, relative: Array) -> Array:
-    """Return how forces that depend on velocity follow from the inputs: as multiples of normal forces they grow so."""
-    rows = motion.equations.velocity_dependent
-    if not rows.size:
-        return np.zeros((0, unit.shape[1]))
-    y = motion.y
-    normal, e = np.maximum(motion.inputs(0.0, y)[rows], 0.0), motion.law_forces(0.0, y)
-    part = np.divide(e, normal, out=np.zeros_like(e), where=normal > 0)
-    return np.asarray(part[:, None] * unit[rows] + motion.law_slopes(0.0, y)[:, None] * relative[rows])
+class _Response(NamedTuple):
+    """What small changes do, a column for each: to rates of the states, relative velocities and forces of the rows."""
+
+    rates: Array
+    relative: Array
+    forces: Array
 
 
-def _outputs(
-    motion: Motion, to_states: Array, unit: Array, answer: Array, law_forces: Array
-) -> tuple[tuple[str, ...], Array, Array]:
-    """Return names of the outputs, and how they follow from states and inputs."""
-    system, equations = motion.system, motion.equations
-    n, m, size = system.n, system.m, system.size
-    names = [f"velocity({body.name})" for body in system.scene.bodies]
-    u = system.drive_velocities(unit)
-    led = equations.consistent(np.zeros((size, unit.shape[1])), u)[:n]
+def _inputs_of_states(motion: Motion, dy: Array) -> Array:
+    """Return how inputs change that depend on the state."""
+    if motion.dependence is None:
+        return np.zeros((motion.system.inputs + motion.system.dwelling.size, dy.shape[1]))
+    return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.columns])
+
+
+def _response(motion: Motion, dy: Array, dq: Array) -> _Response:
+    """Return what changes of states and inputs do."""
+    equations, size, m = motion.equations, motion.system.size, motion.system.m
+    found = equations.apply(dy) + equations.respond(dq)
+    rows, relative = equations.velocity_dependent, found[size : size + m]
+    forces = np.asarray(equations.friction @ dq)
+    if rows.size:
+        law, terms = equations.law, motion.law_arguments(0.0, motion.y)
+        w, normal, _, z = terms
+        of_normal, rates_of_normal = law.by_normal(*terms)
+        own = rows[law.bristles]
+        change = law.slopes(*terms)[:, None] * relative[rows] + of_normal[:, None] * dq[rows]
+        if own.size:
+            places = equations.bristle_places
+            change[law.bristles] += law.by_bristle(w, normal, z)[:, None] * dy[places]
+        found = found + equations.push(change)
+        if own.size:
+            by_w, by_z = law.bristle_slopes(w, normal, z)
+            found[places] = by_w[:, None] * relative[own] + by_z[:, None] * dy[places]
+            found[places] += rates_of_normal[:, None] * dq[own]
+        forces[rows] = change
+    forces[equations.held] = found[size + m : size + m + equations.held.size]
+    return _Response(found[:size], relative, forces)
+
+
+def _outputs(motion: Motion, changes: list[tuple[Array, _Response]]) -> tuple[tuple[str, ...], list[Array]]:
+    """Return names of the outputs, and how they follow from changes of states and of inputs."""
+    system = motion.system
+    n = system.n
     places = [i for i in system.placed if i < n]
+    names = [f"velocity({body.name})" for body in system.scene.bodies]
     names += [f"position({system.scene.bodies[i].name})" for i in places]
     names += [f"relative_velocity({row.name})" for row in system.rows]
     names += [f"force({row.name})" for row in system.rows]
     positions = [system.position_state[int(i)] for i in places]
-    relative = system.relative_velocity
-    none = np.zeros((unit.shape[0], to_states.shape[1]))
-    by_states = [to_states[:n], to_states[positions], relative(to_states, none)]
-    by_inputs = [led, np.zeros((len(places), unit.shape[1])), answer[size : size + m]]
-    by_states.append(_force_slopes(motion, to_states))
-    forces = np.asarray(equations.friction @ unit)
-    forces[equations.held] = answer[size + m : size + m + equations.held.size]
-    forces[equations.velocity_dependent] = law_forces
-    return tuple(names), np.concatenate(by_states), np.concatenate([*by_inputs, forces])
-
-
-def _force_slopes(motion: Motion, to_states: Array) -> Array:
-    """Return the derivatives of the forces of all rows by the states: differences of fourth order."""
-    y = motion.y
-    size = np.maximum(np.abs(y).max(initial=0.0), 1.0) * _PART
-    columns = []
-    for column in to_states.T:
-        found = np.zeros(motion.system.m)
-        for offset, weight in ((-1, -8 / 12), (1, 8 / 12), (-2, 1 / 12), (2, -1 / 12)):
-            found = found + weight / size * motion.row_forces(0.0, y + offset * size * column)
-        columns.append(found)
-    return np.array(columns).T.reshape(motion.system.m, to_states.shape[1])
+    return tuple(names), [
+        np.concatenate([dy[:n], dy[positions], response.relative, response.forces])
+        for dy, response in changes
+    ]

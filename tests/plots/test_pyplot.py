@@ -88,6 +88,7 @@ def test_what_is_refused_leaves_no_empty_figure(refused: Callable[[Result], Any]
     assert plt.get_fignums() == []
 
 
+@pytest.mark.slow
 def test_pages_and_notebooks_leave_no_figure_behind(wheels: Result, tmp_path: Path) -> None:
     for number in range(3):
         wheels.report(tmp_path / f"{number}.html")

@@ -104,6 +104,15 @@ def test_scenes_that_differed(number: int) -> None:
     assert difference("clutches", "auto", number) < 1e-11
 
 
+def test_where_ties_lock_everything_forces_are_roundoff_of_the_loads() -> None:
+    assert difference("clutches", "auto", 96) < 1e-9
+
+
+def test_a_stop_that_lets_go_is_at_its_limit() -> None:
+    """A load lifts it off with a force that starts at 0: no impact follows, though roundoff has it begin in flight."""
+    assert difference("stops", "BDF", 6) < 1e-6
+
+
 def test_differences_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     right = truth("gaps", 2)
     assert right.t.size

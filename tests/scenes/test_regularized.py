@@ -17,12 +17,15 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     Karnopp,
     LuGre,
     PreSlip,
     Scene,
     Spring,
+    normal,
     piecewise_linear,
+    position,
     simulate,
     sine,
 )
@@ -34,6 +37,7 @@ from stickslip.simulation.result import Result
 STORY = [(e.contact, e.before, e.after) for e in EXACT_EVENTS]
 TIGHT: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-13}
 TIMES = np.linspace(0.0, 1.0, 501)
+DRY = DryFriction(0.4, 0.35)
 
 
 def changes(result: Result) -> list[tuple[str, int, int]]:
@@ -215,6 +219,7 @@ def mixed(n: int) -> Scene:
         Damper("b1", GROUND, damping=0.3),
         Drive("d", velocity=sine(0.5, 0.5)),
         Contact("driven", "b2", "d", laws[3], normal=3.0),
+        Contact("fed", "b4", "d", laws[3], normal=3.0 + 0.4 * position("b0") - 0.2 * position("b3")),
         Contact("ground", "b0", GROUND, laws[0], normal=sine(2.0, 1.0, offset=3.0)),
         Force("b4", sine(4.0, 0.7)),
     ]
@@ -362,3 +367,34 @@ def test_scenes_with_these_laws_survive_as_data() -> None:
     regular = flywheel_benchmark().regularized(velocity=1e-4, shape="tanh")
     assert all(c.law == PreSlip(dry, 1e-4, "tanh") for c in regular.contacts)
     assert all(c.law == PreSlip(dry, 1e-5) for c in regular.regularized(velocity=1e-5).contacts)
+
+
+@pytest.mark.parametrize("law", [PreSlip(DRY, 1e-3), PreSlip(DRY, 1e-3, "tanh"), Karnopp(DRY, 1e-3), DRY])
+def test_a_reversal_without_normal_force_shows_its_direction(law: Law) -> None:
+    # v = 1 - t - 0.35 (5 t - 5 t^2) until 0.5 s, then v = 0.0625 - (t - 0.5): it turns over at 0.5625 s and goes on
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, law, normal=piecewise_linear([0.0, 0.5, 1.5, 2.0], [5.0, 0.0, 0.0, 5.0])),
+        Force("m", -1.0),
+    )
+    result = simulate(scene, (0.0, 1.4))
+    (turn,) = result.events
+    assert (turn.before, turn.after, turn.cause) == (1, -1, "open")
+    assert turn.t == pytest.approx(0.5625, abs=1e-7)
+    assert result.mode("c")[-1] == -1
+    assert result.velocity("m")[-1] == pytest.approx(-0.8375, abs=1e-7)
+
+
+@pytest.mark.parametrize("law", [PreSlip(DRY, 1e-3), PreSlip(DRY, 1e-3, "tanh")])
+def test_a_gap_whose_damping_is_clipped_presses_a_regularised_contact(law: Law) -> None:
+    # far above the pre-slip velocity friction is that of Coulomb: it takes mu times the impulse of the gap, which is
+    # what the other body has gained
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=3.0),
+        Body("pad", inertia=1.0, velocity=1.0),
+        Gap("gap", "pad", GROUND, lower=1.0, stiffness=5.0, damping=0.5),
+        Contact("c", "m", GROUND, law, normal=normal("gap")),
+    )
+    result = simulate(scene, (0.0, 2.0))
+    lost, gained = 3.0 - result.velocity("m")[-1], result.velocity("pad")[-1] - 1.0
+    assert lost == pytest.approx(0.35 * gained, abs=1e-7)

@@ -260,6 +260,7 @@ def test_a_cycle_is_a_start_too() -> None:
     assert again.period == pytest.approx(branch.periods[1], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_first_step_of_nothing_grows() -> None:
     # beyond a fold the first step is a part of the way that roundoff may leave nothing of
     (one,) = named_parameters(belt(), ["belt.velocity"], "continue_cycle")

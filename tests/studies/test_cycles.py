@@ -340,6 +340,18 @@ def test_a_period_much_longer_than_a_turn(speed: float) -> None:
     assert list(cycle.multipliers) == [0.0]
 
 
+def test_what_is_left_of_a_motion_that_shrinks() -> None:
+    # swings decay as exp(-0.04 t): in a quarter of 10 periods of 2 pi / sqrt(1 - 0.04^2) to exp(-0.04 * 2.5 periods)
+    scene = Scene(
+        Body("block", inertia=1.0, position=1.0),
+        Spring("block", GROUND, stiffness=1.0, damping=0.08),
+    )
+    period = 2 * math.pi / math.sqrt(1 - 0.04**2)
+    assert search.left_of(simulate(scene, (0.0, 20 * period))) == pytest.approx(
+        math.exp(-0.04 * 5 * period), rel=1e-5
+    )
+
+
 def test_a_load_in_resonance_has_no_cycle() -> None:
     scene = Scene(
         Body("m", inertia=1.0),
@@ -374,6 +386,7 @@ def test_a_motion_of_two_periods_is_said_to_be_one() -> None:
         limit_cycle(scene, period=1.0)
 
 
+@pytest.mark.slow
 def test_a_cycle_that_only_gaps_hold_together() -> None:
     """A body with play swings by itself; nothing but the gap reads its position."""
     scene = Scene(
@@ -394,6 +407,20 @@ def test_a_wrong_guess_of_the_period() -> None:
     assert limit_cycle(belt(), guess=15.2).period == pytest.approx(BELT_PERIOD, abs=1e-12)
     with pytest.raises(CycleError, match=r"comes back after 7\.61126 s; give guess=7\.61126"):
         limit_cycle(belt(), guess=3.8)
+
+
+def test_small_loads_have_a_period_too() -> None:
+    """1e-13 N move a mass of 1e-12 kg, whose damper leaves exp(-c T / (2 m)) of deviations after a period of 10 s."""
+    scene = Scene(
+        Body("m", inertia=1e-12),
+        Spring("m", GROUND, stiffness=1e-12, damping=2e-13),
+        Force("m", sine(1e-13, 0.1)),
+    )
+    with pytest.raises(ValueError, match="the loads do not repeat with the period 7 s"):
+        limit_cycle(scene, period=7.0)
+    assert np.abs(limit_cycle(scene, period=10.0).multipliers) == pytest.approx(
+        [math.exp(-1.0)] * 2, abs=1e-12
+    )
 
 
 def test_bad_arguments_are_refused() -> None:

@@ -19,6 +19,7 @@ from stickslip import (
     Force,
     Gap,
     Gear,
+    LuGre,
     Mode,
     Scene,
     Spring,
@@ -95,6 +96,60 @@ def test_a_kinetic_curve_is_a_negative_damper() -> None:
     assert not model.stable
     # the belt pulls by the slope of the curve, too
     assert model.select(["velocity(belt)"]).B[0, 0] == pytest.approx(-slope, abs=1e-7)
+
+
+def test_bristles_that_the_motion_presses_on() -> None:
+    """Unit mass, spring 2; z' = w - s0 |w| z / g, r = s0 z + s1 z', g = (1 + 0.5 exp(-(w / 0.05)^2)) (N0 + 1.5 x)."""
+    s0, s1, start = 1e3, 10.0, np.array([0.12, 0.02, 1e-3])
+
+    def by_hand(y: np.ndarray, belt: float) -> np.ndarray:
+        """Rates of v, x and z, and the force."""
+        (v, x, z), w = y, y[0] - belt
+        g = (1.0 + 0.5 * math.exp(-((w / 0.05) ** 2))) * (2.0 + 1.5 * x)
+        rate = w - s0 * abs(w) * z / g
+        r = s0 * z + s1 * rate
+        return np.array([-2.0 * x - r, v, rate, r])
+
+    law = LuGre(DryFriction(1.5, 1.0, stribeck_velocity=0.05), stiffness=s0, damping=s1)
+    model = linearize(
+        Scene(
+            Body("m", inertia=1.0, velocity=start[0], position=start[1]),
+            Drive("belt", velocity=0.1),
+            Spring("m", GROUND, stiffness=2.0),
+            Contact("c", "m", "belt", law, normal=2.0 + 1.5 * position("m"), deflection=start[2]),
+        )
+    ).select(["velocity(belt)"], ["force(c)"])
+    assert model.states == ("velocity(m)", "position(m)", "deflection(c)")
+    h = 1e-6
+    by_states = [(by_hand(start + e, 0.1) - by_hand(start - e, 0.1)) / (2 * h) for e in h * np.eye(3)]
+    by_belt = (by_hand(start, 0.1 + h) - by_hand(start, 0.1 - h)) / (2 * h)
+    assert np.allclose(np.vstack([model.A, model.C]), np.transpose(by_states), rtol=1e-6, atol=1e-7)
+    assert np.allclose(np.concatenate([model.B[:, 0], model.D[0]]), by_belt, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_forces_in_other_units(unit: float) -> None:
+    """dr/dw = -2 w / v_s^2 (mu_s - mu_c) exp(-(w / v_s)^2) N, at speeds far from 1 m/s."""
+    law = DryFriction(0.6, 0.4, stribeck_velocity=unit)
+    scene = Scene(Body("m", inertia=1.0, velocity=2 * unit), Contact("c", "m", GROUND, law, normal=3.0))
+    model = linearize(scene).select([], ["force(c)"])
+    assert model.C[0, 0] == pytest.approx(-4 / unit * 0.2 * math.exp(-4.0) * 3.0, rel=1e-12)
+
+
+def test_a_normal_force_that_follows_a_carried_body() -> None:
+    """It rides on a belt; the other one slips with r = 0.3 (2 + 0.7 v_belt), and a damper of 0.8 joins them."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.1),
+        Body("a", inertia=2.0, velocity=0.5),
+        Drive("belt", velocity=0.1),
+        Contact("c", "m", "belt", DryFriction(1.5, 1.0), normal=50.0),
+        Contact("d", "a", GROUND, DryFriction(0.5, 0.3), normal=2.0 + 0.7 * velocity("m")),
+        Damper("m", "a", damping=0.8),
+    )
+    model = linearize(scene).select(["velocity(belt)"], ["force(c)", "force(d)", "velocity(m)"])
+    assert model.states == ("velocity(a)",)
+    assert np.allclose(model.D[:, 0], [-0.8, 0.21, 1.0], atol=1e-14)
+    assert np.allclose(model.B, [[(0.8 - 0.21) / 2]], atol=1e-14)
 
 
 def test_small_motions_of_the_scene_follow_the_model() -> None:

@@ -19,6 +19,7 @@ from stickslip import (
     Force,
     Gap,
     Gear,
+    LuGre,
     Result,
     Scene,
     Spring,
@@ -213,6 +214,22 @@ def test_a_kinetic_curve_by_cvode() -> None:
             continue  # the body starts at the old one
         told = differences(scene, span, one.name, all_in, 2e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
+
+
+@pytest.mark.slow
+def test_bristles_that_the_motion_presses_on() -> None:
+    law = LuGre(DryFriction(1.5, 1.0, stribeck_velocity=0.05), stiffness=100.0, damping=1.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Spring("m", GROUND, stiffness=2.0),
+        Contact("c", "m", "belt", law, normal=1.0 + 0.6 * position("m")),
+    )
+    names, span = ["c.law.stiffness", "springs[0].stiffness"], (0.0, 3.0)
+    exact = all_of(sensitivities(scene, span, names))
+    for k, one in enumerate(named_parameters(scene, names, "test")):
+        told = differences(scene, span, one.name, all_in, 1e-3 * one.value)
+        assert np.abs(exact[:, k] - told).max() <= 1e-6 * np.abs(told).max(), one.name
 
 
 def test_forces_near_rest_where_a_curve_bends_fast() -> None:

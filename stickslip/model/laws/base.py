@@ -82,6 +82,11 @@ class Kernel:
         """Return the derivatives of ``z'`` with respect to `w` and `z`."""
         raise NotImplementedError
 
+    def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
+        """Return the derivatives of forces and rates with respect to normal forces: forces are multiples of these."""
+        force = self.forces(w, normal, lag, z)
+        return np.divide(force, normal, out=np.zeros_like(force), where=normal > 0), np.zeros_like(z)
+
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
         """Return the derivatives of the forces with respect to `z`."""
         raise NotImplementedError

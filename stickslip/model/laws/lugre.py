@@ -46,6 +46,11 @@ class _Bristles(Kernel):
         by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
         return 1.0 - z * np.sign(w) * by_speed, -self._relaxation(w, normal)
 
+    def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
+        free = self._mu(w) * normal * _FASTEST > self._stiffness * np.abs(w)
+        rate = np.where(free, self._relaxation(w, normal) * z / np.where(free, normal, 1.0), 0.0)
+        return np.asarray(self._damping * rate), rate
+
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
         return np.asarray(self._stiffness - self._damping * self._relaxation(w, normal))
 

@@ -111,6 +111,13 @@ class VelocityDependentForces:
             by_w[own], by_z[own] = kernel.rate_slopes(w[rows], normal[rows], z[own])
         return by_w, by_z
 
+    def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
+        """Return the derivatives of the forces and of the bristles' rates with respect to the normal forces."""
+        of_forces, of_rates = np.empty_like(w), np.empty_like(z)
+        for rows, own, kernel in self._parts:
+            of_forces[rows], of_rates[own] = kernel.by_normal(w[rows], normal[rows], lag[rows], z[own])
+        return of_forces, of_rates
+
     def by_bristle(self, w: Array, normal: Array, z: Array) -> Array:
         """Return the derivatives of the forces with respect to the contacts' own states."""
         found = np.empty_like(z)

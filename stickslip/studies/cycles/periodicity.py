@@ -23,14 +23,15 @@ def check_loads(system: System, period: float) -> None:
     """Refuse loads that do not repeat with the period."""
     loads = system.loads(0.0, 2 * period)
     places = (np.arange(97) + 0.37) / 97 * period
-    for t in places.tolist():
-        now, later = loads.after(t).at(t), loads.after(t + period).at(t + period)
-        off = np.abs(now - later) > 1e-9 * (np.abs(now) + np.abs(later)) + 1e-12
-        if off.any():
-            raise ValueError(
-                f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[off][0]:.9g} at "
-                f"t = {t:.6g} s and {later[off][0]:.9g} at t = {t + period:.6g} s; give a period of all loads"
-            )
+    now, later = (
+        np.array([loads.after(t).at(t) for t in (places + start).tolist()]) for start in (0.0, period)
+    )
+    size = np.maximum(np.abs(now), np.abs(later)).max(axis=0, initial=0.0)
+    for k, i in np.argwhere(np.abs(now - later) > 1e-9 * size)[:1].tolist():
+        raise ValueError(
+            f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[k, i]:.9g} at "
+            f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all loads"
+        )
 
 
 def check_constant(system: System) -> None:

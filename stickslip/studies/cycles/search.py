@@ -40,6 +40,9 @@ _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
+_SHRINKS = 0.9
+"""A motion of which less is left than such a part in the last quarter of a transient comes to rest."""
+
 _MOST_FAILURES = 3
 """After how many transients Newton's method may fail where the period is free."""
 
@@ -180,9 +183,15 @@ def _after_transient(
         if found is not None:
             try:
                 return closed(Shot(*found, False, options))
-            except CycleError:
+            except CycleError as error:
                 failures += 1
                 if failures == _MOST_FAILURES:
+                    if (left := left_of(result)) < _SHRINKS:
+                        raise CycleError(
+                            f"no cycle was found: the motion shrinks, from the third to the last quarter of "
+                            f"{span:.6g} s to {left:.2g} of its size: it seems to come to a steady state, and "
+                            "linearize tells whether that is stable"
+                        ) from error
                     raise
                 span *= _LONGER
                 continue
@@ -227,6 +236,19 @@ def _has_ended(result: Result) -> bool:
     moves = seen(result.trajectory.system, rate, read)
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
+
+
+def left_of(result: Result) -> float:
+    """Return the range of velocities in the last quarter of a motion as a part of that in the quarter before."""
+    start, stop = float(result.t[0]), float(result.t[-1])
+    third, last = (
+        np.ptp(
+            result.sample(np.linspace(start + a * (stop - start), start + b * (stop - start), 2000)).y, axis=1
+        )
+        for a, b in ((0.5, 0.75), (0.75, 1.0))
+    )
+    n = result.trajectory.system.n
+    return float(last[:n].max() / max(third[:n].max(), 1e-300))
 
 
 def _marks(result: Result) -> tuple[Array, list[str]]:
