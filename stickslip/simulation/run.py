@@ -39,6 +39,9 @@ _SAME_TIME = 1e-14
 _ROUNDOFF = 1e-12
 """Part of the velocities that add up in a relative velocity within which it is 0 at the start."""
 
+_FROM_NOTHING = 1e-6
+"""A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
+
 _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 
 
@@ -238,7 +241,24 @@ class Run:
         self._settle(situation, before, ones, jump)
 
     def _settled(self, situation: Situation) -> Settled:
-        return settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
+        found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
+        for j in self.system.bristle_state:
+            self._check_bristle(j, found.motion)
+        return found
+
+    def _check_bristle(self, j: int, motion: Motion) -> None:
+        """Refuse a bristle that is pressed from nothing: so stiff a motion solvers follow wrongly without telling."""
+        was = self.now.motion.equations.modes[j] if self.now is not None else OPEN
+        if was != OPEN or motion.equations.modes[j] == OPEN or not self.system.pressed[j]:
+            return
+        normal, rise = (float(abs(one[j])) for one in motion.start.q[:2])
+        w = float(motion.start.z[0, j])
+        slides = abs(w) > self._wanted.velocity_resolution
+        if slides and normal <= _FROM_NOTHING * rise * motion.horizon:
+            raise ArithmeticError(
+                f"contact {self.system.rows[j].name!r}: its normal force rises from 0, where a bristle is infinitely "
+                "stiff; let it start above 0, or use DryFriction"
+            )
 
     def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""

@@ -22,10 +22,12 @@ from stickslip import (
     LuGre,
     PreSlip,
     Scene,
+    SimulationError,
     Spring,
     normal,
     piecewise_linear,
     position,
+    saturate,
     simulate,
     sine,
 )
@@ -398,3 +400,21 @@ def test_a_gap_whose_damping_is_clipped_presses_a_regularised_contact(law: Law) 
     result = simulate(scene, (0.0, 2.0))
     lost, gained = 3.0 - result.velocity("m")[-1], result.velocity("pad")[-1] - 1.0
     assert lost == pytest.approx(0.35 * gained, abs=1e-7)
+
+
+@pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
+def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> None:
+    # solvers follow them wrongly: mu N has an impulse of 0.4375 N s from 1.5 s on, of which they found a half
+    pressed = saturate(5.0 - 10.0 * position("clock"), 0.0, 9.0) + saturate(
+        10.0 * position("clock") - 15.0, 0.0, 9.0
+    )
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Body("clock", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, law, normal=pressed),
+        Force("m", -1.0),
+    )
+    with pytest.raises(SimulationError, match="'c': its normal force rises from 0") as caught:
+        simulate(scene, (0.0, 2.0))
+    assert caught.value.result.t[-1] == pytest.approx(1.5)
+    assert caught.value.result.velocity("m")[-1] == pytest.approx(-0.9375, abs=1e-2)
