@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
@@ -29,9 +29,6 @@ _EVENTS_PER_SOLVER = 20
 
 _CAREFUL, _SHORTEST = 1e-4, 1e-8
 """First steps of solvers as parts of those that a motion may begin with: of a new one, and of one that is there."""
-
-_FIRST = 1e-3
-"""Longest first step as a part of the time ahead."""
 
 _Steps = tuple[float, float]
 """Longest and first step in s."""
@@ -97,7 +94,7 @@ class Cvode:
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         if self._linear_solver.hold(selected.start.size, lambda: selected.pick_both(motion.structure)):
             self._solvers.clear()
-        first = self._first_step(motion)
+        first = first_step(motion, *self._tolerance)
         # CVODE's second step may be 10 000 times the first: a solver that starts carefully serves many motions
         fit = [x for m, x in self._solvers if m == max_step and _SHORTEST * first <= x <= first]
         key = max_step, fit[0] if fit else _CAREFUL * first
@@ -105,15 +102,6 @@ class Cvode:
             self._solvers[key], self._events[key] = self._make(*key), 0
             self.work.solvers += 1
         return key, self._solvers[key]
-
-    def _first_step(self, motion: Motion) -> float:
-        """Return a length in s for the first step: over it the motion bends by a small part of its tolerance."""
-        rtol, atol = self._tolerance
-        with np.errstate(all="ignore"):
-            bend = np.abs(2.0 * motion.first.y[2]) / (rtol * np.abs(motion.y) + atol)
-        worst = min(float(bend.max(initial=0.0)), 1e300)
-        longest = _FIRST * motion.horizon
-        return min(longest, 0.1 / worst**0.5) if worst > 0 else longest
 
     def _make(self, max_step: float, first: float) -> Any:
         """Return a solver; what it calls belongs to the motion that is followed at the time."""

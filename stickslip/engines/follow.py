@@ -24,6 +24,9 @@ LOCAL = 0.1
 
 _STEPS_PER_PERIOD = 8
 
+_FIRST = 1e-3
+"""Longest first step as a part of the time ahead."""
+
 _SHORT = (0.9, 0.5, 0.25, 0.1)
 """How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
 
@@ -31,6 +34,15 @@ _SHORT = (0.9, 0.5, 0.25, 0.1)
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
     """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens."""
     return max_step if motion.stretch.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
+
+
+def first_step(motion: Motion, rtol: float, atol: Array) -> float:
+    """Return a length in s for the first step: over it the motion bends by a small part of its tolerance."""
+    with np.errstate(all="ignore"):
+        bend = np.abs(2.0 * motion.first.y[2]) / (rtol * np.abs(motion.y) + atol)
+    worst = min(float(bend.max(initial=0.0)), 1e300)
+    longest = _FIRST * motion.horizon
+    return min(longest, 0.1 / worst**0.5) if worst > 0 else longest
 
 
 class Lookout:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
 from stickslip.engines.linear_solver import sparsity_pattern
 from stickslip.engines.progress import Progress
 from stickslip.engines.sundials import IDA
@@ -33,6 +33,10 @@ _OF_FORCES = 100.0
 
 Guards and results do not use them, but what the balance gives in the same state.
 """
+
+
+_OWN_STEP = 0.5
+"""Part of its tolerance by which a motion goes over the first step that IDA itself would choose."""
 
 
 class Ida:
@@ -87,6 +91,16 @@ class Ida:
             raise failure_of(solution, path)
         return path
 
+    def _first_step(self, motion: Motion) -> float:
+        """Return a length in s for the first step, 0 for IDA's own: over that the motion goes by half its tolerance.
+
+        From rest that is so long that IDA gives up before its steps are short enough.
+        """
+        with np.errstate(all="ignore"):
+            pace = np.abs(motion.first.y[1]) / (self._rtol * np.abs(motion.y) + self._atol)
+        longest = first_step(motion, self._rtol, self._atol)
+        return 0.0 if pace.max(initial=0.0) * longest >= _OWN_STEP else longest
+
     def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
         max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
@@ -99,6 +113,7 @@ class Ida:
             "rtol": self._rtol,
             "atol": np.concatenate([self._atol, of_forces]),
             "max_step": max_step if np.isfinite(max_step) else 0.0,
+            "first_step": self._first_step(motion),
             "algebraic_idx": list(range(motion.y.size, equations.start.size)) or None,
             "jacfn": equations.jacobian,
             "max_num_steps": 100_000,

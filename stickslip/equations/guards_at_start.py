@@ -207,9 +207,10 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        if self.motion.is_linear:
-            return self._with_time(self._adds_up)
-        return self._with_time(self._adds_up, self._changes)
+        found = self._with_time(self._adds_up)
+        if (found > 2 * self._adds_up[:-1]).any():
+            found = np.minimum(found, self._with_time(self._adds_up, self._changes))
+        return found
 
     @cached_property
     def _changes(self) -> Array:

@@ -259,7 +259,14 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: I
                 return float(_signed(motion, at, path.at(at).T, row)[0, 0])
 
             before, after = path.taus[[max(left - 1, 0), left]].tolist()
-            found = min(found, root_between(signed, before, after) if left else tau)
+            if not left:
+                zero = tau
+            elif signed(before) > 0 > signed(after):
+                zero = root_between(signed, before, after)
+            else:
+                # of what is 0 at a point, but for roundoff, the polynomial may have either sign
+                zero = before if signed(before) <= 0 else after
+            found = min(found, zero)
             break
     if not 0 < found < path.taus[-1]:
         return path

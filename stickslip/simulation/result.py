@@ -200,7 +200,8 @@ class Result(Presented):
         """Return the scene at the end of the motion, from which `simulate` goes on.
 
         Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
-        end. Loads stay as they are: simulate over a time span that starts where this one ends.
+        end. Loads stay as they are: simulate over a time span that starts where this one ends. The motion goes on as it
+        would have, but a change of mode at the very end may be noted by neither run: let runs end between events.
 
         Raises
         ------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import dataclass
 
@@ -64,29 +63,22 @@ def tolerances(
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, but not below what forces make of the roundoff of times: a start velocity may be no more than the roundoff of
-    a run before. Both are tightened so that a pre-slip velocity is ``method.resolution`` times what they leave
-    uncertain.
+    them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain.
 
     Where that is too small for double precision it is refused.
     """
     speed, frequency = _speed(system, start, stop)
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
-    resolution, least = method.resolution, np.zeros(system.n)
+    resolution = method.resolution
     if speed > 0:
-        if rtol * speed < atol:
-            # a load that fails there fails later, when the solver comes to it
-            with contextlib.suppress(ArithmeticError, ValueError):
-                least = np.minimum(atol, np.finfo(float).eps * _forced(system, start, stop, frequency))
-            atol = rtol * speed
+        atol = min(atol, rtol * speed)
         if resolution * (rtol * speed + atol) > finest:
             rtol = min(rtol, finest / (2 * resolution * speed))
             atol = min(atol, finest / (2 * resolution))
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
     each = np.full(system.size, atol)
-    each[: system.n] = np.maximum(atol, np.minimum(least, finest / (2 * resolution)))
     if frequency > 0 and speed > 0:
         each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
     for j, state in system.bristle_state.items():
@@ -146,22 +138,21 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
         largest_value(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
     ]
     speeds.append(frequency * stretched)
-    speed = max(speeds) or float(_forced(system, start, stop, frequency).max(initial=0.0))
-    return speed, frequency
+    return max(speeds) or _forced(system, start, stop, frequency), frequency
 
 
-def _forced(system: System, start: float, stop: float, frequency: float) -> Array:
-    """Return the velocity that loads alone give each body until a spring, a damper or the end stops it."""
+def _forced(system: System, start: float, stop: float, frequency: float) -> float:
+    """Return the largest velocity that a load alone gives its body until a spring, a damper or the end stops it."""
     damping = np.zeros(system.n + system.drives)
     for link in system.couplings:
         for i, c in link.coefficients.items():
             damping[i] += link.damping * c * c
-    found, time = np.zeros(system.n), min(stop - start, 1.0 / frequency if frequency else math.inf)
+    found, time = 0.0, min(stop - start, 1.0 / frequency if frequency else math.inf)
     for force, signal in zip(system.scene.forces, system.others[: system.force_count], strict=True):
         i = system.index[force.body]
         if system.inertia[i] > 0:
             resistance = max(system.inertia[i] / time, damping[i])
-            found[i] = max(found[i], largest_value(signal, start, stop) / resistance)
+            found = max(found, largest_value(signal, start, stop) / resistance)
     return found
 
 

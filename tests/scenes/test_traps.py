@@ -527,7 +527,7 @@ def test_default_tolerances_suit_small_units() -> None:
 
 @pytest.mark.parametrize("engine", [{}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("geared", [False, True])
-def test_a_start_velocity_of_roundoff_is_no_scale(engine: dict[str, Any], geared: bool) -> None:
+def test_a_start_velocity_of_roundoff_changes_nothing(engine: dict[str, Any], geared: bool) -> None:
     """What is left of a run before, 1e-11 m/s, changes nothing: breakaway where ``5 + 1.5 sin 1.1 t = 0.845 6.26``."""
     law = DryFriction(0.845, 0.5815, stribeck_velocity=0.134, stribeck_exponent=1.0)
     load = signal(lambda t: -5.0 - 1.5 * math.sin(1.1 * t), period=5.7)
@@ -569,19 +569,26 @@ def test_slow_functions_are_the_same_as_fast_ones() -> None:
 @pytest.mark.parametrize("velocity", [0.0, 1e-6])
 @pytest.mark.parametrize("delay", [0.0, 1e4])
 @pytest.mark.parametrize("damping", [1e2, 1e4, 1e6])
-def test_slow_sliding_beside_a_stiff_damper_ends(damping: float, delay: float, velocity: float) -> None:
+@pytest.mark.parametrize("engine", [{"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("kind", ["function", "sine with dwell"])
+def test_slow_sliding_beside_a_stiff_damper_ends(
+    kind: str, engine: dict[str, Any], damping: float, delay: float, velocity: float
+) -> None:
     """A load of 3 sin(omega t) moves 1 kg against 1 N and a damper: it rests where ``3 sin(omega t - phi) = k``.
 
     With ``tan phi = omega / c`` and ``k = sqrt(1 + tan^2 phi)``; what the start brings in has died away.
     """
     omega = 2 * math.pi / 500.0
+    load = sine(3.0, 1 / 500.0)
+    if kind == "function":
+        load = signal(lambda t: 3.0 * math.sin(omega * t), period=500.0)
     scene = Scene(
         Body("a", inertia=1.0, velocity=velocity),
-        Force("a", signal(lambda t: 3.0 * math.sin(omega * t), period=500.0)),
+        Force("a", load),
         Damper("a", GROUND, damping=damping),
-        Contact("c", "a", GROUND, DryFriction(0.1, 0.1), normal=10.0),
+        Contact("c", "a", GROUND, DryFriction(0.1, 0.1, dwell=float(kind != "function")), normal=10.0),
     )
-    events = simulate(scene, (delay, delay + 500.0), method="BDF").events[-4:]
+    events = simulate(scene, (delay, delay + 500.0), **engine).events[-4:]
     lag = math.atan(omega / damping)
     slip = math.asin(1 / 3) / omega
     rest = (math.pi - math.asin(1 / 3 / math.cos(lag)) + lag) / omega
