@@ -29,6 +29,8 @@ _EACH = """
 import sys
 for k, code in enumerate(sys.stdin.read().split("\\0")):
     exec(compile(code, f"snippet {k + 1}", "exec"), {"__name__": "__main__"})
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")  # each is a program of its own
 """
 """Runs snippets one after the other, each by itself: one process for a page, for its imports take a second."""
 
