@@ -297,8 +297,8 @@ class Reader:
     def _normal(self, atom: Quantity, row: str) -> Form:
         j = self._row_of[row]
         entry = self._book.rows[j]
-        if (pressing := entry.pressing) is not None:
-            return self.form(pressing, f"the force of gap {row!r}")
+        if entry.pressing is not None:
+            return self.form(entry.pressing(), f"the force of gap {row!r}")
         load = entry.normal
         if isinstance(load, Signal):
             return Form(inputs={("normal", j, 0): 1.0})

@@ -71,6 +71,7 @@ class Run:
         self.watch: Watch | None = None
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, loads) if tables else None
+        self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
         self.local: Local | None = None
         self._is_whole = False
@@ -242,14 +243,14 @@ class Run:
 
     def _settled(self, situation: Situation) -> Settled:
         found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))
-        for j in self.system.bristle_state:
+        for j in self._pressed_bristles:
             self._check_bristle(j, found.motion)
         return found
 
     def _check_bristle(self, j: int, motion: Motion) -> None:
         """Refuse a bristle that is pressed from nothing: so stiff a motion solvers follow wrongly without telling."""
         was = self.now.motion.equations.modes[j] if self.now is not None else OPEN
-        if was != OPEN or motion.equations.modes[j] == OPEN or not self.system.pressed[j]:
+        if was != OPEN or motion.equations.modes[j] == OPEN:
             return
         normal, rise = (float(abs(one[j])) for one in motion.start.q[:2])
         w = float(motion.start.z[0, j])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,7 +35,8 @@ class RowEntry:
     # others, and name each other by their place in this sequence. The value is the force of a gap; that of a
     # stop has none
     regions: Sequence[Region] = ()
-    pressing: Quantity | None = None  # of a gap: the size of its force in N, so that it may press a contact
+    # of a gap: returns the size of its force in N, so that it may press a contact
+    pressing: Callable[[], Quantity] | None = None
 
 
 @dataclass(frozen=True)

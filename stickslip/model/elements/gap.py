@@ -69,7 +69,7 @@ class Gap(Row, Radii):
 
     def place(self, book: Book) -> None:
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
-        book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing())
+        book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing)
 
     def _pressing(self) -> Quantity:
         """Return the size of its force: ``max(0, min(2 k d, k d + c d'))`` beyond a limit, as a sum of both."""
