@@ -150,7 +150,7 @@ class Run:
         """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
         for one in watch.crossings(motion, path):
             at = t if one.tau >= path.taus[-1] else motion.t + one.tau
-            self.recorder.note_user(float(at), one.event.name, one.sign)
+            self.recorder.note_user(float(at), one.event.name, one.sign, one.stays)
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
