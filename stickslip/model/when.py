@@ -14,8 +14,9 @@ class When(metaclass=NamedArguments):
     """An event of the user: a quantity crosses 0, or comes to 0 and stays there.
 
     A relative velocity does the latter where its contact sticks: ``When("locked", relative_velocity("clutch"),
-    stop=True)`` ends a run there. That a quantity leaves 0 again is no event. An event changes nothing in the motion; it is located as exactly as a change of mode, noted among the events, and may stop
-    the simulation. A function that rises and falls within less than a step needs `max_step` of `simulate`.
+    stop=True)`` ends a run there. That a quantity leaves 0 again is no event. An event changes nothing in the motion;
+    it is located as exactly as a change of mode, noted among the events, and may stop the simulation. A function that
+    rises and falls within less than a step needs `max_step` of `simulate`.
 
     Parameters
     ----------
