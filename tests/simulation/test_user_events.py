@@ -220,7 +220,11 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
     tolerance = 1e-13 if way == {} else 1e-8
     cone, synchronous, equal, slips = result.events
     assert (cone.contact, slips.contact, slips.t) == ("cone", "cone", 1.0)  # leaving 0 is no event
-    assert (synchronous.contact, synchronous.after, synchronous.cause) == ("synchronous", Mode.STUCK, "fell to 0")
+    assert (synchronous.contact, synchronous.after, synchronous.cause) == (
+        "synchronous",
+        Mode.STUCK,
+        "fell to 0",
+    )
     assert (equal.contact, equal.before, equal.cause) == ("equal", Mode.BACKWARD, "rose to 0")
     assert abs(synchronous.t - when) < tolerance and synchronous.t == equal.t == cone.t
     events = [When("synchronous", relative_velocity("cone"), stop=True)]
