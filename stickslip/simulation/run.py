@@ -296,7 +296,7 @@ class Run:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"
-        elif before and after and jump.impact is not None and jump.parted[j]:
+        elif after and jump.parted[j]:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)
