@@ -28,10 +28,7 @@ class Guards(GuardsAtStart):
     """The guards of a motion, ready when constructed, and their values along it."""
 
     def at_end(self, path: Path) -> tuple[Array, Array]:
-        """Return the guards at the end of a path, and for each the size of what it compares from the start up to there.
-
-        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
-        """
+        """Return the guards at the end of a path, and for each but borders the size of what it compares there."""
         motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
         q = motion.inputs(tau, path.last)
         z, system = motion.watched(tau, path.last, q), motion.system
@@ -44,8 +41,15 @@ class Guards(GuardsAtStart):
         size[some] = speeds[self.row[some]]
         if rows.has_borders:
             size[self.is_border] = 0.0
-        start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
-        return self._divided(g, tau), np.maximum(start, size)
+        return self._divided(g, tau), size
+
+    @property
+    def added_up(self) -> Array:
+        """What adds up at the start in what each guard compares.
+
+        Where a motion starts from rest, or contacts only begin to be pressed, that is 0.
+        """
+        return np.asarray(self.majorant[0] + np.abs(self._constant))
 
     @cached_property
     def allowance(self) -> Array:

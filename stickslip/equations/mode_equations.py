@@ -102,7 +102,7 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._maps: dict[tuple[int, bool, tuple[int, ...] | None, Waves], TaylorMap | None] = {}
+        self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
         if not system.sparse:
             self._assemble()
 
@@ -209,23 +209,25 @@ class ModeEquations:
     def taylor(
         self, order: int, frozen: bool, lines: tuple[int, ...] | None, waves: Waves
     ) -> TaylorMap | None:
-        """Return the map to Taylor coefficients up to an order, None where it would be large.
+        """Return the map to Taylor coefficients up to an order at least, None where it would be large.
 
         Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
-        key = order, frozen, lines, waves
-        if key not in self._maps:
-            found, system = None, self.system
-            if is_small(system, system.size + self.rows + self.guards.size, order, len(waves[0])):
-                of, link = system.dependence, None
-                if of is not None:
-                    link = partial(of.add_linear, regions=lines)
-                maps = self._of_states_all, self._of_inputs_all
-                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link, waves)
+        key = frozen, lines, waves
+        found = self._maps.get(key)
+        if found is None or found.order < order:
+            system = self.system
+            if not is_small(system, system.size + self.rows + self.guards.size, order, len(waves[0])):
+                return None
+            of, link = system.dependence, None
+            if of is not None:
+                link = partial(of.add_linear, regions=lines)
+            maps = self._of_states_all, self._of_inputs_all
+            found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link, waves)
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found
-        return self._maps[key]
+        return found
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""

@@ -19,8 +19,8 @@ from stickslip.events.impact import Struck, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.crossings import root_between
 
-_TIE, _ALONE = 1e-13, 1e-6
-"""Guards, as parts of their scales, that tie; and that are near 0."""
+_TIE, _ALONE, _CLEAR = 1e-13, 1e-6, 1e-3
+"""Guards, as parts of their scales, that tie; that are near 0; and that are far from 0, whatever has added up in them."""
 
 _NOTHING = 1e-200
 _CONSTANT = 1e-7
@@ -47,8 +47,7 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    # (m,): where it is one held row alone, and no other guard is near 0, the direction in which it is pushed
-    let_go: Modes | None
+    alone: tuple[int, int] | None  # where no other guard is near 0: the row, and the mode that it goes to
 
 
 class Jump(NamedTuple):
@@ -65,7 +64,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros((2, m), dtype=bool)
-    let_go = None
+    alone = None
     if relaxed_ones:
         touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.touched is not None:
@@ -74,6 +73,9 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, size = guards.at_end(path)
         part = values / np.where(size > _NOTHING, size, 1.0)
+        if guards.rows.has_borders or np.count_nonzero(part <= _CLEAR) > 1:
+            size = np.maximum(size, guards.added_up)
+            part = values / np.where(size > _NOTHING, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.velocity_uncertainty:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
@@ -83,12 +85,13 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
-        near = (part <= _ALONE).nonzero()[0]
-        alone = near.size == 1 and not relaxed_ones
-        if alone and at[near[0]] and guards.direction[near[0]] and not guards.is_velocity[near[0]]:
-            let_go = np.zeros(m, dtype=np.int8)
-            let_go[guards.row[near]] = guards.direction[near]
-    return AtLimit(touching, fired, crossed, let_go)
+        near = part <= _ALONE
+        if guards.velocity_uncertainty:
+            near |= guards.is_velocity & (values <= guards.velocity_uncertainty)
+        only = near.nonzero()[0]
+        if only.size == 1 and at[only[0]] and path.touched is None and not relaxed_ones:
+            alone = int(guards.row[only[0]]), int(guards.direction[only[0]])
+    return AtLimit(touching, fired, crossed, alone)
 
 
 def at_stops(
