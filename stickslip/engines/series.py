@@ -68,8 +68,7 @@ class Series:
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
-            # a first step tells whether the motion is a long one
-            if pieces and (motion.is_rising(tau) or motion.stretch.has_waves) and motion.may_be_bounded:
+            if (motion.is_rising(tau) or motion.stretch.has_waves) and motion.may_be_bounded:
                 step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)
@@ -100,6 +99,9 @@ class Series:
         guard by more than its amplitude: where that excludes a root, neither need be followed. None where the step
         would be short beside dwells and periods.
         """
+        if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
+            # a guard that leaves 0 is told from it by what the sine does
+            return None
         step = self._step(motion, guards, watched, tau, y, longest, True)
         if step.root is None:
             return step

@@ -28,7 +28,10 @@ class Guards(GuardsAtStart):
     """The guards of a motion, ready when constructed, and their values along it."""
 
     def at_end(self, path: Path) -> tuple[Array, Array]:
-        """Return the guards at the end of a path, and for each but borders the size of what it compares there."""
+        """Return the guards at the end of a path, and for each the size of what it compares from the start up to there.
+
+        Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
+        """
         motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
         q = motion.inputs(tau, path.last)
         z, system = motion.watched(tau, path.last, q), motion.system
@@ -41,15 +44,14 @@ class Guards(GuardsAtStart):
         size[some] = speeds[self.row[some]]
         if rows.has_borders:
             size[self.is_border] = 0.0
-        return self._divided(g, tau), size
+        start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
+        return self._divided(g, tau), np.maximum(start, size)
 
-    @property
-    def added_up(self) -> Array:
-        """What adds up at the start in what each guard compares.
-
-        Where a motion starts from rest, or contacts only begin to be pressed, that is 0.
-        """
-        return np.asarray(self.majorant[0] + np.abs(self._constant))
+    def of_friction(self, i: int) -> tuple[int, int] | None:
+        """Return the row that sticks or lets go where a guard comes to 0, and its mode then; None where none does."""
+        if i < self.rows.slips or (self.direction[i] and not self.is_velocity[i]):
+            return int(self.row[i]), int(self.direction[i])
+        return None
 
     @cached_property
     def allowance(self) -> Array:

@@ -19,8 +19,8 @@ from stickslip.events.impact import Struck, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.crossings import root_between
 
-_TIE, _ALONE, _CLEAR = 1e-13, 1e-6, 1e-3
-"""Guards, as parts of their scales, that tie; that are near 0; and that are far from 0, whatever has added up in them."""
+_TIE, _ALONE = 1e-13, 1e-6
+"""Guards, as parts of their scales, that tie; and that are near 0."""
 
 _NOTHING = 1e-200
 _CONSTANT = 1e-7
@@ -47,7 +47,7 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    alone: tuple[int, int] | None  # where no other guard is near 0: the row, and the mode that it goes to
+    alone: tuple[int, int] | None  # where no other guard is near 0: the row that sticks or lets go, and its mode then
 
 
 class Jump(NamedTuple):
@@ -73,9 +73,6 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, size = guards.at_end(path)
         part = values / np.where(size > _NOTHING, size, 1.0)
-        if guards.rows.has_borders or np.count_nonzero(part <= _CLEAR) > 1:
-            size = np.maximum(size, guards.added_up)
-            part = values / np.where(size > _NOTHING, size, 1.0)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.velocity_uncertainty:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
@@ -88,9 +85,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         near = part <= _ALONE
         if guards.velocity_uncertainty:
             near |= guards.is_velocity & (values <= guards.velocity_uncertainty)
-        only = near.nonzero()[0]
-        if only.size == 1 and at[only[0]] and path.touched is None and not relaxed_ones:
-            alone = int(guards.row[only[0]]), int(guards.direction[only[0]])
+        if np.count_nonzero(near) == 1 and path.touched is None and not relaxed_ones:
+            alone = guards.of_friction(int(near.argmax()))
     return AtLimit(touching, fired, crossed, alone)
 
 

@@ -60,10 +60,12 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
     return Settled(now.labels, following, guards)
 
 
-def with_one(now: Settled, t: float, y: Array, since: Array, row: int, direction: int) -> Settled | None:
+def with_one(
+    now: Settled, t: float, y: Array, since: Array, row: int, direction: int, velocity_uncertainty: float
+) -> Settled | None:
     """Return what goes on where one row alone has come to its limit, None where more may change with it.
 
-    It sticks if it moved, or lets go in its `direction`; all others keep their modes, and since when they rest.
+    It sticks if it moved, or lets go in its `direction`; all others keep their modes. Each row rests `since` then.
     """
     motion, system = now.motion, now.motion.system
     equations = motion.equations
@@ -90,7 +92,7 @@ def with_one(now: Settled, t: float, y: Array, since: Array, row: int, direction
     modes[row] = labels[row] = direction
     at_level[row] = direction != 0
     following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
-    guards = Guards(following, labels, held, at_level, now.guards.velocity_uncertainty)
+    guards = Guards(following, labels, held, at_level, velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain and guards.stays_zero.size:
         return None
     return Settled(labels, following, guards)

@@ -210,7 +210,8 @@ class Run:
         at = at_limit(motion, now.guards, path, ones)
         since = np.where(before == 0, motion.since, t)
         if at.alone is not None and t < motion.stretch.stop:
-            following = with_one(now, t, path.last, since, *at.alone)
+            uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
+            following = with_one(now, t, path.last, since, *at.alone, uncertain)
             if following is not None:
                 self.now = following
                 self._note(t, at.alone[0], int(before[at.alone[0]]), True, False, None)

@@ -66,7 +66,7 @@ class VariedGuards:
     def sizes(self, path: Path) -> tuple[Array, Array]:
         """Return what adds up in the guards and in their slopes: in borders what does along the whole path."""
         guards, system = self.guards, self._nearby.system
-        size = np.maximum(guards.at_end(path)[1], guards.added_up)
+        _, size = guards.at_end(path)
         slopes = guards.majorant[1]
         if guards.is_border.any():
             equations = self._motion.equations
