@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +13,10 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
 from stickslip.model.arrays import Array, Indices, Mask, Modes
+
+
+_OFTEN = 3
+"""Calls after which the map to what adds up in the guards of a small scene has paid."""
 
 
 class InModes(Protocol):
@@ -89,15 +94,16 @@ class GuardRows:
             (pressed, 0, 0, closed, 0, 0, 0, 3),
             (loose, loose, signs, 0, 0, 0, 0, 0),
         ]
-        sizes = [part[0].size for part in parts]
+        ends = list(accumulate((part[0].size for part in parts), initial=0))
 
-        def column(k: int) -> Array:
-            return np.concatenate([np.broadcast_to(part[k], n) for part, n in zip(parts, sizes, strict=True)])
+        def column(k: int, dtype: type = float) -> Array:
+            found = np.empty(ends[-1], dtype)
+            for part, (first, last) in zip(parts, pairwise(ends), strict=True):
+                found[first:last] = part[k]
+            return found
 
-        self.row, self.source = column(0).astype(np.intp), column(1).astype(np.intp)
-        self.turn, self.mu, rise, self.constant, self.direction = (
-            column(k).astype(float) for k in range(2, 7)
-        )
+        self.row, self.source = column(0, np.intp), column(1, np.intp)
+        self.turn, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
         # a normal force is a force, too
@@ -117,6 +123,7 @@ class GuardRows:
         self.has_normals = bool(pressed.size)
         self.is_of_velocities = not self.has_forces and not self.has_borders
         self._sizes: dict[int, Array | None] = {}
+        self._asked = 0
 
     @cached_property
     def is_dwelling(self) -> Mask:
@@ -175,11 +182,13 @@ class GuardRows:
         return np.asarray(found)
 
     def sizes(self, order: int) -> Array | None:
-        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
+        """Return the map to what adds up in the Taylor coefficients of the guards, order by order.
 
-        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
+        It takes absolute values of the states and of the coefficients of the inputs, one order after another. None if
+        it is large, or if these modes have not come back yet: to make it takes as long as to do without it some times.
         """
-        if order not in self._sizes:
+        self._asked += 1
+        if order not in self._sizes and self._asked > _OFTEN:
             equations = self.equations
             system = equations.system
             size, width = system.size, system.inputs + system.dwelling.size
@@ -195,7 +204,7 @@ class GuardRows:
                     y = rate / (k + 1)
                 found = found.reshape(-1, columns)
             self._sizes[order] = found
-        return self._sizes[order]
+        return self._sizes.get(order)
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""

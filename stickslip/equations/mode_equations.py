@@ -24,6 +24,9 @@ _LOCKED = 1e-11
 
 _MOST_MAPS = 50
 
+_OFTEN = 20
+"""Products of what adds up after which the map of a small scene to it has paid."""
+
 _IN_FLOATS = 48
 """Terms of the rates up to which plain floats are faster than arrays."""
 
@@ -102,6 +105,7 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
+        self._asked = 0
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
         if not system.sparse:
             self._assemble()
@@ -198,13 +202,13 @@ class ModeEquations:
         (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
             (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
         )
-        self._place_maps()
         self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
-    def _place_maps(self) -> None:
-        """Rates, watched quantities and guards, but for constants, from states and from inputs."""
-        self._of_states_all = np.vstack([self._AE, self.guards.by_state])
-        self._of_inputs_all = np.vstack([self._BH, self.guards.by_input])
+    @cached_property
+    def _with_guards(self) -> tuple[Array, Array]:
+        """The maps to rates, watched quantities and guards, but for constants, from states and from inputs."""
+        guards = self.guards
+        return np.vstack([self._AE, guards.by_state]), np.vstack([self._BH, guards.by_input])
 
     def taylor(
         self, order: int, frozen: bool, lines: tuple[int, ...] | None, waves: Waves
@@ -222,8 +226,7 @@ class ModeEquations:
             of, link = system.dependence, None
             if of is not None:
                 link = partial(of.add_linear, regions=lines)
-            maps = self._of_states_all, self._of_inputs_all
-            found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link, waves)
+            found = TaylorMap(system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves)
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found
@@ -393,7 +396,11 @@ class ModeEquations:
         Their roundoff is a part of it.
         """
         size = self.system.size
-        found = self._magnitudes(y, q) if self.system.sparse else self._sizes @ np.concatenate([y, q])
+        self._asked += 1
+        if self.system.sparse or self._asked <= _OFTEN:
+            found = self._magnitudes(y, q)
+        else:
+            found = self._sizes @ np.concatenate([y, q])
         return found[:size], found[size:]
 
     @cached_property
