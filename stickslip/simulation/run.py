@@ -150,7 +150,7 @@ class Run:
         """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
         for one in watch.crossings(motion, path):
             at = t if one.tau >= path.taus[-1] else motion.t + one.tau
-            self.recorder.note_user(float(at), one.event.name, one.sign)
+            self.recorder.note_user(float(at), one.event.name, one.sign, one.stays)
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
@@ -304,7 +304,7 @@ class Run:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"
-        elif before and after and jump is not None and jump.impact is not None and jump.parted[j]:
+        elif after and jump is not None and jump.parted[j]:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)
