@@ -14,7 +14,6 @@ from stickslip.equations.system import System
 from stickslip.equations.taylor import is_small_map
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-
 _OFTEN = 3
 """Calls after which the map to what adds up in the guards of a small scene has paid."""
 

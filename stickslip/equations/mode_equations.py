@@ -226,7 +226,9 @@ class ModeEquations:
             of, link = system.dependence, None
             if of is not None:
                 link = partial(of.add_linear, regions=lines)
-            found = TaylorMap(system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves)
+            found = TaylorMap(
+                system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves
+            )
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found

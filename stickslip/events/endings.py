@@ -47,7 +47,9 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    alone: tuple[int, int] | None  # where no other guard is near 0: the row that sticks or lets go, and its mode then
+    alone: (
+        tuple[int, int] | None
+    )  # where no other guard is near 0: the row that sticks or lets go, and its mode then
 
 
 class Jump(NamedTuple):

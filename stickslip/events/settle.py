@@ -93,7 +93,7 @@ def with_one(
     at_level[row] = direction != 0
     following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
     guards = Guards(following, labels, held, at_level, velocity_uncertainty)
-    if guards.violated.any() or guards.misjudged.size or not guards.is_plain and guards.stays_zero.size:
+    if guards.violated.any() or guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
         return None
     return Settled(labels, following, guards)
 

@@ -287,9 +287,7 @@ class Run:
         self.samples += sum(block.is_due(t, self.start) for _, block, _ in self.system.sampled)
         return self.system.sample(t, self.start, q, y)
 
-    def _note(
-        self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump | None
-    ) -> None:
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump | None) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
         if jump is not None and jump.hit[j]:
