@@ -11,11 +11,8 @@ import numpy as np
 
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import is_small_map
+from stickslip.equations.taylor import is_quickly_made
 from stickslip.model.arrays import Array, Indices, Mask, Modes
-
-_OFTEN = 3
-"""Calls after which the map to what adds up in the guards of a small scene has paid."""
 
 
 class InModes(Protocol):
@@ -122,7 +119,6 @@ class GuardRows:
         self.has_normals = bool(pressed.size)
         self.is_of_velocities = not self.has_forces and not self.has_borders
         self._sizes: dict[int, Array | None] = {}
-        self._asked = 0
 
     @cached_property
     def is_dwelling(self) -> Mask:
@@ -181,19 +177,17 @@ class GuardRows:
         return np.asarray(found)
 
     def sizes(self, order: int) -> Array | None:
-        """Return the map to what adds up in the Taylor coefficients of the guards, order by order.
+        """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
 
-        It takes absolute values of the states and of the coefficients of the inputs, one order after another. None if
-        it is large, or if these modes have not come back yet: to make it takes as long as to do without it some times.
+        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
         """
-        self._asked += 1
-        if order not in self._sizes and self._asked > _OFTEN:
+        if order not in self._sizes:
             equations = self.equations
             system = equations.system
             size, width = system.size, system.inputs + system.dwelling.size
             columns = size + (order + 1) * width
             found = None
-            if is_small_map(system, columns, self.size * (order + 1)):
+            if is_quickly_made(system, columns, self.size * (order + 1)):
                 found = np.zeros((order + 1, self.size, columns))
                 y = np.eye(size, columns)
                 for k in range(order + 1):
@@ -203,7 +197,7 @@ class GuardRows:
                     y = rate / (k + 1)
                 found = found.reshape(-1, columns)
             self._sizes[order] = found
-        return self._sizes.get(order)
+        return self._sizes[order]
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""

@@ -15,7 +15,7 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_small
+from stickslip.equations.taylor import TaylorMap, is_quickly_made, is_small
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
@@ -23,9 +23,6 @@ _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
 
 _MOST_MAPS = 50
-
-_OFTEN = 20
-"""Products of what adds up after which the map of a small scene to it has paid."""
 
 _IN_FLOATS = 48
 """Terms of the rates up to which plain floats are faster than arrays."""
@@ -105,7 +102,6 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._asked = 0
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
         if not system.sparse:
             self._assemble()
@@ -398,17 +394,16 @@ class ModeEquations:
         Their roundoff is a part of it.
         """
         size = self.system.size
-        self._asked += 1
-        if self.system.sparse or self._asked <= _OFTEN:
-            found = self._magnitudes(y, q)
-        else:
-            found = self._sizes @ np.concatenate([y, q])
+        found = self._magnitudes(y, q) if self._sizes is None else self._sizes @ np.concatenate([y, q])
         return found[:size], found[size:]
 
     @cached_property
-    def _sizes(self) -> Array:
+    def _sizes(self) -> Array | None:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
-        units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
+        columns = self.system.size + self.system.inputs + self.system.dwelling.size
+        if not is_quickly_made(self.system, columns, self.system.size + self.rows):
+            return None
+        units = np.eye(columns)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
 
     def _magnitudes(self, y: Array, q: Array) -> Array:

@@ -18,7 +18,7 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
-_MOST_ENTRIES = 100_000
+_MOST_ENTRIES, _QUICKLY_MADE = 100_000, 10_000
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 
@@ -26,12 +26,12 @@ _FASTEST = 1e12
 def is_small(system: System, rows: int, order: int, waves: int) -> bool:
     """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
     columns = system.size + 2 * (system.inputs + system.dwelling.size + waves)
-    return is_small_map(system, columns, rows * (order + 1))
+    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
 
 
-def is_small_map(system: System, columns: int, rows: int) -> bool:
-    """Tell whether a matrix of a system with so many columns and rows is worth keeping."""
-    return not system.sparse and columns * rows <= _MOST_ENTRIES
+def is_quickly_made(system: System, columns: int, rows: int) -> bool:
+    """Tell whether a matrix pays though modes may not come back: it takes no longer to make than to do without it."""
+    return not system.sparse and columns * rows <= _QUICKLY_MADE
 
 
 class TaylorMap:
