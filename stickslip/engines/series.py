@@ -63,7 +63,8 @@ class Series:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         self.work.starts += 1
         watched = (guards.order < NEVER).nonzero()[0]
-        ends, pieces = [0.0], []
+        ends = [0.0]
+        pieces: list[Array] = []
         tau, y, hit, touched = 0.0, motion.y, False, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
