@@ -11,7 +11,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
-from stickslip.equations.mode_equations import APART, FREE, OPEN
+from stickslip.equations.mode_equations import APART, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.impact import Struck
@@ -58,6 +58,44 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:
         return None
     return Settled(now.labels, following, guards)
+
+
+def with_one(
+    now: Settled, t: float, y: Array, since: Array, row: int, direction: int, velocity_uncertainty: float
+) -> Settled | None:
+    """Return what goes on where one row alone has come to its limit, None where more may change with it.
+
+    It sticks if it moved, or lets go in its `direction`; all others keep their modes. Each row rests `since` then.
+    """
+    motion, system = now.motion, now.motion.system
+    equations = motion.equations
+    if (
+        not system.all_hard
+        or system.has_stops
+        or system.piecewise.count
+        or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
+        or equations.at_level.size
+        # an open row whose velocity is not watched may begin to move
+        or now.guards.rows.loose < equations.open.size
+    ):
+        return None
+    held = equations.is_held.copy()
+    held[row] = True
+    if direction and system.balance(held.tobytes()).loop.max(initial=-1) >= 0:
+        # others may spare it
+        return None
+    if direction:
+        y = motion.exact(t - motion.t, y)
+    else:
+        y = _project(system, y, system.drive_velocities(motion.stretch.at(t)), held)
+    modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
+    modes[row] = labels[row] = direction
+    at_level[row] = direction != 0
+    following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
+    guards = Guards(following, labels, held, at_level, velocity_uncertainty)
+    if guards.violated.any() or guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
+        return None
+    return Settled(labels, following, guards)
 
 
 def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty) -> Settled:
@@ -132,8 +170,7 @@ def _settled(
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     regions = functions.at(y, q, now.regions)
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
-    # at a break the loads go on otherwise than they came
-    motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
+    motion, guards = search.run(trial)
     moved = beyond > 0 and now.labels is not None
     crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
@@ -172,14 +209,6 @@ def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: f
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
         kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= beyond)
     return np.where(kept, now.labels, np.sign(w)), resting
-
-
-def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
-    """Return the modes to try first: a row that alone has come to its limit, and that no loop spares, lets go."""
-    if now.let_go is None or np.any((trial[now.let_go != 0] != 0) | system.is_stop[now.let_go != 0]):
-        return trial
-    loop = system.balance(((trial == 0) & system.hard).tobytes()).loop
-    return trial if loop.max(initial=-1) >= 0 else trial + now.let_go
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
