@@ -14,7 +14,8 @@ from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import APART, FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.impact import Struck
+from stickslip.events.collapse import pressed_together
+from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
@@ -67,7 +68,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
     that others can spare carries its level instead (MODEL rule 8).
 
-    If no set of modes is consistent, that is `Inconsistent`.
+    If no set of modes is consistent, that is `Inconsistent`; where drives press together what cannot give way, `Jammed`.
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
@@ -103,14 +104,15 @@ def _settled(
     w, rough = _relative(system, now.y, now.was, now.t, q)
     # a law that does not stick has no rest but where it carries no force
     may_rest = np.asarray(system.hard | ~closed)
-    # within Karnopp's dead band a contact counts as at rest
-    limit = np.where(system.hard, np.maximum(rough, system.laws.rests_below), rough)
-    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop) & may_rest
+    u = system.drive_velocities(q)
+    if system.laws.rests_below.any():
+        now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
+        w, rough = _relative(system, now.y, now.was, now.t, q)
+    resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & may_rest
     named = np.sign(w)
     if now.labels is not None and (beyond or not all_closed):
         named, resting = _directions(now, w, closed, resting, beyond)
     candidates = closed & resting
-    u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
@@ -134,13 +136,15 @@ def _settled(
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
     # at a break the loads go on otherwise than they came
     motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
+    if (rows := pressed_together(motion)).size:
+        raise Jammed(rows)
     moved = beyond > 0 and now.labels is not None
     crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
-        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
+        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= rough)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         # the sign of what has died away is a solver's error
@@ -159,6 +163,24 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
         # a one-way clutch cannot turn forward: what is left of that is roundoff
         resting |= system.is_tie | system.is_one_way & (w > 0)
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
+
+
+def _at_rest_in_bands(
+    system: System, now: Situation, w: Array, rough: Array, closed: Mask, at_stop: Mask, u: Array
+) -> Situation:
+    """Bring contacts to rest that move within Karnopp's dead band, but for those that others at rest lead."""
+    limit = np.where(system.hard, system.laws.rests_below, 0.0)
+    resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
+    moving = resting & (limit > 0) & (np.abs(w) > rough)
+    held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
+    for j in moving.nonzero()[0].tolist():
+        G = system.G[[j]]
+        left = row_maxima(G @ system.balance(held.tobytes()).T)
+        led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
+        held[j] = not led[j]
+    if not moving.any():
+        return now
+    return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
 
 
 def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: float) -> tuple[Array, Mask]:
