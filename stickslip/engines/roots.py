@@ -50,14 +50,15 @@ def may_vanish(coefficients: Array) -> Indices:
     return np.asarray(close[bernstein.min(axis=0) <= 0])
 
 
-def first_root(coefficients: Array, floor: float = 0.0) -> float | None:
+def first_root(coefficients: Array, floor: float = 0.0, guess: float | None = None) -> float | None:
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
     else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root; nor where
-    it dips below by what the roundoff of `floor` adds up to in many steps, and comes back.
+    it dips below by what the roundoff of `floor` adds up to in many steps, and comes back. A `guess` of the root only
+    saves time.
     """
-    found, first = _first(coefficients, floor), 0.0
+    found, first = _first(coefficients, floor, guess), 0.0
     while found is not None and floor:
         back = _back(coefficients, found, _STEPS * _ROUNDOFF * floor)
         if back is None:
@@ -81,7 +82,7 @@ def first_touch(coefficients: Array, floor: float) -> tuple[float | None, bool]:
     turn = None if root is None else _turn(lowered, root, 2 * near)
     if turn is not None:
         return min(turn, 1.0), True
-    return (None if root is None else first_root(coefficients, floor)), False
+    return (None if root is None else first_root(coefficients, floor, root)), False
 
 
 def _turn(coefficients: Array, root: float, depth: float) -> float | None:
@@ -110,7 +111,7 @@ def _from(coefficients: Array, first: float) -> Array:
     return np.pad(shifted, (0, coefficients.size - shifted.size))
 
 
-def _first(coefficients: Array, floor: float) -> float | None:
+def _first(coefficients: Array, floor: float, guess: float | None = None) -> float | None:
     order = coefficients.size - 1
     left, right = _halves(order)
     # each part is a map of the coefficients of a wider one: most parts behind the first root are never asked for
@@ -123,7 +124,9 @@ def _first(coefficients: Array, floor: float) -> float | None:
         if min(values) >= -noise:
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
-            return _bracketed(coefficients.tolist(), low, high)
+            if guess is None:
+                guess = low + (high - low) * values[0] / (values[0] - values[-1])
+            return _bracketed(coefficients.tolist(), low, high, guess)
         if values[0] < -noise and depth:
             return low
         if depth >= _DEEPEST:
@@ -141,10 +144,10 @@ def _changes(values: list[float], noise: float) -> int:
     return sum(map(ne, signs, signs[1:]))
 
 
-def _bracketed(c: list[float], low: float, high: float) -> float:
+def _bracketed(c: list[float], low: float, high: float, guess: float) -> float:
     """Return the one root between `low` and `high`, by Newton's method within the bracket."""
     c = c[::-1]
-    s = 0.5 * (low + high)
+    s = guess if low < guess < high else 0.5 * (low + high)
     for _ in range(200):
         value = slope = 0.0
         for a in c:

@@ -63,12 +63,15 @@ class Series:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         self.work.starts += 1
         watched = (guards.order < NEVER).nonzero()[0]
-        ends, pieces = [0.0], []
+        ends = [0.0]
+        pieces: list[Array] = []
         tau, y, hit, touched = 0.0, motion.y, False, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
-            if (motion.is_rising(tau) or motion.stretch.has_waves) and motion.may_be_bounded:
+            bends = motion.is_rising(tau) or motion.stretch.has_waves
+            # where springs and dampers act, a first step tells whether the motion is a long one
+            if bends and (pieces or motion.is_polynomial) and motion.may_be_bounded:
                 step = self._past_bounds(motion, guards, watched, tau, y, longest)
             if step is None:
                 step = self._step(motion, guards, watched, tau, y, longest, False)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any, Protocol
 
 import numpy as np
 
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import is_small_map
+from stickslip.equations.taylor import is_quickly_made
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 
@@ -89,15 +90,16 @@ class GuardRows:
             (pressed, 0, 0, closed, 0, 0, 0, 3),
             (loose, loose, signs, 0, 0, 0, 0, 0),
         ]
-        sizes = [part[0].size for part in parts]
+        ends = list(accumulate((part[0].size for part in parts), initial=0))
 
-        def column(k: int) -> Array:
-            return np.concatenate([np.broadcast_to(part[k], n) for part, n in zip(parts, sizes, strict=True)])
+        def column(k: int, dtype: type = float) -> Array:
+            found = np.empty(ends[-1], dtype)
+            for part, (first, last) in zip(parts, pairwise(ends), strict=True):
+                found[first:last] = part[k]
+            return found
 
-        self.row, self.source = column(0).astype(np.intp), column(1).astype(np.intp)
-        self.turn, self.mu, rise, self.constant, self.direction = (
-            column(k).astype(float) for k in range(2, 7)
-        )
+        self.row, self.source = column(0, np.intp), column(1, np.intp)
+        self.turn, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
         # a normal force is a force, too
@@ -185,7 +187,7 @@ class GuardRows:
             size, width = system.size, system.inputs + system.dwelling.size
             columns = size + (order + 1) * width
             found = None
-            if is_small_map(system, columns, self.size * (order + 1)):
+            if is_quickly_made(system, columns, self.size * (order + 1)):
                 found = np.zeros((order + 1, self.size, columns))
                 y = np.eye(size, columns)
                 for k in range(order + 1):

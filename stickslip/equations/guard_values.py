@@ -10,7 +10,6 @@ import numpy as np
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.model.arrays import Array, Mask, Modes
 
-
 _AT_BAND = 1e-6
 """Part of a dead band within which a velocity is at its edge."""
 

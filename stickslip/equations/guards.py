@@ -47,6 +47,12 @@ class Guards(GuardsAtStart):
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         return self._divided(g, tau), np.maximum(start, size)
 
+    def of_friction(self, i: int) -> tuple[int, int] | None:
+        """Return the row that sticks or lets go where a guard comes to 0, and its mode then; None where none does."""
+        if i < self.rows.slips or (self.direction[i] and not self.is_velocity[i]):
+            return int(self.row[i]), int(self.direction[i])
+        return None
+
     @cached_property
     def allowance(self) -> Array:
         """By how much sines can lower each guard, where they move nothing."""

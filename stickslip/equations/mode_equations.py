@@ -15,7 +15,7 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_small
+from stickslip.equations.taylor import TaylorMap, is_quickly_made, is_small
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
@@ -102,7 +102,7 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self.feeds_back = system.has_couplings
-        self._maps: dict[tuple[int, bool, tuple[int, ...] | None, Waves], TaylorMap | None] = {}
+        self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
         if not system.sparse:
             self._assemble()
 
@@ -198,34 +198,37 @@ class ModeEquations:
         (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
             (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
         )
-        self._place_maps()
         self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
 
-    def _place_maps(self) -> None:
-        """Rates, watched quantities and guards, but for constants, from states and from inputs."""
-        self._of_states_all = np.vstack([self._AE, self.guards.by_state])
-        self._of_inputs_all = np.vstack([self._BH, self.guards.by_input])
+    @cached_property
+    def _with_guards(self) -> tuple[Array, Array]:
+        """The maps to rates, watched quantities and guards, but for constants, from states and from inputs."""
+        guards = self.guards
+        return np.vstack([self._AE, guards.by_state]), np.vstack([self._BH, guards.by_input])
 
     def taylor(
         self, order: int, frozen: bool, lines: tuple[int, ...] | None, waves: Waves
     ) -> TaylorMap | None:
-        """Return the map to Taylor coefficients up to an order, None where it would be large.
+        """Return the map to Taylor coefficients up to an order at least, None where it would be large.
 
         Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
-        key = order, frozen, lines, waves
-        if key not in self._maps:
-            found, system = None, self.system
-            if is_small(system, system.size + self.rows + self.guards.size, order, len(waves[0])):
-                of, link = system.dependence, None
-                if of is not None:
-                    link = partial(of.add_linear, regions=lines)
-                maps = self._of_states_all, self._of_inputs_all
-                found = TaylorMap(system, *maps, self.rows, self.consistent, order, frozen, link, waves)
+        key = frozen, lines, waves
+        found = self._maps.get(key)
+        if found is None or found.order < order:
+            system = self.system
+            if not is_small(system, system.size + self.rows + self.guards.size, order, len(waves[0])):
+                return None
+            of, link = system.dependence, None
+            if of is not None:
+                link = partial(of.add_linear, regions=lines)
+            found = TaylorMap(
+                system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves
+            )
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found
-        return self._maps[key]
+        return found
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
@@ -391,13 +394,16 @@ class ModeEquations:
         Their roundoff is a part of it.
         """
         size = self.system.size
-        found = self._magnitudes(y, q) if self.system.sparse else self._sizes @ np.concatenate([y, q])
+        found = self._magnitudes(y, q) if self._sizes is None else self._sizes @ np.concatenate([y, q])
         return found[:size], found[size:]
 
     @cached_property
-    def _sizes(self) -> Array:
+    def _sizes(self) -> Array | None:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
-        units = np.eye(self.system.size + self.system.inputs + self.system.dwelling.size)
+        columns = self.system.size + self.system.inputs + self.system.dwelling.size
+        if not is_quickly_made(self.system, columns, self.system.size + self.rows):
+            return None
+        units = np.eye(columns)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
 
     def _magnitudes(self, y: Array, q: Array) -> Array:

@@ -17,6 +17,7 @@ from stickslip.equations.loads import Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
+from stickslip.equations.taylor import TaylorMap
 from stickslip.model.arrays import Array, Indices
 
 
@@ -72,6 +73,7 @@ class Motion(Inputs):
             self.dependence is None or self.dependence.is_linear_in(self.regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
+        self._at_start: tuple[TaylorMap, Array] | None = None
         self.is_polynomial = self.is_linear and self.dependence is None and not equations.feeds_back
 
     # -- rates -----------------------------------------------------------------------------------------------
@@ -326,10 +328,7 @@ class Motion(Inputs):
         if not (self._rises_with_state or (swings and self._rises_with_waves)):
             taylor = equations.taylor(order, frozen, self.regions, self.stretch.waves if swings else ((), ()))
             if taylor is not None and taylor.reaches(scale):
-                x = self._extended(tau, y)
-                if swings:
-                    x = np.concatenate([x, self.stretch.swings(self.t + tau)])
-                y, z, g = taylor(x, scale)
+                y, z, g = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
         linked = Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
@@ -354,6 +353,19 @@ class Motion(Inputs):
                 equations.consistent(following, system.drive_velocities(loads[k + 1]))
             finite = linked is None and not following.any()
         return Expansion(ys, q, zs)
+
+    def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, swings: bool) -> Array:
+        """Return from what all Taylor coefficients follow at local time `tau`; those at the start are kept."""
+        at_start = tau == 0 and y is self.y
+        if at_start and self._at_start is not None and self._at_start[0] is taylor:
+            return self._at_start[1]
+        x = self._extended(tau, y)
+        if swings:
+            x = np.concatenate([x, self.stretch.swings(self.t + tau)])
+        found = taylor.derivatives(x)
+        if at_start:
+            self._at_start = taylor, found
+        return found
 
     def magnitudes(self, order: int, from_rates: bool = False) -> list[tuple[Array, Array]]:
         """Return what adds up in the inputs and in the watched quantities at the start, orders 0 to `order`.

@@ -18,7 +18,7 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
-_MOST_ENTRIES = 100_000
+_MOST_ENTRIES, _QUICKLY_MADE = 100_000, 10_000
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 
@@ -26,12 +26,12 @@ _FASTEST = 1e12
 def is_small(system: System, rows: int, order: int, waves: int) -> bool:
     """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
     columns = system.size + 2 * (system.inputs + system.dwelling.size + waves)
-    return is_small_map(system, columns, rows * (order + 1))
+    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
 
 
-def is_small_map(system: System, columns: int, rows: int) -> bool:
-    """Tell whether a matrix of a system with so many columns and rows is worth keeping."""
-    return not system.sparse and columns * rows <= _MOST_ENTRIES
+def is_quickly_made(system: System, columns: int, rows: int) -> bool:
+    """Tell whether a matrix pays though modes may not come back: it takes no longer to make than to do without it."""
+    return not system.sparse and columns * rows <= _QUICKLY_MADE
 
 
 class TaylorMap:
@@ -57,7 +57,7 @@ class TaylorMap:
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
         dwells = dwelling.size
-        self._size, self._watched, self._order = size, size + watched, order
+        self._size, self._watched = size, size + watched
         # time is counted in units in which no coefficient grows
         rates = np.array(of_states[:size])
         if link is not None:
@@ -102,14 +102,19 @@ class TaylorMap:
             y = found[:size] / ((k + 1) * self._pace)
             decay, before = decay * fall / (k + 1), decay
         self._matrix = np.concatenate(blocks)
-        self._orders = np.arange(order + 1)
+        self.order, self._orders = order, np.arange(order + 1)
 
     def reaches(self, scale: float) -> bool:
         """Tell whether the coefficients over steps of this length in s can be told."""
         return self._pace * scale < _FASTEST
 
-    def __call__(self, x: Array, scale: float) -> tuple[Array, Array, Array]:
+    def derivatives(self, x: Array) -> Array:
+        """Return from what the coefficients follow over steps of any length, a row per order."""
+        found: Array = (self._matrix @ x).reshape(self.order + 1, -1)
+        return found
+
+    def over(self, derivatives: Array, scale: float, order: int) -> tuple[Array, Array, Array]:
         """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards, a row per order."""
-        found = (self._matrix @ x).reshape(self._order + 1, -1)
-        found *= ((self._pace * scale) ** self._orders)[:, None]
+        count = order + 1
+        found = derivatives[:count] * ((self._pace * scale) ** self._orders[:count])[:, None]
         return found[:, : self._size], found[:, self._size : self._watched], found[:, self._watched :]

@@ -47,7 +47,7 @@ def pressed_together(motion: Motion) -> Indices:
 
 
 def _torn(motion: Motion) -> tuple[Mask, Array]:
-    """Tell which held rows drives tear that move apart, and return the lowest derivative of the velocities that does."""
+    """Tell which held rows drives tear that move apart, and return the lowest derivative of velocities that does."""
     system, balance = motion.system, motion.equations.balance
     none, rate = np.zeros(motion.equations.held.size, dtype=bool), np.zeros(system.drives)
     if balance.parting is None:

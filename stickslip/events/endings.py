@@ -47,8 +47,9 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    # (m,): where it is one held row alone, and no other guard is near 0, the direction in which it is pushed
-    let_go: Modes | None
+    alone: (
+        tuple[int, int] | None
+    )  # where no other guard is near 0: the row that sticks or lets go, and its mode then
 
 
 class Jump(NamedTuple):
@@ -65,7 +66,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros((2, m), dtype=bool)
-    let_go = None
+    alone = None
     if relaxed_ones:
         touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.touched is not None:
@@ -83,12 +84,12 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
-        near = (part <= _ALONE).nonzero()[0]
-        alone = near.size == 1 and not relaxed_ones
-        if alone and at[near[0]] and guards.direction[near[0]] and not guards.is_velocity[near[0]]:
-            let_go = np.zeros(m, dtype=np.int8)
-            let_go[guards.row[near]] = guards.direction[near]
-    return AtLimit(touching, fired, crossed, let_go)
+        near = part <= _ALONE
+        if guards.velocity_uncertainty:
+            near |= guards.is_velocity & (values <= guards.velocity_uncertainty)
+        if np.count_nonzero(near) == 1 and path.touched is None and not relaxed_ones:
+            alone = guards.of_friction(int(near.argmax()))
+    return AtLimit(touching, fired, crossed, alone)
 
 
 def at_stops(

@@ -45,8 +45,6 @@ class Situation(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has been found to be 0
     fired: Mask  # (m,): rows found at their limit
     was: Array | None = None  # (size,): bounds of the sizes of the states since the modes before began
-    # (m,): the direction in which a held row is pushed that alone has come to its limit
-    let_go: Modes | None = None
     # (p,): the regions of the piecewise-linear functions before, None at the start
     regions: Regions | None = None
     # (m,): +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere

@@ -11,7 +11,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import row_maxima
-from stickslip.equations.mode_equations import APART, FREE, OPEN
+from stickslip.equations.mode_equations import APART, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
@@ -61,6 +61,46 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | 
     return Settled(now.labels, following, guards)
 
 
+def with_one(
+    now: Settled, t: float, y: Array, since: Array, row: int, direction: int, velocity_uncertainty: float
+) -> Settled | None:
+    """Return what goes on where one row alone has come to its limit, None where more may change with it.
+
+    It sticks if it moved, or lets go in its `direction`; all others keep their modes. Each row rests `since` then.
+    """
+    motion, system = now.motion, now.motion.system
+    equations = motion.equations
+    if (
+        not system.all_hard
+        or system.laws.rests_below.any()
+        or system.has_stops
+        or system.piecewise.count
+        or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
+        or equations.at_level.size
+        # an open row whose velocity is not watched may begin to move
+        or now.guards.rows.loose < equations.open.size
+    ):
+        return None
+    held = equations.is_held.copy()
+    held[row] = True
+    balance = system.balance(held.tobytes())
+    if (direction and balance.loop.max(initial=-1) >= 0) or balance.parting is not None:
+        # others may spare it, or drives tear them
+        return None
+    if direction:
+        y = motion.exact(t - motion.t, y)
+    else:
+        y = _project(system, y, system.drive_velocities(motion.stretch.at(t)), held)
+    modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
+    modes[row] = labels[row] = direction
+    at_level[row] = direction != 0
+    following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
+    guards = Guards(following, labels, held, at_level, velocity_uncertainty)
+    if guards.violated.any() or guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
+        return None
+    return Settled(labels, following, guards)
+
+
 def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty) -> Settled:
     """Return the modes in which the motion goes on.
 
@@ -68,7 +108,8 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
     that others can spare carries its level instead (MODEL rule 8).
 
-    If no set of modes is consistent, that is `Inconsistent`; where drives press together what cannot give way, `Jammed`.
+    If no set of modes is consistent, that is `Inconsistent`; where drives press rows together that cannot give way, it
+    is `Jammed`.
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
@@ -78,6 +119,8 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         found = _settled(system, stretch, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
+            if (rows := pressed_together(found.motion)).size:
+                raise Jammed(rows)
             return found
         # the motion tells which normal forces that depend on it become positive or negative
         tried.add(closed.tobytes())
@@ -102,13 +145,12 @@ def _settled(
         closed &= ~system.is_stop | at_stop
     all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now.y, now.was, now.t, q)
-    # a law that does not stick has no rest but where it carries no force
-    may_rest = np.asarray(system.hard | ~closed)
     u = system.drive_velocities(q)
     if system.laws.rests_below.any():
         now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
         w, rough = _relative(system, now.y, now.was, now.t, q)
-    resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & may_rest
+    # a law that does not stick has no rest but where it carries no force
+    resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
     if now.labels is not None and (beyond or not all_closed):
         named, resting = _directions(now, w, closed, resting, beyond)
@@ -134,10 +176,7 @@ def _settled(
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
     regions = functions.at(y, q, now.regions)
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
-    # at a break the loads go on otherwise than they came
-    motion, guards = search.run(trial if stretch.start == now.t else _foreseen(system, trial, now))
-    if (rows := pressed_together(motion)).size:
-        raise Jammed(rows)
+    motion, guards = search.run(trial)
     moved = beyond > 0 and now.labels is not None
     crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
@@ -194,14 +233,6 @@ def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: f
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
         kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= beyond)
     return np.where(kept, now.labels, np.sign(w)), resting
-
-
-def _foreseen(system: System, trial: Modes, now: Situation) -> Modes:
-    """Return the modes to try first: a row that alone has come to its limit, and that no loop spares, lets go."""
-    if now.let_go is None or np.any((trial[now.let_go != 0] != 0) | system.is_stop[now.let_go != 0]):
-        return trial
-    loop = system.balance(((trial == 0) & system.hard).tobytes()).loop
-    return trial if loop.max(initial=-1) >= 0 else trial + now.let_go
 
 
 def _project(system: System, y: Array, u: Array, held: Mask) -> Array:

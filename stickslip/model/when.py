@@ -11,10 +11,12 @@ from stickslip.model.signals import Constant, Load
 
 @dataclass(frozen=True)
 class When(metaclass=NamedArguments):
-    """An event of the user: a quantity crosses 0.
+    """An event of the user: a quantity crosses 0, or comes to 0 and stays there.
 
-    It changes nothing in the motion; it is located as exactly as a change of mode, noted among the events, and may stop
-    the simulation. A function that rises and falls within less than a step needs `max_step` of `simulate`.
+    A relative velocity does the latter where its contact sticks: ``When("locked", relative_velocity("clutch"),
+    stop=True)`` ends a run there. That a quantity leaves 0 again is no event. An event changes nothing in the motion;
+    it is located as exactly as a change of mode, noted among the events, and may stop the simulation. A function that
+    rises and falls within less than a step needs `max_step` of `simulate`.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ class When(metaclass=NamedArguments):
     quantity : Quantity or Signal
         What crosses 0, such as ``position("m") - 0.5`` or ``feedback(function, ...)``.
     direction : int
-        +1 for crossings upward only, -1 for those downward, 0 for both.
+        +1 for what comes from below only, -1 for what comes from above, 0 for both.
     stop : bool
         Whether the simulation ends there.
 

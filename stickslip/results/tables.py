@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.system import System
 from stickslip.model.checks import file_path, flag
 from stickslip.results.in_a_row import joined
 from stickslip.results.outcome import Event, Outcome, Target
@@ -33,11 +34,16 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     dict of str to array (n,)
         ``time``; ``velocity NAME`` of bodies and drives, and ``position NAME`` where it is a state; ``force NAME`` and
         ``mode NAME`` of contacts, ties and clutches; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
-        from the start, ``heat NAME`` of contacts; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work
-        of loads`` and ``work of drives``. Heat, energy and work are left out where only the outputs were kept.
+        from the start, ``heat NAME`` of contacts; ``output NAME`` of blocks, ``output NAME[0]`` and so on where there
+        are several; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work of loads`` and ``work of
+        drives``; ``lost in impacts`` and ``changes between runs`` where there are any. Heat, energy and work are left
+        out where only the outputs were kept.
     """
     check_result(result, "columns")
-    parts = [_columns(run.samples) for run in result.runs]
+    systems = [run.samples.system for run in result.runs]
+    # what is a state in one of several runs is shown in all of them
+    placed = {name for one in systems for i, name in enumerate(_moving(one)) if i in one.position_state}
+    parts = [_columns(run.samples, placed) for run in result.runs]
     sizes = [run.samples.t.size for run in result.runs]
     names = dict.fromkeys(name for part in parts for name in part)
     found: dict[str, NDArray[Any]] = {
@@ -49,28 +55,42 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
         found["heat of dampers"] = sum(ledger.dampers.values(), np.zeros_like(ledger.t))
         found |= {"kinetic energy": ledger.kinetic, "spring energy": ledger.spring}
         found |= {"work of loads": ledger.loads, "work of drives": ledger.drives}
+        if ledger.impacts:
+            found["lost in impacts"] = sum(ledger.impacts.values(), np.zeros_like(ledger.t))
+        if ledger.changes.any():
+            found["changes between runs"] = ledger.changes
     return found
 
 
-def _columns(samples: Samples) -> dict[str, NDArray[Any]]:
-    """Return motion, forces, modes and powers of one run."""
+def _moving(system: System) -> list[str]:
+    return [*system.names, *(drive.name for drive in system.scene.drives)]
+
+
+def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
+    """Return motion, forces, modes, powers and outputs of one run, with the positions of what is `placed`."""
     system = samples.system
-    moving = [*system.names, *(drive.name for drive in system.scene.drives)]
+    moving = _moving(system)
     names = [row.name for row in system.rows]
     frictional = [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
     found: dict[str, NDArray[Any]] = {"time": samples.t}
     found |= {f"velocity {name}": samples.velocity(name) for name in moving}
-    found |= {f"position {moving[i]}": samples.position(moving[i]) for i in system.position_state}
+    found |= {f"position {name}": samples.position(name) for name in moving if name in placed}
     found |= {f"force {name}": samples.force(name) for name in names}
     found |= {f"breakaway {name}": samples.breakaway(name) for name in frictional}
     found |= {f"mode {name}": samples.mode(name) for name in names}
     found |= {f"normal {name}": samples.normal(name) for name in frictional}
     found |= {f"power {name}": samples.power(name) for name in frictional}
+    for name in system.blocks:
+        outputs = np.atleast_2d(samples.outputs_of(name))
+        heads = (
+            [f"output {name}"] if len(outputs) == 1 else [f"output {name}[{k}]" for k in range(len(outputs))]
+        )
+        found |= dict(zip(heads, outputs, strict=True))
     return found
 
 
 def column_units(result: Readable) -> dict[str, str]:
-    """Return the unit of each column; modes have none.
+    """Return the unit of each column; modes have none, and those of blocks are not known.
 
     The scene or its bodies say whether they rotate or move along lines; where neither does, both units are named.
 
@@ -89,7 +109,7 @@ def column_units(result: Readable) -> dict[str, str]:
         found |= {f"force {row.name}": force, f"breakaway {row.name}": force, f"mode {row.name}": ""}
         found |= {f"normal {row.name}": "N", f"power {row.name}": "W", f"heat {row.name}": "J"}
     energies = ("heat of dampers", "kinetic energy", "spring energy", "work of loads", "work of drives")
-    return found | dict.fromkeys(energies, "J")
+    return found | dict.fromkeys((*energies, "lost in impacts", "changes between runs"), "J")
 
 
 def to_csv(result: Readable, path: Target, *, units: bool | None = None) -> None:
@@ -111,7 +131,7 @@ def to_csv(result: Readable, path: Target, *, units: bool | None = None) -> None
     """
     target, found, known = file_path(path, "to_csv"), columns(result), column_units(result)
     with_units = None not in result.scene.motions.values() if units is None else flag(units, "to_csv: units")
-    heads = [f"{name} [{known[name]}]" if with_units and known[name] else name for name in found]
+    heads = [f"{name} [{known[name]}]" if with_units and known.get(name) else name for name in found]
     with target.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(heads)
@@ -132,7 +152,7 @@ def summary(result: Readable) -> dict[str, Any]:
     if result.t.size:
         data["final"] = {name: _plain(column[-1]) for name, column in columns(result).items()}
         known = column_units(result)
-        data["units"] = {name: known[name] for name in data["final"]}
+        data["units"] = {name: known.get(name, "") for name in data["final"]}
     return data
 
 
@@ -184,7 +204,7 @@ def to_frame(result: Readable) -> Any:
     except ImportError as missing:
         raise ImportError("to_frame needs pandas: pip install 'stickslip[frames]'") from missing
     frame, known = pandas.DataFrame(columns(result)), column_units(result)
-    frame.attrs["units"] = {name: known[name] for name in frame.columns}
+    frame.attrs["units"] = {name: known.get(name, "") for name in frame.columns}
     return frame
 
 

@@ -28,6 +28,9 @@ Times = Sequence[float] | NDArray[Any]
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
+_MOST_STEPS = 1e8
+"""So many steps take half an hour, and their points a few gigabytes."""
+
 
 def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     """Return start and end of a time span that runs forward."""
@@ -39,7 +42,8 @@ def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
         ) from None
     start, stop = finite(start, f"{what}: t_span"), finite(stop, f"{what}: t_span")
     if not start < stop:
-        raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); swap the two times")
+        remedy = "swap the two times" if start > stop else "give a later end"
+        raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); {remedy}")
     return start, stop
 
 
@@ -57,11 +61,11 @@ def between(name: str, value: float, low: float, high: float, what: str = "simul
     return number
 
 
-def longest_step(max_step: float) -> float:
-    """Return the longest step, which may be infinite."""
+def longest_step(max_step: float, whole: float) -> float:
+    """Return the longest step of a run of so many seconds; it may be infinite."""
     if isinstance(max_step, float) and max_step == math.inf:
         return math.inf
-    return between("max_step", max_step, 0.0, math.inf)
+    return _not_too_many("max_step", max_step, whole)
 
 
 def margin(velocity_margin: float | None) -> float | None:
@@ -71,8 +75,18 @@ def margin(velocity_margin: float | None) -> float | None:
     return velocity_margin
 
 
-def step_length(method: str, step: float | None) -> float | None:
-    """Return the step of a fixed-step method, None for the others."""
+def _not_too_many(name: str, length: Any, whole: float) -> float:
+    found = between(name, length, 0.0, math.inf)
+    if whole > _MOST_STEPS * found:
+        raise ValueError(
+            f"simulate: {name}={found:g} s makes {whole / found:.3g} steps in {whole:g} s, and {_MOST_STEPS:g} are "
+            "the most; give a longer one, or simulate a shorter time"
+        )
+    return found
+
+
+def step_length(method: str, step: float | None, whole: float) -> float | None:
+    """Return the step of a fixed-step method in a run of so many seconds, None for the others."""
     fixed = [name for name, known in METHODS.items() if known.takes_steps]
     if method not in fixed:
         if step is not None:
@@ -82,7 +96,7 @@ def step_length(method: str, step: float | None) -> float | None:
         return None
     if step is None:
         raise ValueError(f"simulate: method {method!r} needs step=, the length of its steps in s")
-    return between("step", step, 0.0, math.inf)
+    return _not_too_many("step", step, whole)
 
 
 def check_laws(scene: Scene, start: float, stop: float) -> None:

@@ -94,10 +94,10 @@ class Recorder:
         """Keep an event."""
         self.events.append(Event(t, self._system.rows[row].name, Mode(before), Mode(after), cause))
 
-    def note_user(self, t: float, name: str, sign: int) -> None:
+    def note_user(self, t: float, name: str, sign: int, stays: bool) -> None:
         """Keep an event of the user."""
-        cause = "rose through 0" if sign > 0 else "fell through 0"
-        self.events.append(Event(t, name, Mode(-sign), Mode(sign), cause))
+        cause = f"{'rose' if sign > 0 else 'fell'} {'to' if stays else 'through'} 0"
+        self.events.append(Event(t, name, Mode(-sign), Mode(0 if stays else sign), cause))
 
     def result(self, message: str, status: int, stats: dict[str, Any]) -> Result:
         """Return all that was kept."""

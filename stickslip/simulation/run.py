@@ -23,7 +23,7 @@ from stickslip.events.endings import (
 )
 from stickslip.events.impact import struck
 from stickslip.events.search import Situation
-from stickslip.events.settle import Settled, carried_on, only_bends, settle
+from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import Borders
@@ -150,7 +150,7 @@ class Run:
         """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
         for one in watch.crossings(motion, path):
             at = t if one.tau >= path.taus[-1] else motion.t + one.tau
-            self.recorder.note_user(float(at), one.event.name, one.sign)
+            self.recorder.note_user(float(at), one.event.name, one.sign, one.stays)
             if one.event.stop:
                 self.stopped = one.event.name
                 if one.tau < path.taus[-1]:
@@ -208,6 +208,14 @@ class Run:
                 return
         before = shown_at_end(motion, path, now.labels)
         at = at_limit(motion, now.guards, path, ones)
+        since = np.where(before == 0, motion.since, t)
+        if at.alone is not None and t < motion.stretch.stop:
+            uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
+            following = with_one(now, t, path.last, since, *at.alone, uncertain)
+            if following is not None:
+                self.now = following
+                self._note(t, at.alone[0], int(before[at.alone[0]]), True, False, None)
+                return
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         is_exact = not now.guards.velocity_uncertainty
         rebound = self._wanted.rebound
@@ -225,7 +233,6 @@ class Run:
             y = np.concatenate([y[: system.first_block], held])
         if self._borders is not None:
             self._borders.place(y, t)
-        since = np.where(before == 0, motion.since, t)
         situation = Situation(
             t,
             y,
@@ -234,7 +241,6 @@ class Run:
             touching,
             at.fired,
             path.largest,
-            at.let_go,
             motion.equations.regions,
             jump.sides,
             path.touched,
@@ -281,10 +287,10 @@ class Run:
         self.samples += sum(block.is_due(t, self.start) for _, block, _ in self.system.sampled)
         return self.system.sample(t, self.start, q, y)
 
-    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump) -> None:
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump | None) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
-        if jump.hit[j]:
+        if jump is not None and jump.hit[j]:
             cause = "impact"
         elif self.system.is_stop[j] and after == Mode.OPEN:
             cause = "force 0" if fired else "leaves with another event"
@@ -296,7 +302,7 @@ class Run:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"
-        elif before and after and jump.impact is not None and jump.parted[j]:
+        elif after and jump is not None and jump.parted[j]:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)

@@ -1,4 +1,4 @@
-"""Events of the user: where quantities cross 0 along the paths of a run.
+"""Events of the user: where quantities cross 0, or come to it and stay, along the paths of a run.
 
 They change nothing in the motion, so they are looked for on the polynomials of its steps: in each step the quantity is
 a polynomial of its values at Chebyshev points, and a root is finished on the quantity itself.
@@ -40,11 +40,12 @@ TINY = 1e-14
 
 
 class Crossing(NamedTuple):
-    """A user's event at local time `tau` of a motion, with the sign that the quantity has from then on."""
+    """A user's event at local time `tau` of a motion: the sign that the quantity comes to, unless it `stays` at 0."""
 
     tau: float
     event: When
     sign: int
+    stays: bool = False
 
 
 class Watch:
@@ -72,6 +73,10 @@ class Watch:
                 sign = -sign
                 found.append(Crossing(0.0, event, sign))
             for left, row in enumerate(values[k]):
+                if sign and np.all(np.abs(row) <= noise):
+                    # what has stuck, say, stays at 0
+                    found.append(Crossing(edges[left], event, -sign, stays=True))
+                    sign = 0
                 least = rough if sign == 0 else noise
                 for tau, now in signs_along(edges[left], edges[left + 1], row, of_one, least, noise):
                     if sign == -now:

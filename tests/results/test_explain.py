@@ -10,6 +10,7 @@ from stickslip import (
     Body,
     Contact,
     Damper,
+    Drive,
     DryFriction,
     Force,
     Karnopp,
@@ -21,6 +22,7 @@ from stickslip import (
     feedback,
     output,
     pid,
+    piecewise_linear,
     position,
     power,
     simulate,
@@ -141,6 +143,17 @@ def test_a_jump_of_the_load_is_a_cause():
     )
     text = explain(simulate(scene, (0.0, 2.0)))
     assert "broke away forward by a jump of the loads: needed 0.5 just before, could then hold 2" in text
+
+
+def test_a_jump_of_a_drive_is_a_cause():
+    """Back from -1 m/s after 1 ms the drive runs at 1 m/s again, and the block has lost 0.001 m/s² s."""
+    drive = Drive("drive", velocity=piecewise_linear([1.0, 1.0, 1.001, 1.001], [1.0, -1.0, -1.0, 1.0]))
+    contact = Contact("floor", "a", "drive", DryFriction(0.1, 0.1), normal=10.0)
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), drive, contact), (0.0, 2.0))
+    assert [event.cause for event in result.events] == [*2 * ["jump of velocities"], "relative velocity 0"]
+    text = explain(result)
+    assert "floor STUCK -> FORWARD: its relative velocity jumped from 0 to 2 with a drive" in text
+    assert "floor FORWARD -> BACKWARD: its relative velocity jumped from 1.999 to -0.001 with a drive" in text
 
 
 def test_relaxation_and_reversal_are_told():

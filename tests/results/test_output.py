@@ -17,11 +17,16 @@ from stickslip import (
     Force,
     LuGre,
     PreSlip,
+    Sampled,
     Scene,
+    StateSpace,
+    Stop,
+    join,
     output,
     signal,
     simulate,
     sine,
+    velocity,
 )
 from stickslip.benchmark import flywheel_benchmark
 
@@ -181,6 +186,28 @@ def test_columns_hold_powers_and_the_ledger(blocks):
     balance = found["kinetic energy"] + found["spring energy"] + found["heat of dampers"]
     balance = balance + found["heat f0"] + found["heat f1"]
     assert balance - balance[0] == pytest.approx(found["work of drives"], abs=1e-9 * balance.max())
+
+
+def test_columns_balance_with_impacts_and_changes_between_runs_too():
+    """A ram on a pile: 500 kg and 300 kg go on with m1 v / (m1 + m2). The next run begins with more, and no stop."""
+    ram, pile = Body("ram", inertia=500.0, position=2.0), Body("pile", inertia=300.0)
+    soil = Contact("soil", "pile", GROUND, DryFriction(1.0, 1.0), normal=6e4)
+    filtered = StateSpace("filtered", [[-10.0]], [[10.0]], [[1.0]], inputs=[velocity("ram")])
+    two = Sampled("two", period=0.3, inputs=[velocity("pile")], output=lambda t, x, u: (u[0], t), outputs=2)
+    anvil = Stop("anvil", "ram", "pile", lower=0.0)
+    one = simulate(Scene(ram, pile, soil, anvil, Force("ram", -5000.0), filtered, two), (0.0, 1.0))
+    found = output.columns(one)
+    assert found["lost in impacts"][-1] == pytest.approx(5000 * 2 * 300 / 800)
+    assert np.array_equal(found["output filtered"], one.output("filtered"))
+    assert np.array_equal(found["output two[1]"], one.output("two")[1]) and "output two" not in found
+    later = simulate(Scene(Body("pile", inertia=300.0, velocity=1.0, position=-0.1), soil), (1.0, 2.0))
+    both = join([one, later])
+    found = output.columns(both)
+    heats = ("kinetic energy", "heat soil", "lost in impacts")
+    gains = sum(found[name] for name in heats) - found["work of loads"] - found["changes between runs"]
+    assert np.abs(gains).max() < 1e-9 * 5000 and found["changes between runs"][-1] == pytest.approx(150.0)
+    assert np.array_equal(found["position pile"], both.position("pile"))  # a state of the first run only
+    assert np.isnan(found["output filtered"][-1])
 
 
 def test_energy_is_left_out_where_the_motion_was_not_kept():

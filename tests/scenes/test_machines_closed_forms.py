@@ -165,9 +165,9 @@ def test_a_dwelling_contact_holds_a_body_at_its_stop(options: dict[str, Any], of
 def test_a_drive_that_turns_round_jams_two_clutches(
     velocity: Any, options: dict[str, Any], off: float
 ) -> None:
-    """Of two shafts geared against each other neither may run ahead of the belt: from 2 s on, when it turns round, both do.
+    """Of two shafts geared against each other neither may run ahead of the belt, which turns round at 2 s.
 
-    Beside one of them lies a contact that could give way; the clutches cannot.
+    A contact beside one of the clutches could give way; they cannot.
     """
     scene = Scene(
         Body("a", inertia=1.0),

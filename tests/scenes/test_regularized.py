@@ -329,7 +329,7 @@ def test_karnopp_errs_by_its_band() -> None:
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
 def test_karnopp_is_led_through_its_band(options: dict[str, Any]) -> None:
-    """A block on a belt at ``0.5 - t`` m/s goes with it: beneath it the ground rubs one way up to 0.5 s, then the other."""
+    """A block goes with a belt at ``0.5 - t`` m/s: the ground rubs against it one way up to 0.5 s, then the other."""
     scene = Scene(
         Body("a", inertia=1.0, velocity=0.5),
         Drive("belt", velocity=piecewise_linear([0.0, 1.0], [0.5, -0.5])),

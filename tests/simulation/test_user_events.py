@@ -27,6 +27,7 @@ from stickslip import (
     load,
     normal,
     output,
+    piecewise_linear,
     position,
     power,
     relative_velocity,
@@ -198,3 +199,36 @@ def test_a_function_that_turns_often_within_a_step_is_counted(method: Any) -> No
     result = simulate(scene, (0.0, 10.0), method=method, events=[tick])
     way = np.arange(1, int(1000 * -math.expm1(-1) / math.pi) + 1) * math.pi / 100
     assert [e.t for e in result.events] == pytest.approx((-10 * np.log1p(-way / 10)).tolist(), abs=1e-6)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> None:
+    """A cone of 20 N m brings 0.1 kg m² at 100 rad/s to 20 kg m² at 50 rad/s after 50 / (20 (1 / 0.1 + 1 / 20)) s."""
+    scene = Scene(
+        Body("input", inertia=0.1, velocity=100.0),
+        Body("output", inertia=20.0, velocity=50.0),
+        Contact("cone", "input", "output", DryFriction(1.0, 1.0), normal=20.0),
+        Force("input", piecewise_linear([1.0, 1.0], [0.0, 50.0])),
+    )
+    when = 50 / (20 * (10 + 0.05))
+    events = [
+        When("synchronous", relative_velocity("cone")),
+        When("equal", velocity("output") - velocity("input"), direction=1),
+        When("never", relative_velocity("cone"), direction=1),
+    ]
+    result = simulate(scene, (0.0, 2.0), events=events, **way)
+    tolerance = 1e-13 if way == {} else 1e-8
+    cone, synchronous, equal, slips = result.events
+    assert (cone.contact, slips.contact, slips.t) == ("cone", "cone", 1.0)  # leaving 0 is no event
+    assert (synchronous.contact, synchronous.after, synchronous.cause) == (
+        "synchronous",
+        Mode.STUCK,
+        "fell to 0",
+    )
+    assert (equal.contact, equal.before, equal.cause) == ("equal", Mode.BACKWARD, "rose to 0")
+    assert abs(synchronous.t - when) < tolerance and synchronous.t == equal.t == cone.t
+    events = [When("synchronous", relative_velocity("cone"), stop=True)]
+    stopped = simulate(scene, (0.0, 2.0), events=events, **way)
+    assert (stopped.status, stopped.t[-1]) == (1, synchronous.t)
+    further = simulate(stopped.final_scene(), (float(stopped.t[-1]), 2.0), events=events, **way)
+    assert further.status == 0 and [event.contact for event in further.events] == ["cone"]
