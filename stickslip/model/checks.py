@@ -60,6 +60,12 @@ def _check_call(cls: type, args: tuple[Any, ...], given: Mapping[str, Any]) -> N
             raise TypeError(f"{cls.__name__}: argument {name!r} is missing; {has}") from None
 
 
+def every_digit(number: float) -> str:
+    """Return a number as short as it can be told from all others: 5, 0.1, 0.30000000000000004."""
+    short = f"{number:g}"
+    return short if float(short) == number else repr(float(number))
+
+
 def finite(value: Any, what: str) -> float:
     """Return a finite number as a float; refuse what is none with a message that begins with `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):

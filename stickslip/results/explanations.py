@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+import scipy
 
 from stickslip.equations.loads import Loads
+from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.system import System
 from stickslip.model.arrays import Modes
@@ -23,6 +25,7 @@ from stickslip.results.units import units
 
 _LISTED = 12
 _MODE_SETS = 20
+_DENSE = 500
 
 
 def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
@@ -139,7 +142,19 @@ def _others(system: System) -> list[str]:
     weightless = [body.name for body in system.scene.bodies if body.inertia == 0]
     if weightless:
         lines.append(f"  without inertia, moved by ties alone: {_listed(weightless)}")
+    if still := _held_still(system):
+        lines.append(f"  locked, because ties leave no motion but rest: {_listed(still)}")
     return lines
+
+
+def _held_still(system: System) -> list[str]:
+    """Return the bodies that ties alone hold still for ever, such as those of gears in a loop that do not fit."""
+    if not system.is_tie.any() or system.n > _DENSE:
+        return []
+    rows = np.hstack([dense(one)[system.is_tie] for one in (system.G, system.D)])
+    motions = scipy.linalg.null_space(rows / np.abs(rows).max(axis=1, keepdims=True))
+    moves = np.abs(motions).max(axis=1, initial=0.0)
+    return [name for name, how_far in zip(system.names, moves.tolist(), strict=False) if how_far < 1e-9]
 
 
 def _gap(gap: Gap) -> str:

@@ -17,6 +17,7 @@ from stickslip.equations.path import Path, values
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.checks import every_digit
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
 
@@ -160,7 +161,8 @@ class Trajectory(PickledByFields):
         start, stop = self.starts[0], self.stops[-1]
         if not (times.min() >= start and times.max() <= stop):
             raise ValueError(
-                f"times must lie in [{start:g}, {stop:g}] s, got {times.min():g} to {times.max():g}"
+                f"times must lie in [{start:g}, {stop:g}] s, got "
+                f"{every_digit(times.min())} to {every_digit(times.max())}"
             )
         return np.searchsorted(self.starts, times, side="right") - 1
 

@@ -15,7 +15,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.model.checks import finite, flag, in_order, numbers
+from stickslip.model.checks import every_digit, finite, flag, in_order, numbers
 from stickslip.model.laws.base import Use
 from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
@@ -215,6 +215,7 @@ def outputs(t_eval: Iterable[float] | None, start: float, stop: float, dense: bo
     good = times.size == 0 or (times[0] >= start and times[-1] <= stop)
     if not good or not (times[1:] > times[:-1]).all():
         raise ValueError(
-            f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s; sort and cut it"
+            f"simulate: t_eval must be times that increase within [{start:g}, {stop:g}] s, got "
+            f"{every_digit(times[0])} to {every_digit(times[-1])}; sort and cut it"
         )
     return times

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import in_order, whole
+from stickslip.model.checks import every_digit, in_order, whole
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
 from stickslip.results.outcome import Event
@@ -100,7 +100,8 @@ class Joined(Presented):
             raise ValueError("sample: give increasing times: runs in a row are read in order of time")
         if wanted.size and not (starts[0] <= wanted[0] and wanted[-1] <= stop):
             raise ValueError(
-                f"times must lie in [{starts[0]:g}, {stop:g}] s, got {wanted[0]:g} to {wanted[-1]:g}"
+                f"times must lie in [{starts[0]:g}, {stop:g}] s, got "
+                f"{every_digit(wanted[0])} to {every_digit(wanted[-1])}"
             )
         parts = np.split(wanted, np.searchsorted(wanted, starts[1:]))
         # runs without a time stay, so that heat and work are counted through all of them

@@ -13,6 +13,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     Karnopp,
     LuGre,
     PreSlip,
@@ -227,3 +228,17 @@ def test_feedback_says_what_is_linear_and_what_is_not():
     ):
         assert line in text.splitlines(), text
     assert "Engine: CVODE BDF, because force on 'm': feedback function sin depends on the state" in text
+
+
+def test_gears_in_a_loop_that_do_not_fit_are_told():
+    """Ratios of 2 and 2 in a row and 3 beside them leave no motion; a fourth body and a driven shaft move."""
+    bodies = [Body(name, inertia=1.0) for name in "abcde"]
+    gears = (
+        Gear("g1", "a", "b", ratio=2.0),
+        Gear("g2", "b", "c", ratio=2.0),
+        Gear("g4", "d", "shaft", ratio=3.0),
+    )
+    shaft = Drive("shaft", velocity=0.0)
+    text = explain(Scene(*bodies, shaft, *gears, Gear("g3", "a", "c", ratio=3.0), Force("a", 1.0)))
+    assert "  locked, because ties leave no motion but rest: a, b, c\n" in text
+    assert "locked" not in explain(Scene(*bodies, shaft, *gears, Gear("g3", "a", "c", ratio=4.0)))

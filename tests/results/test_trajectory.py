@@ -317,3 +317,9 @@ def test_what_was_computed_before_an_error_can_be_read() -> None:
     error = caught.value
     assert 1.0 < error.t <= 1.52 and error.result.t[-1] == error.t and not error.result.success
     np.testing.assert_allclose(error.result.velocity("a"), 1 - np.cos(error.result.t), rtol=0, atol=1e-6)
+
+
+def test_a_time_just_beyond_the_end_is_shown_with_all_its_digits():
+    result = simulate(Scene(Body("m", inertia=1.0, velocity=1.0)), (0.0, 0.3))
+    with pytest.raises(ValueError, match=r"must lie in \[0, 0.3\] s, got 0 to 0.30000000000000004"):
+        result.sample([0.0, 3 * 0.1])
