@@ -42,7 +42,7 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
 
 def pressed_together(motion: Motion) -> Indices:
     """Return held rows that drives tear though none of them can give way: ties, one-way clutches and stops."""
-    rows = motion.equations.held[_torn(motion)[0]]
+    rows: Indices = motion.equations.held[_torn(motion)[0]]
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
