@@ -10,6 +10,9 @@ import numpy as np
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.model.arrays import Array, Mask, Modes
 
+_AT_BAND = 1e-6
+"""Part of a dead band within which a velocity is at its edge."""
+
 
 class GuardValues:
     """The guards of a motion.
@@ -35,7 +38,11 @@ class GuardValues:
         self._constant, self._has_constant = rows.constant, rows.has_constant
         if rows.has_threshold:
             self._constant = rows.constant.copy()
-            self._constant[: rows.slips] = np.where(self.rests[: rows.slips], 0.0, rows.threshold)
+            slips = slice(rows.slips)
+            # what is led through Karnopp's dead band comes to rest at 0 only
+            speed = rows.turn[slips] * motion.first.z[0][rows.source[slips]]
+            within = (speed <= -(1 + _AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
+            self._constant[slips] = np.where(self.rests[slips] | within, 0.0, rows.threshold)
             self._has_constant = bool(self._constant.any())
         # functions of the state act on forces; of the others only normal forces may read them
         self._wanted: Any = None

@@ -14,7 +14,7 @@ import scipy
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 _SOME = 1e-9
 """Part of what adds up, or of the largest, below which a force or a rate is roundoff."""
@@ -27,18 +27,9 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
 
     All rows that may hold are held in this motion.
     """
-    system, equations = motion.system, motion.equations
-    held, balance = equations.held, equations.balance
-    if balance.parting is None:
-        return None
-    for q in motion.start.q:
-        rate = system.drive_accelerations(q)
-        adds_up = abs(balance.parting) @ np.abs(rate)
-        torn = np.abs(balance.parting @ rate) > _SOME * adds_up
-        if torn.any():
-            break
-    else:
-        return None
+    system, balance = motion.system, motion.equations.balance
+    held = motion.equations.held
+    torn, rate = _torn(motion)
     for number in np.unique(balance.loop[torn]).tolist():
         rows = held[balance.loop == number]
         G, D = dense(system.G[rows]), dense(system.D[rows])
@@ -47,6 +38,26 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
         if rows.size - np.linalg.matrix_rank(G) > 1:
             return _weakest(rows, G, D @ rate, _limits(motion, guards, rows))
     return None
+
+
+def pressed_together(motion: Motion) -> Indices:
+    """Return held rows that drives tear though none of them can give way: ties, one-way clutches and stops."""
+    rows: Indices = motion.equations.held[_torn(motion)[0]]
+    return rows[:0] if motion.system.is_friction[rows].any() else rows
+
+
+def _torn(motion: Motion) -> tuple[Mask, Array]:
+    """Tell which held rows drives tear that move apart, and return the lowest derivative of velocities that does."""
+    system, balance = motion.system, motion.equations.balance
+    none, rate = np.zeros(motion.equations.held.size, dtype=bool), np.zeros(system.drives)
+    if balance.parting is None:
+        return none, rate
+    for q in motion.start.q:
+        rate = system.drive_accelerations(q)
+        torn = np.abs(balance.parting @ rate) > _SOME * (abs(balance.parting) @ np.abs(rate))
+        if torn.any():
+            return np.asarray(torn), rate
+    return none, rate
 
 
 def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:

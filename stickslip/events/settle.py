@@ -14,7 +14,8 @@ from stickslip.equations.matrices import row_maxima
 from stickslip.equations.mode_equations import APART, FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.impact import Struck
+from stickslip.events.collapse import pressed_together
+from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
 from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
@@ -71,6 +72,7 @@ def with_one(
     equations = motion.equations
     if (
         not system.all_hard
+        or system.laws.rests_below.any()
         or system.has_stops
         or system.piecewise.count
         or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
@@ -81,8 +83,9 @@ def with_one(
         return None
     held = equations.is_held.copy()
     held[row] = True
-    if direction and system.balance(held.tobytes()).loop.max(initial=-1) >= 0:
-        # others may spare it
+    balance = system.balance(held.tobytes())
+    if (direction and balance.loop.max(initial=-1) >= 0) or balance.parting is not None:
+        # others may spare it, or drives tear them
         return None
     if direction:
         y = motion.exact(t - motion.t, y)
@@ -105,7 +108,8 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     largest ratio of force to level is set moving in the direction of its force, ties within roundoff together. A row
     that others can spare carries its level instead (MODEL rule 8).
 
-    If no set of modes is consistent, that is `Inconsistent`.
+    If no set of modes is consistent, that is `Inconsistent`; where drives press rows together that cannot give way, it
+    is `Jammed`.
     """
     stretch = loads.after(now.t)
     q = system.filled(stretch.at(now.t), now.y, now.t)
@@ -115,6 +119,8 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
         found = _settled(system, stretch, now, uncertainty, q, closed)
         wrong = found.guards.misjudged
         if not wrong.size:
+            if (rows := pressed_together(found.motion)).size:
+                raise Jammed(rows)
             return found
         # the motion tells which normal forces that depend on it become positive or negative
         tried.add(closed.tobytes())
@@ -139,16 +145,16 @@ def _settled(
         closed &= ~system.is_stop | at_stop
     all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now.y, now.was, now.t, q)
+    u = system.drive_velocities(q)
+    if system.laws.rests_below.any():
+        now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
+        w, rough = _relative(system, now.y, now.was, now.t, q)
     # a law that does not stick has no rest but where it carries no force
-    may_rest = np.asarray(system.hard | ~closed)
-    # within Karnopp's dead band a contact counts as at rest
-    limit = np.where(system.hard, np.maximum(rough, system.laws.rests_below), rough)
-    resting = _resting(system, now, np.abs(w) <= limit, w, at_stop) & may_rest
+    resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
     if now.labels is not None and (beyond or not all_closed):
         named, resting = _directions(now, w, closed, resting, beyond)
     candidates = closed & resting
-    u = system.drive_velocities(q)
     y = _project(system, now.y, u, candidates)
     if y is not now.y:
         # rows that share a motion come to rest together, though an event may have found only one of them
@@ -177,7 +183,7 @@ def _settled(
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not
-        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= limit)
+        slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= rough)
         if slow.any():
             shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
         # the sign of what has died away is a solver's error
@@ -196,6 +202,24 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
         # a one-way clutch cannot turn forward: what is left of that is roundoff
         resting |= system.is_tie | system.is_one_way & (w > 0)
     return np.where(system.is_stop, at_stop, resting) if system.has_stops else resting
+
+
+def _at_rest_in_bands(
+    system: System, now: Situation, w: Array, rough: Array, closed: Mask, at_stop: Mask, u: Array
+) -> Situation:
+    """Bring contacts to rest that move within Karnopp's dead band, but for those that others at rest lead."""
+    limit = np.where(system.hard, system.laws.rests_below, 0.0)
+    resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
+    moving = resting & (limit > 0) & (np.abs(w) > rough)
+    held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
+    for j in moving.nonzero()[0].tolist():
+        G = system.G[[j]]
+        left = row_maxima(G @ system.balance(held.tobytes()).T)
+        led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
+        held[j] = not led[j]
+    if not moving.any():
+        return now
+    return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
 
 
 def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: float) -> tuple[Array, Mask]:

@@ -202,7 +202,7 @@ class _Simulation:
             raise self._error(message, remedy) from conflict
         except Jammed as conflict:
             names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
-            message = f"an impact has no solution: {names} are pressed together by drives or ties"
+            message = f"no motion is possible: {names} are pressed together by drives or ties"
             raise self._error(message, "use a Gap there, or let the drives leave room") from conflict
         except (ArithmeticError, ValueError) as fault:
             raise self._error(str(fault), LOOK_AT_SCENE) from fault

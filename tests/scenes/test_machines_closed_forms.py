@@ -17,10 +17,12 @@ from stickslip import (
     DryFriction,
     Force,
     Gap,
+    Gear,
     OneWay,
     Planetary,
     Result,
     Scene,
+    SimulationError,
     Spring,
     Stop,
     piecewise_linear,
@@ -154,3 +156,28 @@ def test_a_dwelling_contact_holds_a_body_at_its_stop(options: dict[str, Any], of
     goes = brentq(lambda t: t - 1.0 - 0.8 + 0.3 * math.exp(-t / 0.5), 1.0, 3.0, xtol=1e-15)
     assert times(result, "floor") == pytest.approx([goes], abs=off)
     assert times(result, "end") == pytest.approx([goes], abs=off)
+
+
+@both_engines
+@pytest.mark.parametrize(
+    "velocity", [piecewise_linear([0.0, 4.0], [1.0, -1.0]), sine(1.0, 0.125, math.pi / 2)]
+)
+def test_a_drive_that_turns_round_jams_two_clutches(
+    velocity: Any, options: dict[str, Any], off: float
+) -> None:
+    """Of two shafts geared against each other neither may run ahead of the belt, which turns round at 2 s.
+
+    A contact beside one of the clutches could give way; they cannot.
+    """
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        Drive("belt", velocity=velocity),
+        Gear("gear", "a", "b", ratio=-1.0),
+        OneWay("first", "a", "belt"),
+        OneWay("second", "b", "belt"),
+        Contact("rub", "a", "belt", DryFriction(0.5, 0.2), normal=1.0),
+    )
+    with pytest.raises(SimulationError, match="'gear', 'first', 'second' are pressed together") as caught:
+        simulate(scene, (0.0, 3.0), **options)
+    assert caught.value.t == pytest.approx(2.0, abs=1e3 * off)

@@ -327,6 +327,37 @@ def test_karnopp_errs_by_its_band() -> None:
         assert result.position("a")[-1] == pytest.approx(0.5 - 0.5 * band**2, rel=1e-9)
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
+def test_karnopp_is_led_through_its_band(options: dict[str, Any]) -> None:
+    """A block goes with a belt at ``0.5 - t`` m/s: the ground rubs against it one way up to 0.5 s, then the other."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.5),
+        Drive("belt", velocity=piecewise_linear([0.0, 1.0], [0.5, -0.5])),
+        Contact("hold", "a", "belt", DryFriction(0.5, 0.5), normal=20.0),
+        Contact("rub", "a", GROUND, Karnopp(DryFriction(0.2, 0.1), 0.01), normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1001), **options)
+    assert changes(result) == [("rub", 1, -1)]
+    assert result.events[0].t == pytest.approx(0.5, abs=1e-12)
+    assert result.power("rub").min() >= 0.0
+    assert result.force("hold")[490:500] == pytest.approx(0.0)  # 1 N brakes it, and so does the ground
+    assert result.force("hold")[-1] == pytest.approx(2.0)
+
+
+def test_karnopp_takes_others_along_as_it_stops() -> None:
+    """``v = 1 - 1.1 t`` enters the band of 0.01 at 0.9 s: from there on it is the belt at 5 mm/s that is faster."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Drive("belt", velocity=0.005),
+        Contact("rub", "a", "belt", DryFriction(0.1, 0.1), normal=1.0),
+        Contact("c", "a", GROUND, Karnopp(DryFriction(0.2, 0.1), 0.01), normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert sorted(changes(result)) == [("c", 1, 0), ("rub", 1, -1)]
+    assert [e.t for e in result.events] == pytest.approx([0.9, 0.9], abs=1e-12)
+    assert result.force("c")[-1] == pytest.approx(0.1)
+
+
 def test_karnopp_refuses_two_moving_bodies() -> None:
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
