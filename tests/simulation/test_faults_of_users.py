@@ -183,7 +183,7 @@ def test_what_no_solver_can_do(case: Fault) -> None:
     check(case)
 
 
-@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+@pytest.mark.parametrize("method", ["series", "BDF"])
 def test_what_grows_without_end_is_kept_up_to_there(method: Any) -> None:
     """v' = 50 v - 0.1 from 1 m/s: v = 0.002 + 0.998 exp(50 t), 1e100 at 4.6053 s."""
     rub = Contact("rub", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0)
