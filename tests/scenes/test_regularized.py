@@ -449,3 +449,16 @@ def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> 
         simulate(scene, (0.0, 2.0))
     assert caught.value.result.t[-1] == pytest.approx(1.5)
     assert caught.value.result.velocity("m")[-1] == pytest.approx(-0.9375, abs=1e-2)
+
+
+@pytest.mark.parametrize("options", [{"method": "BDF", "max_step": 0.1}, {"formulation": "multiplier"}])
+def test_bristles_without_friction_do_nothing(options: dict[str, Any]) -> None:
+    """One that presses nothing, and one whose coefficients are 0, beside a spring: ``v = cos(w t)``."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Spring("a", GROUND, stiffness=10.0),
+        Contact("open", "a", GROUND, LuGre(DRY, 1e3, 10.0), normal=0.0),
+        Contact("smooth", "a", GROUND, Dahl(DryFriction(0.0, 0.0), 1e3), normal=5.0),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    assert result.velocity("a")[-1] == pytest.approx(math.cos(math.sqrt(10.0) * 3.0), abs=1e-7)
