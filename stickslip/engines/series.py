@@ -14,7 +14,7 @@ import numpy as np
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, first_touch, may_vanish
-from stickslip.engines.work import Work
+from stickslip.engines.work import Work, grows, within_bounds
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.loads import Loads
@@ -31,7 +31,6 @@ _NOTHING, _NONE = 1e-250, 1e-267
 """Sizes below which a term counts as 0, and which 0 then has beside it."""
 
 _WORTH = 0.3
-_BEYOND = 1e100
 _GROWTH = 4.0
 """How much longer than the last step the next may be."""
 _TINY = np.finfo(float).tiny
@@ -81,12 +80,12 @@ class Series:
             if s != 1.0:
                 c = c * (s ** np.arange(c.shape[0]))[:, None]
             tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
+            before, y = y, motion.exact(tau, c.sum(axis=0))
+            if not within_bounds(y[None]):
+                raise grows(Path(np.array(ends), _padded(pieces, y.size), before, False))
             self.work.steps += 1
             pieces.append(c)
             ends.append(tau)
-            y = motion.exact(tau, c.sum(axis=0))
-            if not np.abs(y).max(initial=0.0) < _BEYOND:
-                raise ArithmeticError(f"the motion grows beyond {_BEYOND:g}: something feeds it without end")
             if motion.has_left(tau, y):
                 break
             if len(pieces) > _MOST_STEPS:

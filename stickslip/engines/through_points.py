@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.work import SolverFailure
+from stickslip.engines.work import SolverFailure, grows, within_bounds
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.model.arrays import Array, Indices
@@ -40,20 +40,22 @@ def path_through(
 ) -> Path:
     """Return the path through the points of a solver.
 
-    If some of them are not finite, that is a `SolverFailure`.
+    If some of them are not finite, or beyond all bounds, that is a `SolverFailure`.
     """
     taus, points = _apart(taus, points)
-    fine = np.isfinite(points).all(axis=1)
-    count = taus.size if fine.all() else int(fine.argmin())
+    count = within_bounds(points)
+    is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
     coefficients = through_points(taus, points, tolerance, _DEGREE[method])
     path = Path(taus, coefficients, motion.exact(float(taus[-1]), points[-1]), hit, True)
-    if count < fine.size:
+    if not is_finite:
         raise SolverFailure(
             "the states have become infinite or not a number",
             "look at the forces and laws of the scene there",
             path,
         )
+    if not is_whole:
+        raise grows(path)
     return path
 
 

@@ -6,10 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from stickslip.equations.path import Path
+from stickslip.model.arrays import Array
 
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
+
+BEYOND = 1e100
+"""What no velocity or position comes to unless something feeds it for ever."""
 
 
 @dataclass
@@ -47,6 +53,19 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.path = path
+
+
+def grows(path: Path) -> SolverFailure:
+    """Return the failure of a motion that goes on beyond all bounds after a path."""
+    return SolverFailure(
+        f"the motion grows beyond {BEYOND:g}: something feeds it without end", LOOK_AT_SCENE, path
+    )
+
+
+def within_bounds(points: Array) -> int:
+    """Return how many of the states, a line each, come before the first that is beyond all bounds."""
+    within = (np.abs(points) < BEYOND).all(axis=1)
+    return int(np.append(within, False).argmin())
 
 
 def sound(smallest: float, tau: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +29,8 @@ from stickslip.model.quantities import (
 )
 
 _ROUNDOFF = 1e-9
+_COUNTED = re.compile(r"(springs|dampers|forces)\[(\d+)\]")
+"""What has no name is called so, counted from 0."""
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -218,12 +221,13 @@ class Scene:
                 )
 
     def replace(self, name: str, **changes: Any) -> Scene:
-        """Return the scene with some fields of one body, drive, contact, tie or clutch changed.
+        """Return the scene with some fields of one element changed.
 
         Parameters
         ----------
         name : str
-            Name of the body, drive, contact, tie or clutch.
+            Name of the body, drive, block, contact or another row; ``"springs[0]"``, ``"dampers[0]"``, ``"forces[0]"``
+            for what has no name.
         **changes
             The fields to change.
 
@@ -232,20 +236,26 @@ class Scene:
         ValueError, TypeError
             If no element has the name, or the element refuses the changes.
         """
-        every: list[Any] = [element for element in self.elements if isinstance(element, Named)]
-        named = [element for element in every if isinstance(name, str) and element.name == name]
-        if not named:
-            known = {element.name for element in every}
+        every: list[Any] = list(self.elements)
+        named = isinstance(name, str)
+        places = [k for k, e in enumerate(every) if named and isinstance(e, Named) and e.name == name]
+        counted = _COUNTED.fullmatch(name) if named and not places else None
+        if counted is not None:
+            alike = [k for k, e in enumerate(every) if isinstance(e, KINDS[counted[1]])]
+            places = alike[int(counted[2]) :][:1]
+        if not places:
+            known = {element.name for element in self.elements if isinstance(element, Named)}
             raise ValueError(
-                f"Scene.replace: no body, drive or contact is called {name!r}; known are {listed(known)}"
+                f"Scene.replace: no body, drive or contact is called {name!r}; known are {listed(known)}; "
+                "springs, dampers and forces are called 'springs[0]' and so on"
             )
-        if len(named) > 1:
+        if len(places) > 1:
             raise ValueError(
                 f"Scene.replace: a body and a contact are both called {name!r}; rename one of them"
             )
-        kind, given = type(named[0]), vars(named[0]) | changes
-        check_entries(kind, kind.__name__, given, f"Scene.replace: {named[0].label}")
-        return self._with(replace(e, **changes) if e is named[0] else e for e in self.elements)
+        old = every[places[0]]
+        check_entries(type(old), type(old).__name__, vars(old) | changes, f"Scene.replace: {old.label}")
+        return self._with(replace(e, **changes) if k == places[0] else e for k, e in enumerate(every))
 
     def with_laws(self, change: Callable[[Law], Law]) -> Scene:
         """Return the scene with every contact's law replaced by ``change(law)``.

@@ -13,6 +13,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.endings import (
+    AtLimit,
     Jump,
     arrived,
     at_limit,
@@ -185,47 +186,58 @@ class Run:
         self.restarts += 1
 
     def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
+        """Go on from the end of a path: in the same modes, or with one other mode, or with all settled anew."""
         motion = now.motion
         self._watch_progress(t, path.has_event and not now.guards.is_border.any())
         if t >= self.stop:
             return
         self.restarts += 1
-        system, held = self.system, self._sampled(motion, path, t)
-        # where tables are, a motion may have been followed only so far
-        paused = t < motion.stretch.stop and self.loads.regions == motion.regions
-        goes_on = not (path.has_event or ones) and (
-            paused
-            or self.loads.goes_on(t)
-            or only_bends(now, self.loads.after(t), t, path.last, path.largest)
-        )
-        if goes_on:
-            y = np.concatenate([path.last[: system.first_block], held])
-            if self._borders is not None:
-                self._borders.place(y, t)
-            following = carried_on(now, self.loads.after(t), t, y)
-            if following is not None:
-                self.now = following
-                return
+        held = self._sampled(motion, path, t)
+        following = None if path.has_event or ones else self._as_before(now, path, t, held)
+        if following is not None:
+            self.now = following
+            return
         before = shown_at_end(motion, path, now.labels)
-        at = at_limit(motion, now.guards, path, ones)
         since = np.where(before == 0, motion.since, t)
+        at = at_limit(motion, now.guards, path, ones)
         if at.alone is not None and t < motion.stretch.stop:
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *at.alone, uncertain)
             if following is not None:
-                self.now = following
-                self._note(t, at.alone[0], int(before[at.alone[0]]), True, False, None)
+                self.now, j = following, at.alone[0]
+                self._note(t, j, int(before[j]), True, False, None)
                 return
+        situation, jump = self._situation(now, path, t, before, since, at, held)
+        self._settle(situation, before, ones, jump)
+
+    def _as_before(self, now: Settled, path: Path, t: float, held: Array) -> Settled | None:
+        """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
+        stretch = now.motion.stretch
+        # where tables are, a motion may have been followed only so far
+        paused = t < stretch.stop and self.loads.regions == now.motion.regions
+        after = self.loads.after(t)
+        if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
+            return None
+        y = np.concatenate([path.last[: self.system.first_block], held])
+        if self._borders is not None:
+            self._borders.place(y, t)
+        return carried_on(now, self.loads.after(t), t, y)
+
+    def _situation(
+        self, now: Settled, path: Path, t: float, before: Modes, since: Array, at: AtLimit, held: Array
+    ) -> tuple[Situation, Jump]:
+        """Return what is known at the end of a path, and what impacts and jumping drives do there."""
+        motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
+        jump = jumped(
+            motion, self.loads, path, t, now.labels, at.crossed, self._wanted.rebound, is_exact=not uncertain
+        )
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
-        is_exact = not now.guards.velocity_uncertainty
-        rebound = self._wanted.rebound
-        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, rebound, is_exact)
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
-            rest = max(now.guards.velocity_uncertainty, self._wanted.velocity_resolution)
+            rest = max(uncertain, self._wanted.velocity_resolution)
             at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
-        stops = arrived(motion, path, now.labels, now.guards.velocity_uncertainty)
+        stops = arrived(motion, path, now.labels, uncertain)
         # what an impact parts in the instant in which it comes to rest moves on
         touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y
@@ -233,19 +245,11 @@ class Run:
             y = np.concatenate([y[: system.first_block], held])
         if self._borders is not None:
             self._borders.place(y, t)
+        labels, regions = np.where(stops, 0, before), motion.equations.regions
         situation = Situation(
-            t,
-            y,
-            np.where(stops, 0, before),
-            since,
-            touching,
-            at.fired,
-            path.largest,
-            motion.equations.regions,
-            jump.sides,
-            path.touched,
+            t, y, labels, since, touching, at.fired, path.largest, regions, jump.sides, path.touched
         )
-        self._settle(situation, before, ones, jump)
+        return situation, jump
 
     def _settled(self, situation: Situation) -> Settled:
         found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))

@@ -175,15 +175,27 @@ class _Problem:
         self._last: tuple[bytes, float, Result] | None = None
         self.reasons: tuple[str, ...] = ()
 
+    def _at(self, x: Array) -> list[Parameter]:
+        """Return the parameters; a Coulomb coefficient beyond a static one that is not fitted takes it along."""
+        own = {(one.place, one.steps) for one in self._parameters}
+        moved = [
+            one.with_static(self._scene, value)
+            for one, value in zip(self._parameters, x.tolist(), strict=True)
+        ]
+        return [
+            one if (new.place, new.along) in own else new
+            for one, new in zip(self._parameters, moved, strict=True)
+        ]
+
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with other values."""
-        scene = self._scene
+        wanted = list(zip(self._at(x), x.tolist(), strict=True))
         # one after another, but checked together: a static coefficient may be raised before or after the Coulomb one
-        for order in (self._parameters, self._parameters[::-1]):
+        for order in (wanted, wanted[::-1]):
             try:
-                found = scene
-                for one in order:
-                    found = one.set(found, float(x[self._parameters.index(one)]))
+                found = self._scene
+                for one, value in order:
+                    found = one.set(found, value)
                 return found
             except ValueError as error:
                 refused = error
@@ -220,9 +232,7 @@ class _Problem:
         """Return the derivatives of the weighted residuals, 0 where none exist."""
         result = self._result(x, stop)
         scene = result.scene
-        directions = [
-            along_parameter(scene, one.at(scene), result.trajectory, "fit") for one in self._parameters
-        ]
+        directions = [along_parameter(scene, one.at(scene), result.trajectory, "fit") for one in self._at(x)]
         found = from_variation(Variation(result, directions))
         self.reasons = found.reasons
         parts = []

@@ -37,12 +37,30 @@ class Parameter:
     steps: tuple[str | int, ...]  # fields and entries that lead to it
     value: float  # in the scene it was read from
     only_at_start: bool  # whether it says where the motion starts, not how it goes on
+    along: tuple[str | int, ...] = ()  # steps to a number of the same element that takes the same value
 
     def set(self, scene: Scene, value: float) -> Scene:
         """Return the scene with the parameter at another value."""
         elements: list[Any] = list(scene.elements)
-        elements[self.place] = _changed(elements[self.place], self.steps, float(value))
+        element = elements[self.place]
+        both = [steps for steps in (self.along, self.steps) if steps]
+        # a static coefficient rises before a Coulomb one, and falls after it
+        for steps in both if value > self.value else both[::-1]:
+            element = _changed(element, steps, float(value))
+        elements[self.place] = element
         return Scene(*elements, motion=scene.motion)
+
+    def with_static(self, scene: Scene, value: float) -> Parameter:
+        """Return a Coulomb coefficient that takes the static one along where it would exceed it; all others as is."""
+        last = str(self.steps[-1]) if self.steps else ""
+        if last not in ("mu_coulomb", "mu_coulomb_backward"):
+            return self
+        static = (*self.steps[:-1], last.replace("coulomb", "static"))
+        try:
+            limit = _value(scene.elements[self.place], static, self.name, "")
+        except ValueError:  # it has no static one of its own
+            return self
+        return replace(self, along=static) if value > limit else self
 
     def unit(self, scene: Scene) -> str:
         """Return the SI unit, as far as the name tells it; an empty text for a pure number."""

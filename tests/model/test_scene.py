@@ -112,6 +112,17 @@ def test_replace_changes_one_element() -> None:
     assert EVERYTHING.replace("belt", velocity=3).drives[0].velocity == Constant(3.0)
 
 
+def test_what_has_no_name_is_replaced_by_its_number() -> None:
+    same = Force("m", 1.0)
+    scene = Scene(Body("m", inertia=1.0), same, same, Spring("m", GROUND, stiffness=2.0))
+    assert scene.replace("forces[1]", signal=3.0).forces == (same, Force("m", 3.0))
+    assert scene.replace("springs[0]", stiffness=5.0).springs[0].stiffness == 5.0
+    with pytest.raises(ValueError, match=r"is called 'springs\[1\]'; known are 'm'; springs, dampers"):
+        scene.replace("springs[1]", stiffness=5.0)
+    with pytest.raises(ValueError, match=r"force on 'm': unknown field 'torque'; a Force has body, signal"):
+        scene.replace("forces[0]", torque=5.0)
+
+
 def test_replace_checks_what_it_makes() -> None:
     with pytest.raises(ValueError, match=r"body 'wheel1': inertia must be positive, got -1"):
         WHEELS.replace("wheel1", inertia=-1)

@@ -26,6 +26,7 @@ from stickslip import (
     Spring,
     signal,
     simulate,
+    velocity,
 )
 
 Load = Callable[[float], Any]
@@ -180,3 +181,16 @@ def test_loads_and_laws_that_fail_half_way(case: Fault) -> None:
 @pytest.mark.parametrize("case", [pytest.param(case, id=name) for name, case in faults_of_solvers()])
 def test_what_no_solver_can_do(case: Fault) -> None:
     check(case)
+
+
+@pytest.mark.parametrize("method", ["series", "BDF"])
+def test_what_grows_without_end_is_kept_up_to_there(method: Any) -> None:
+    """v' = 50 v - 0.1 from 1 m/s: v = 0.002 + 0.998 exp(50 t), 1e100 at 4.6053 s."""
+    rub = Contact("rub", "m", GROUND, DryFriction(0.1, 0.1), normal=1.0)
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", 50 * velocity("m")), rub)
+    with pytest.raises(SimulationError, match=r"the motion grows beyond 1e\+100") as caught:
+        simulate(scene, (0.0, 100.0), method=method, rtol=1e-9)
+    result = caught.value.result
+    assert 4.0 < caught.value.t == result.t[-1] < math.log(1e100 / 0.998) / 50 + 1e-3
+    assert np.abs(result.velocity("m")).max() < 1e100
+    assert result.sample([0.5]).velocity("m")[0] == pytest.approx(0.002 + 0.998 * math.exp(25), rel=1e-5)

@@ -64,6 +64,27 @@ def test_friction_and_dwell_are_recovered_from_velocities() -> None:
     assert "+-" in str(found) and "c.law.dwell" in str(found)
 
 
+def test_a_coulomb_coefficient_takes_the_static_one_along() -> None:
+    """A swing that friction stops, fitted from plain friction that is too weak."""
+
+    def slider(mu: float, static: float, drag: float = 0.5) -> Scene:
+        return Scene(
+            Body("m", inertia=1.0, velocity=3.0),
+            Spring("m", GROUND, stiffness=2.0, damping=drag),
+            Contact("rub", "m", GROUND, DryFriction(static, mu), normal=1.0),
+        )
+
+    t = np.linspace(0.05, 6.0, 60)
+    data = {"m.velocity": (t, simulate(slider(0.9, 0.9), (0.0, 6.0), t_eval=t).velocity("m"))}
+    found = fit(slider(0.6, 0.6, 0.3), ["rub.law.mu_coulomb", "springs[0].damping"], data)
+    assert found.values == pytest.approx([0.9, 0.5], abs=1e-7)
+    law = found.scene.contacts[0].law
+    assert isinstance(law, DryFriction) and law.mu_static == law.mu_coulomb
+    # a static coefficient that is large enough stays
+    found = fit(slider(0.6, 0.95, 0.3), ["rub.law.mu_coulomb", "springs[0].damping"], data)
+    assert found.scene.contacts[0].law == DryFriction(0.95, found.values[0])
+
+
 @pytest.mark.slow
 def test_data_in_other_units_are_noticed() -> None:
     """Velocities in mm/s cannot be fitted by a scene in m/s: the residuals say so."""
