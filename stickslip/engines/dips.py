@@ -43,7 +43,7 @@ _TOUCHES = 0.1
 """Part of what is uncertain that a velocity keeps at the most where it touches 0: errors seldom add up fully."""
 
 _FROM_ABOVE = 1e2
-"""From so many times what is uncertain a velocity has to come down, or a touch is not told from a ripple."""
+"""From so many times what is uncertain a velocity has to come down first, or a touch is not told from a ripple."""
 
 
 class Dip(NamedTuple):
@@ -80,9 +80,11 @@ def first_dip(along: Along) -> Dip | None:
         looks, ends = looks[:-1], ends[:, :-1]
     if not looks.size:
         return None
-    highest = ends.max(axis=1, where=np.isfinite(ends), initial=-np.inf)
-    touch[np.maximum(highest, low.max(axis=1)) < _FROM_ABOVE * touch] = 0.0
-    found = _first_negative(looks, ends, values, touch)
+    begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
+    highest = _highest(looks, ends, np.column_stack([begin, low]), taus)
+    found = _first_negative(
+        looks, ends, values, np.where(highest >= _FROM_ABOVE * touch[:, None], touch[:, None], 0.0)
+    )
     if found is None:
         return None
     tau, row = found
@@ -93,6 +95,14 @@ def first_dip(along: Along) -> Dip | None:
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
     return Dip(
         _lowest(lambda taus: values(taus, late=False), row, left, right)[0], int(guards.row[rows[row]])
+    )
+
+
+def _highest(looks: Array, values: Array, low: Array, taus: Array) -> Array:
+    """Return from how high up guards have come down by each look: of steps that need none it is what they are above."""
+    reached = np.maximum.accumulate(np.where(np.isfinite(values), values, -np.inf), axis=1)
+    return np.asarray(
+        np.maximum(reached, np.maximum.accumulate(low, axis=1)[:, taus.searchsorted(looks) - 1])
     )
 
 
@@ -128,22 +138,22 @@ def _first_negative(
 ) -> tuple[float, int | None] | None:
     """Return the first sampled time with a negative guard, refining where one comes close and turns.
 
-    A guard that turns within `touch` of 0 touches it: then its number comes second.
+    A guard that turns within `touch` of 0, of each guard and time, touches it: then its number comes second.
     """
     negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
     last = int(negative[0]) if negative.size else taus.size
     found = (float(taus[negative[0]]), None) if negative.size else None
     if last < 3:
         return found
-    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last], touch).T)
+    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last], touch[:, :last]).T)
     if places.size > _FEW_TURNS:
-        close = _come_close(guards, taus[places], taus[places + 2], rows, touch)
+        close = _come_close(guards, taus[places], taus[places + 2], rows, touch[rows, places + 1])
         places, rows = places[close], rows[close]
     for place, row in zip(places.tolist(), rows.tolist(), strict=True):
         tau, value = _lowest(guards, row, taus[place], taus[place + 2])
         if value < 0:
             return tau, None
-        if 0 < touch[row] >= value:
+        if 0 < touch[row, place + 1] >= value:
             return tau, row
     return found
 
@@ -177,7 +187,7 @@ def _come_close(
             shift = np.where(bend > 0, 0.5 * (low - high) / bend, 0.0)
         middle, half = middle + np.clip(shift, -1.0, 1.0) * half, half / 8
         middle = np.clip(middle, left + half, right - half)
-    return np.asarray(at(middle) <= 1e-6 * scale + touch[rows])
+    return np.asarray(at(middle) <= 1e-6 * scale + touch)
 
 
 def _may_dip(taus: Array, values: Array, touch: Array) -> Mask:
@@ -188,5 +198,5 @@ def _may_dip(taus: Array, values: Array, touch: Array) -> Mask:
         falling, rising = (middle - left) / before, (right - middle) / after
         bend = (rising - falling) / (before + after)
         lowest = middle - (falling + bend * before) ** 2 / (4 * bend)
-        near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2 + touch[:, None]
+        near = lowest <= _SUSPICION * bend * np.maximum(before, after) ** 2 + touch[:, 1:-1]
     return np.asarray(near & (middle <= left) & (middle <= right))

@@ -194,7 +194,16 @@ class Search:
             row = functions.row[functions.owner[border]]
             following[row] = 0
             self._sides[row] = 1 if functions.beyond[border] == 1 else -1
+        self._stay_together(following)
         return following
+
+    def _stay_together(self, trial: Modes) -> None:
+        """Conserve momentum where a stop closes that rebounds so slowly that its flight would be roundoff."""
+        system, n = self._system, self._system.n
+        u = system.drive_velocities(self._stretch.at(self._now.t))
+        held = (trial == 0) & system.hard
+        self._y = self._y.copy()
+        self._y[:n] = system.balance(held.tobytes()).project(self._y[:n], u)
 
     def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.

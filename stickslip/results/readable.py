@@ -80,7 +80,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such body, or its position was not kept.
         """
-        return self._read(lambda samples: _position(samples, body))
+        return self._read(lambda samples: samples.position(body))
 
     def force(self, contact: str) -> Array:
         """Return the friction force r of a contact at the times `t`, in N or N m (-r acts on its body a).
@@ -152,7 +152,7 @@ class Readable(PickledByFields):
         Raises
         ------
         ValueError
-            If there is no such row.
+            If there is no such row, or the position of one of its bodies was not kept.
         """
         return self._read(lambda samples: samples.stretch(contact))
 
@@ -217,18 +217,6 @@ class Readable(PickledByFields):
         """
         found = self._read(lambda samples: samples.outputs_of(block))
         return found[0] if found.shape[0] == 1 else found
-
-
-def _position(samples: Samples, body: str) -> Array:
-    """Return the position of a body at the times of samples; refuse one that was not kept."""
-    i, system, trajectory = samples.body(body), samples.system, samples.trajectory
-    placed = i in system.position_state or i >= system.n + system.drives
-    if not (placed or trajectory.is_dense) and trajectory.pieces:
-        raise ValueError(
-            f"the position of {body!r} was not kept; simulate with dense_output=True, "
-            "or let a spring touch the body"
-        )
-    return samples.position(body)
 
 
 def times_within(times: int | Sequence[float] | Array, start: float, stop: float) -> Array:

@@ -114,9 +114,17 @@ class Samples(PickledByFields):
         return _line(self.kept, i)
 
     def position(self, body: str) -> Array:
-        """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state."""
+        """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state.
+
+        A ValueError says that the motion between the outputs was not kept, so that it cannot be integrated.
+        """
         i, n = self.body(body), self.system.n
         state = self.system.position_state.get(i)
+        if state is None and body != GROUND and self.trajectory.pieces and not self.trajectory.is_dense:
+            raise ValueError(
+                f"the position of {body!r} was not kept; simulate with dense_output=True, "
+                "or let a spring touch the body"
+            )
         if self.kept is None and i < n:
             if state is not None:
                 return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)

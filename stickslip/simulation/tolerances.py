@@ -86,7 +86,8 @@ def tolerances(
             continue
         force = system.mu_s[:, j].max() * largest_value(system.normals[j], start, stop)
         stiffness = system.laws.characters[j].stiffness or 1.0
-        each[state] = min(atol, _BRISTLE * max(force, np.finfo(float).tiny) / stiffness)
+        if force > 0:
+            each[state] = min(atol, _BRISTLE * force / stiffness)
     velocity_resolution = rtol * speed + atol
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
     relaxed = _added_up(velocity_resolution, speed) if margin is None else margin

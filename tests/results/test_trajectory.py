@@ -102,6 +102,8 @@ def test_positions_that_were_not_kept_are_refused() -> None:
     result = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=t, dense_output=False)
     with pytest.raises(ValueError, match=r"position of 'wheel1' was not kept.*dense_output=True"):
         result.position("wheel1")
+    with pytest.raises(ValueError, match=r"position of 'wheel1' was not kept.*dense_output=True"):
+        result.stretch("interface")
     kept = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=t)
     for name in ("interface", "brake"):
         np.testing.assert_array_equal(result.force(name), kept.force(name))

@@ -449,3 +449,33 @@ def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> 
         simulate(scene, (0.0, 2.0))
     assert caught.value.result.t[-1] == pytest.approx(1.5)
     assert caught.value.result.velocity("m")[-1] == pytest.approx(-0.9375, abs=1e-2)
+
+
+@pytest.mark.parametrize("options", [{"method": "BDF", "max_step": 0.1}, {"formulation": "multiplier"}])
+def test_bristles_without_friction_do_nothing(options: dict[str, Any]) -> None:
+    """One that presses nothing, and one whose coefficients are 0, beside a spring: ``v = cos(w t)``."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Spring("a", GROUND, stiffness=10.0),
+        Contact("open", "a", GROUND, LuGre(DRY, 1e3, 10.0), normal=0.0),
+        Contact("smooth", "a", GROUND, Dahl(DryFriction(0.0, 0.0), 1e3), normal=5.0),
+    )
+    result = simulate(scene, (0.0, 3.0), **options)
+    assert result.velocity("a")[-1] == pytest.approx(math.cos(math.sqrt(10.0) * 3.0), abs=1e-7)
+
+
+def test_what_bristles_pull_from_rest_touches_nothing() -> None:
+    """Bristles bend over 22.5 mm at 131 m/s to 2.25 N; the contact that lets go at once holds 0.18 N at rest only.
+
+    Its first velocities lie within the tolerances of CVODE; later ones must not make of that a fall to 0.
+    """
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=1.5, velocity=131.0),
+        Contact("pull", "a", "b", Dahl(DryFriction(0.25, 0.25), 100.0), normal=9.0),
+        Contact("c", "a", GROUND, DryFriction(0.3, 0.0, dwell=0.05), normal=0.6),
+    )
+    result = simulate(scene, (0.0, 0.1))
+    assert not result.events and result.stats["restarts"] == 0
+    bent = 0.0225 / 131.0
+    assert result.velocity("a")[-1] == pytest.approx(2.25 * (0.1 - bent * -math.expm1(-0.1 / bent)), rel=1e-4)

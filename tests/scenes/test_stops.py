@@ -394,3 +394,18 @@ def test_a_stop_that_parts_as_another_is_hit_gives_no_energy() -> None:
     assert result.velocity("A")[0] == pytest.approx(-0.75, abs=1e-15)
     assert result.velocity("B")[0] == pytest.approx(-0.75, abs=1e-15)
     assert result.energy().kinetic[0] < 0.5 * (1.0 + 0.25)
+
+
+def test_rebounds_that_end_keep_the_momentum() -> None:
+    """Bodies of 1 and 3 kg, pressed together by 1 N: they have 1.1 kg m/s, also where rebounds become roundoff."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.5, position=0.7),
+        Body("b", inertia=3.0, velocity=0.2),
+        Stop("stop", "a", "b", upper=0.8, restitution=0.3),
+        Force("a", 1.0),
+        Force("b", -1.0),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert result.mode("stop")[-1] == Mode.FORWARD
+    np.testing.assert_allclose(result.velocity("a") + 3.0 * result.velocity("b"), 1.1, rtol=0, atol=1e-14)
+    assert result.energy().relative_error < 1e-14
