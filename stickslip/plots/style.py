@@ -129,6 +129,8 @@ def dots(k: int) -> dict[str, Any]:
 
 def beside(ax: Any, **options: Any) -> None:
     """Put the legend to the right of the axes; within them where nothing makes room beside them."""
+    if not options and not ax.get_legend_handles_labels()[0]:
+        return
     if makes_room(ax):
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
     else:

@@ -105,7 +105,7 @@ def test_all_constructors_are_looked_at() -> None:
         (lambda v: RESULT.plot(bodies=["x"]), "no body is called 'x'"),
         (
             lambda v: Scene(Body("a", inertia=1.0), Contact("c", "a", "GROUND", DRY, normal=1.0)),
-            "no body is called 'GROUND'; known are 'a', 'ground'; the ground is GROUND, without quotes",
+            "no body is called 'GROUND'; known are 'a', 'ground'; the ground is GROUND, without quotes, or 'ground'",
         ),
         (
             lambda v: sensitivities(SCENE, (0.0, 1.0), ["c.mu_static"]),

@@ -302,6 +302,14 @@ def test_normal_forces_of_many_contacts_become_a_raster():
     assert [line.get_label() for line in plots.normal_forces(result, ["p3"]).get_lines()] == ["p3"]
 
 
+def test_normal_forces_that_do_not_vary_are_drawn_where_no_others_are(blocks):
+    labels = [line.get_label() for line in plots.normal_forces(blocks).get_lines()]
+    assert labels == ["f0", "f1"]
+    # without a contact there is no legend, either: warnings are errors here
+    free = simulate(Scene(Body("a", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    assert not plots.normal_forces(free).get_lines()
+
+
 def test_phase_portrait(blocks):
     ax = plots.phase_portrait(blocks, "f0")
     assert ax.get_xlabel() == "relative displacement [m | rad]"
