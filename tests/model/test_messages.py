@@ -17,6 +17,7 @@ from stickslip import (
     Contact,
     DryFriction,
     Scene,
+    Spring,
     explain,
     sensitivities,
     sine,
@@ -100,6 +101,14 @@ def test_all_constructors_are_looked_at() -> None:
         (
             lambda v: Body("a", inertia="1 kg"),
             "body 'a': inertia must be a number, got '1 kg'; give it in SI",
+        ),
+        (
+            lambda v: Spring("a", GROUND, stiffness=v),
+            r"what changes with time or the motion is a Force\(body, load",
+        ),
+        (
+            lambda v: Body("a", inertia=math.sin),
+            r"what changes with time or the motion is a Force\(body, load",
         ),
         (lambda v: RESULT("0.5"), "a result is called with times in s, got '0.5'"),
         (lambda v: RESULT.plot(bodies=["x"]), "no body is called 'x'"),
