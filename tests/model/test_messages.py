@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from calls import CALLS, DRY, LEAKED, RESULT, SCENE, STRANGE
 
@@ -94,6 +95,11 @@ def test_all_constructors_are_looked_at() -> None:
         (lambda v: 2 / v, r"feedback\(lambda x: 2 / x, quantity\)"),
         (abs, r"feedback\(lambda x: abs\(x\), quantity\)"),
         (math.sin, r"feedback\(lambda x: math.sin\(x\), quantity\)"),
+        (np.sin, r"feedback\(lambda x: np.sin\(x\), quantity\)"),
+        (lambda v: np.float64(2.0) ** v, r"feedback\(lambda x: np.power\(x\), quantity\)"),
+        (lambda v: np.exp(sine(1.0, 1.0)), r"signal\(lambda t: np.exp\(s\(t\)\)\)"),
+        (lambda v: np.array([1.0, 2.0]) * v, "must be a number, got array"),
+        (lambda v: np.float64(1.0) < v, "has no value before the simulation runs.*When"),
         (lambda v: v > 1, "has no value before the simulation runs.*When"),
         (lambda v: v * sine(1.0, 1.0), r"feedback\(lambda a, b: a \* b"),
         (lambda v: sine(1.0, 1.0) * v, r"feedback\(lambda a, b: a \* b, signal, quantity\)"),
@@ -142,3 +148,10 @@ def test_a_dwell_beside_a_stribeck_curve_is_said_to_have_no_effect() -> None:
     scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, law, normal=1.0))
     assert "dwell 0.5 s (without effect beside a Stribeck curve)" in explain(scene)
     assert System(scene).dwelling.size == 0 and not System(scene).holds_more.any()
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    v, two = velocity("a"), np.float64(2.0)
+    assert (two * v, two + v, two - v) == (2.0 * v, 2.0 + v, 2.0 - v)
+    assert (v * two, v + two, v - two, v / two) == (v * 2.0, v + 2.0, v - 2.0, v / 2.0)
+    assert two * sine(1.0, 1.0) == sine(2.0, 1.0) and (two == v, two != v) == (False, True)
