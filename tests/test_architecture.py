@@ -7,6 +7,7 @@ import importlib
 import inspect
 import subprocess
 import sys
+from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 
@@ -148,3 +149,18 @@ def test_what_is_public_exists_and_is_described(module: str) -> None:
             described = thing.__doc__ or ""
             # dataclasses without a docstring get their signature for one
             assert described and not described.startswith(f"{name}("), f"{module}.{name} has no docstring"
+
+
+COUNTERS_AND_DRAFTS = {"Work", "Part", "Form", "Node", "_Record"}
+"""What counts, and what is put together piece by piece."""
+
+
+def test_data_is_frozen() -> None:
+    open_ones = set()
+    for name in MODULES:
+        if name == "stickslip.__main__":
+            continue
+        for thing in vars(importlib.import_module(name)).values():
+            if is_dataclass(thing) and isinstance(thing, type) and thing.__module__ == name:
+                open_ones |= set() if thing.__dataclass_params__.frozen else {thing.__name__}  # type: ignore[attr-defined]
+    assert open_ones == COUNTERS_AND_DRAFTS

@@ -43,7 +43,7 @@ def path_through(
     If some of them are not finite, or beyond all bounds, that is a `SolverFailure`.
     """
     taus, points = _apart(taus, points)
-    count = within_bounds(points)
+    count = max(within_bounds(points), 1)
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
     coefficients = through_points(taus, points, tolerance, _DEGREE[method])

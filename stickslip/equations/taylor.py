@@ -18,15 +18,18 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 
-_MOST_ENTRIES, _QUICKLY_MADE = 100_000, 10_000
+_MOST_ENTRIES = 1_000
+"""Entries for each order: modes of larger scenes seldom come back often enough."""
+
+_QUICKLY_MADE = 10_000
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 
 
-def is_small(system: System, rows: int, order: int, waves: int) -> bool:
-    """Tell whether the matrix of all coefficients of so many quantities up to an order is worth keeping."""
+def is_small(system: System, rows: int, waves: int) -> bool:
+    """Tell whether the matrices of the coefficients of so many quantities are worth making."""
     columns = system.size + 2 * (system.inputs + system.dwelling.size + waves)
-    return not system.sparse and columns * rows * (order + 1) <= _MOST_ENTRIES
+    return not system.sparse and columns * rows <= _MOST_ENTRIES
 
 
 def is_quickly_made(system: System, columns: int, rows: int) -> bool:

@@ -66,7 +66,8 @@ def with_one(
 ) -> Settled | None:
     """Return what goes on where one row alone has come to its limit, None where more may change with it.
 
-    It sticks if it moved, or lets go in its `direction`; all others keep their modes. Each row rests `since` then.
+    A row that moved sticks, or where it cannot moves on as it is pushed; a held one lets go in its `direction`. All
+    others keep their modes. Each row rests `since` then.
     """
     motion, system = now.motion, now.motion.system
     equations = motion.equations
@@ -84,21 +85,28 @@ def with_one(
     held = equations.is_held.copy()
     held[row] = True
     balance = system.balance(held.tobytes())
-    if (direction and balance.loop.max(initial=-1) >= 0) or balance.parting is not None:
-        # others may spare it, or drives tear them
+    may_be_spared = balance.loop.max(initial=-1) >= 0
+    if (direction and may_be_spared) or balance.parting is not None:
+        # others may hold what it held, or drives tear them
         return None
     if direction:
         y = motion.exact(t - motion.t, y)
     else:
         y = _project(system, y, system.drive_velocities(motion.stretch.at(t)), held)
     modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
-    modes[row] = labels[row] = direction
     at_level[row] = direction != 0
-    following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
-    guards = Guards(following, labels, held, at_level, velocity_uncertainty)
-    if guards.violated.any() or guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
-        return None
-    return Settled(labels, following, guards)
+    while True:
+        modes[row] = labels[row] = direction
+        following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
+        guards = Guards(following, labels, held, at_level, velocity_uncertainty)
+        if guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
+            return None
+        over = guards.violated.nonzero()[0]
+        if not over.size:
+            return Settled(labels, following, guards)
+        if direction or may_be_spared or over.size > 1 or guards.row[over[0]] != row:
+            return None
+        direction = int(guards.direction[over[0]])
 
 
 def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertainty) -> Settled:

@@ -70,6 +70,10 @@ def finite(value: Any, what: str) -> float:
     """Return a finite number as a float; refuse what is none with a message that begins with `what`."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         remedy = "; give it in SI units, without quotes" if isinstance(value, str) else ""
+        if callable(value) or hasattr(value, "_not_linear"):  # a function or a load
+            remedy = (
+                "; what changes with time or the motion is a Force(body, load) or a contact's normal=load"
+            )
         raise TypeError(f"{what} must be a number, got {value!r}{remedy}")
     try:
         number = float(value)

@@ -493,7 +493,7 @@ def load_from_dict(data: Any, what: str) -> Load:
     kind = data.get("type") if isinstance(data, Mapping) else None
     makers = _MAKERS | {"table": partial(_read_table, what), "expression": partial(_read_expression, what)}
     if not isinstance(kind, str) or kind not in makers:
-        return signal_from_dict(data, what)
+        return signal_from_dict(data, what, makers)
     fields = {name: value for name, value in data.items() if name != "type"}
     check_entries(makers[kind], kind, fields, what)
     try:

@@ -156,8 +156,11 @@ def signal(
     return Function(function, times, period)
 
 
-def signal_from_dict(data: Any, what: str) -> Signal:
-    """Return the signal that `Signal.to_dict` wrote; refuse what is none, as `what`."""
+def signal_from_dict(data: Any, what: str, others: Iterable[str] = ()) -> Signal:
+    """Return the signal that `Signal.to_dict` wrote; refuse what is none, as `what`.
+
+    `others` are types that stand for quantities.
+    """
     if not isinstance(data, Mapping):
         return as_signal(data, what)
     fields = dict(data)
@@ -166,8 +169,8 @@ def signal_from_dict(data: Any, what: str) -> Signal:
         terms = fields.pop("terms", None)
         if fields or not isinstance(terms, (list, tuple)) or not terms:
             raise ValueError(f"{what}: a sum has one entry, 'terms', a list of signals; got {data!r}")
-        first, *others = (signal_from_dict(term, what) for term in terms)
-        return sum(others, start=first)
+        first, *further = (signal_from_dict(term, what) for term in terms)
+        return sum(further, start=first)
     makers: dict[Any, Callable[..., Signal]] = {
         "piecewise_linear": piecewise_linear,
         "triangle": triangle,
@@ -176,7 +179,8 @@ def signal_from_dict(data: Any, what: str) -> Signal:
         "sine": sine,
     }
     if not isinstance(kind, str) or kind not in makers:
-        raise ValueError(f"{what}: unknown signal type {kind!r}; known are {', '.join([*makers, 'sum'])}")
+        known = ", ".join([*makers, "sum", *others])
+        raise ValueError(f"{what}: unknown signal type {kind!r}; known are {known}")
     check_entries(makers[kind], kind, fields, what, TypeError)
     try:
         return makers[kind](**fields)

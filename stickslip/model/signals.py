@@ -7,6 +7,7 @@ there and starts afresh.
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -20,13 +21,18 @@ from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
+_REFLECTED: dict[np.ufunc, str] = {
+    np.add: "__radd__",
+    np.subtract: "__rsub__",
+    np.multiply: "__rmul__",
+    np.true_divide: "__rtruediv__",
+    **dict.fromkeys((np.less, np.less_equal, np.greater, np.greater_equal), "__lt__"),
+}
+"""What a load does where a number or an array of NumPy stands on the left."""
 
 
 class Load:
     """What may stand as a force or a normal force: a signal, or a quantity of the motion."""
-
-    __array_ufunc__ = None
-    """NumPy's numbers leave ``+`` and ``*`` to the load."""
 
     kind: ClassVar[str] = ""
     """What files call it; empty where it is not data."""
@@ -60,10 +66,18 @@ class Load:
 
     __le__ = __gt__ = __ge__ = __lt__
 
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's numbers leave ``+`` and ``*`` to the load; of its functions there is no load."""
+        if ufunc in (np.equal, np.not_equal):
+            return ufunc is np.not_equal
+        if ufunc in _REFLECTED and inputs[-1] is self:
+            return getattr(self, _REFLECTED[ufunc])(inputs[0])
+        raise TypeError(self._not_linear(f"np.{ufunc.__name__}(x)"))
+
     def _not_linear(self, shown: str) -> str:
         """Return what to write for a function that is not linear."""
         if isinstance(self, Signal):
-            of_time = shown.replace("x", "s(t)")
+            of_time = re.sub(r"\bx\b", "s(t)", shown)
             return f"signals are only added and scaled; write a function of time: signal(lambda t: {of_time})"
         return f"quantities are only added and scaled; use feedback(lambda x: {shown}, quantity)"
 

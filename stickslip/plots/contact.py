@@ -109,13 +109,13 @@ def _ratio(force: Array, level: Array) -> Array:
 
 @of_result
 def normal_forces(result: Readable, contacts: Sequence[str] | None = None, *, ax: Any = None) -> Any:
-    """Draw normal forces over time, by default those that vary, and return the axes.
+    """Draw normal forces over time, by default those that vary if any do, and return the axes.
 
     Parameters
     ----------
     result : Result
     contacts : sequence of str, optional
-        Names of contacts; by default those whose normal force varies.
+        Names of contacts; by default those whose normal force varies, or all where none does.
     ax : matplotlib axes, optional
         Where to draw; by default a new figure.
 
@@ -124,7 +124,8 @@ def normal_forces(result: Readable, contacts: Sequence[str] | None = None, *, ax
     ValueError
         If there is no such contact.
     """
-    names = varying(result) if contacts is None else contact_names(result, contacts)
+    shown = varying(result) or [contact.name for contact in result.scene.contacts]
+    names = shown if contacts is None else contact_names(result, contacts)
     ax = own_axes(ax)
     if len(names) > MANY:
         coarse = even_points(result)

@@ -205,7 +205,8 @@ class Run:
             following = with_one(now, t, path.last, since, *at.alone, uncertain)
             if following is not None:
                 self.now, j = following, at.alone[0]
-                self._note(t, j, int(before[j]), True, False, None)
+                if following.labels[j] != before[j]:
+                    self._note(t, j, int(before[j]), True, False, None)
                 return
         situation, jump = self._situation(now, path, t, before, since, at, held)
         self._settle(situation, before, ones, jump)

@@ -139,7 +139,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     engine = chosen.make(task)
     run = Run(system, loads, engine, recorder, (start, stop), wanted)
     if watched:
-        run.watch = Watch(system, watched, loads)
+        run.watch = Watch(system, watched, loads, step is not None)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
     return _Simulation(run, task, chosen.title).to_end(progress)

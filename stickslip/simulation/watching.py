@@ -51,38 +51,45 @@ class Crossing(NamedTuple):
 class Watch:
     """Watches the quantities of the user's events, path by path.
 
-    The system is compiled with these quantities as the watched ones.
+    The system is compiled with these quantities as the watched ones. A method of fixed steps goes beyond 0 `in_steps`
+    before it finds a contact stuck there.
     """
 
-    def __init__(self, system: System, events: Sequence[When], loads: Loads) -> None:
-        self._system, self._events, self._loads = system, list(events), loads
+    def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool = False) -> None:
+        self._system, self._events, self._loads, self._in_steps = system, list(events), loads, in_steps
         self._signs = [0] * len(self._events)
+        # whether a quantity was roundoff at the end of the last path, and whether it crossed 0 there
+        self._died, self._passed = [False] * len(self._events), [False] * len(self._events)
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
         found: list[Crossing] = []
         edges, values, sizes = self._parts(motion, path)
         after = list(self._signs)
-        for k, event in enumerate(self._events):
+        for k, event in enumerate(self._events if edges.size > 1 else []):
             rough, noise = (part * float(sizes[k].max(initial=0.0)) for part in (ROUGH, TINY))
             of_one = self._along(motion, path, k)
             sign = after[k]
-            first = values[k, 0, 0] if values[k].size else 0.0
+            first = values[k, 0, 0]
             if sign and abs(first) > rough and (first > 0) != (sign > 0):
                 # the quantity has jumped
                 sign = -sign
                 found.append(Crossing(0.0, event, sign))
+            at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values[k]]
+            if sign and at_0[0] and not self._died[k]:
+                # it stays at 0, as what has stuck does
+                if not (self._in_steps and self._passed[k]):
+                    found.append(Crossing(0.0, event, -sign, stays=True))
+                sign = 0
+            self._passed[k] = False
             for left, row in enumerate(values[k]):
-                if sign and np.all(np.abs(row) <= noise):
-                    # what has stuck, say, stays at 0
-                    found.append(Crossing(edges[left], event, -sign, stays=True))
-                    sign = 0
                 least = rough if sign == 0 else noise
                 for tau, now in signs_along(edges[left], edges[left + 1], row, of_one, least, noise):
                     if sign == -now:
                         found.append(Crossing(tau, event, now))
+                        self._passed[k] = left == len(at_0) - 1
                     sign = now
-            after[k] = sign
+            after[k], self._died[k] = sign, at_0[-1]
         wanted = [one for one in found if one.event.direction in (0, one.sign)]
         wanted.sort(key=lambda one: one.tau)
         self._signs = after

@@ -340,3 +340,10 @@ def test_a_curve_that_begins_at_the_static_coefficient_but_for_roundoff_is_taken
     assert curve.mu_k(0.0, 1) > curve.mu_static
     with pytest.raises(ValueError, match=r"kinetic\(0\) = 0.301 must lie between 0 and mu_static = 0.3"):
         DryFriction(0.3, 0.3, kinetic=lambda v: 0.301)
+
+
+def test_friction_that_presses_its_contact_on_changes_all_four_coefficients() -> None:
+    """With ``N = N0 + gain r`` and ``r = s mu N``: ``r = s mu N0 / (1 - s mu gain)``, gain 0.5."""
+    found = DryFriction(0.4, 0.2).self_energised(0.5)
+    assert (found.mu_s(1), found.mu_c(1)) == pytest.approx((0.4 / 0.8, 0.2 / 0.9), rel=1e-15)
+    assert (found.mu_s(-1), found.mu_c(-1)) == pytest.approx((0.4 / 1.2, 0.2 / 1.1), rel=1e-15)

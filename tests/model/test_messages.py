@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from calls import CALLS, DRY, LEAKED, RESULT, SCENE, STRANGE
 
@@ -17,6 +18,7 @@ from stickslip import (
     Contact,
     DryFriction,
     Scene,
+    Spring,
     explain,
     sensitivities,
     sine,
@@ -93,6 +95,11 @@ def test_all_constructors_are_looked_at() -> None:
         (lambda v: 2 / v, r"feedback\(lambda x: 2 / x, quantity\)"),
         (abs, r"feedback\(lambda x: abs\(x\), quantity\)"),
         (math.sin, r"feedback\(lambda x: math.sin\(x\), quantity\)"),
+        (np.sin, r"feedback\(lambda x: np.sin\(x\), quantity\)"),
+        (lambda v: np.float64(2.0) ** v, r"feedback\(lambda x: np.power\(x\), quantity\)"),
+        (lambda v: np.exp(sine(1.0, 1.0)), r"signal\(lambda t: np.exp\(s\(t\)\)\)"),
+        (lambda v: np.array([1.0, 2.0]) * v, "must be a number, got array"),
+        (lambda v: np.float64(1.0) < v, "has no value before the simulation runs.*When"),
         (lambda v: v > 1, "has no value before the simulation runs.*When"),
         (lambda v: v * sine(1.0, 1.0), r"feedback\(lambda a, b: a \* b"),
         (lambda v: sine(1.0, 1.0) * v, r"feedback\(lambda a, b: a \* b, signal, quantity\)"),
@@ -101,11 +108,19 @@ def test_all_constructors_are_looked_at() -> None:
             lambda v: Body("a", inertia="1 kg"),
             "body 'a': inertia must be a number, got '1 kg'; give it in SI",
         ),
+        (
+            lambda v: Spring("a", GROUND, stiffness=v),
+            r"what changes with time or the motion is a Force\(body, load",
+        ),
+        (
+            lambda v: Body("a", inertia=math.sin),
+            r"what changes with time or the motion is a Force\(body, load",
+        ),
         (lambda v: RESULT("0.5"), "a result is called with times in s, got '0.5'"),
         (lambda v: RESULT.plot(bodies=["x"]), "no body is called 'x'"),
         (
             lambda v: Scene(Body("a", inertia=1.0), Contact("c", "a", "GROUND", DRY, normal=1.0)),
-            "no body is called 'GROUND'; known are 'a', 'ground'; the ground is GROUND, without quotes",
+            "no body is called 'GROUND'; known are 'a', 'ground'; the ground is GROUND, without quotes, or 'ground'",
         ),
         (
             lambda v: sensitivities(SCENE, (0.0, 1.0), ["c.mu_static"]),
@@ -133,3 +148,10 @@ def test_a_dwell_beside_a_stribeck_curve_is_said_to_have_no_effect() -> None:
     scene = Scene(Body("a", inertia=1.0), Contact("c", "a", GROUND, law, normal=1.0))
     assert "dwell 0.5 s (without effect beside a Stribeck curve)" in explain(scene)
     assert System(scene).dwelling.size == 0 and not System(scene).holds_more.any()
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    v, two = velocity("a"), np.float64(2.0)
+    assert (two * v, two + v, two - v) == (2.0 * v, 2.0 + v, 2.0 - v)
+    assert (v * two, v + two, v - two, v / two) == (v * 2.0, v + 2.0, v - 2.0, v / 2.0)
+    assert two * sine(1.0, 1.0) == sine(2.0, 1.0) and (two == v, two != v) == (False, True)

@@ -302,6 +302,14 @@ def test_normal_forces_of_many_contacts_become_a_raster():
     assert [line.get_label() for line in plots.normal_forces(result, ["p3"]).get_lines()] == ["p3"]
 
 
+def test_normal_forces_that_do_not_vary_are_drawn_where_no_others_are(blocks):
+    labels = [line.get_label() for line in plots.normal_forces(blocks).get_lines()]
+    assert labels == ["f0", "f1"]
+    # without a contact there is no legend, either: warnings are errors here
+    free = simulate(Scene(Body("a", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    assert not plots.normal_forces(free).get_lines()
+
+
 def test_phase_portrait(blocks):
     ax = plots.phase_portrait(blocks, "f0")
     assert ax.get_xlabel() == "relative displacement [m | rad]"
@@ -383,6 +391,18 @@ def test_axes_given_are_the_axes_returned(wheels):
     for draw in (plots.contact_forces, plots.phase_portrait, plots.characteristic):
         ax = Figure().subplots()
         assert draw(wheels, "brake", ax=ax) is ax
+
+
+def test_long_names_leave_room_for_the_axes():
+    """What matplotlib could not lay out would warn, and warnings are errors here."""
+    body, rub = "flywheel on the crankshaft, with the ring gear of the starter", "c" * 60
+    contact = Contact(rub, body, GROUND, DryFriction(0.5, 0.5), normal=1.0)
+    figure = plots.overview(simulate(Scene(Body(body, inertia=1.0, velocity=1.0), contact), (0.0, 4.0)))
+    figure.draw_without_rendering()
+    assert "flywheel on the …r of the starter" in [
+        t.get_text() for t in figure.axes[0].get_legend().get_texts()
+    ]
+    assert figure.axes[1].get_yticklabels()[0].get_text() == "c" * 16 + "…" + "c" * 16
 
 
 def test_every_label_is_text_that_the_font_has(chain, blocks):

@@ -95,7 +95,11 @@ DATA: list[Case] = [
         ["forces[0].signal", "unknown signal type 'saw'", "sine, sum"],
     ),
     (lambda: loaded({"type": ["sine"]}), ValueError, ["forces[0].signal", "unknown signal type ['sine']"]),
-    (lambda: loaded({"amplitude": 1}), ValueError, ["forces[0].signal", "unknown signal type None", "sine"]),
+    (
+        lambda: loaded({"amplitude": 1}),
+        ValueError,
+        ["forces[0].signal", "unknown signal type None", "sum, position, velocity"],
+    ),
     (lambda: loaded({"type": "sine", "amplitude": 1}), TypeError, ["forces[0].signal", "sine", "frequency"]),
     (lambda: loaded({"type": "step", "time": INF}), ValueError, ["forces[0].signal", "step: time", "inf"]),
     (lambda: loaded({"type": "step", "time": 1, "at": 2}), TypeError, ["forces[0].signal", "step", "at"]),

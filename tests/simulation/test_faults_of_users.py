@@ -21,9 +21,11 @@ from stickslip import (
     Force,
     PreSlip,
     Result,
+    Sampled,
     Scene,
     SimulationError,
     Spring,
+    output,
     signal,
     simulate,
     velocity,
@@ -194,3 +196,15 @@ def test_what_grows_without_end_is_kept_up_to_there(method: Any) -> None:
     assert 4.0 < caught.value.t == result.t[-1] < math.log(1e100 / 0.998) / 50 + 1e-3
     assert np.abs(result.velocity("m")).max() < 1e100
     assert result.sample([0.5]).velocity("m")[0] == pytest.approx(0.002 + 0.998 * math.exp(25), rel=1e-5)
+
+
+def test_what_a_sampled_controller_makes_grow_is_kept_up_to_there() -> None:
+    """v' = u, u = -30 v at samples 0.1 s apart: v doubles from sample to sample, and 30 * 2**328 is too much."""
+    control = Sampled("p", period=0.1, inputs=[velocity("m")], output=lambda t, x, u: -30 * u[0])
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), control, Force("m", output("p")))
+    for method in ("series", "BDF"):
+        with pytest.raises(SimulationError, match=r"the motion grows beyond 1e\+100") as caught:
+            simulate(scene, (0.0, 100.0), method=method)  # type: ignore[arg-type]
+        result = caught.value.result
+        assert result.velocity("m")[-1] == pytest.approx(2.0**328, rel=1e-6)
+        assert result.t[-1] == pytest.approx(32.8)

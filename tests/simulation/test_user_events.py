@@ -14,6 +14,7 @@ from stickslip import (
     TIME,
     Body,
     Contact,
+    Damper,
     Drive,
     DryFriction,
     Force,
@@ -21,6 +22,7 @@ from stickslip import (
     Sampled,
     Scene,
     Spring,
+    Stop,
     When,
     explain,
     feedback,
@@ -201,7 +203,7 @@ def test_a_function_that_turns_often_within_a_step_is_counted(method: Any) -> No
     assert [e.t for e in result.events] == pytest.approx((-10 * np.log1p(-way / 10)).tolist(), abs=1e-6)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-3}])
 def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> None:
     """A cone of 20 N m brings 0.1 kg m² at 100 rad/s to 20 kg m² at 50 rad/s after 50 / (20 (1 / 0.1 + 1 / 20)) s."""
     scene = Scene(
@@ -217,6 +219,13 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
         When("never", relative_velocity("cone"), direction=1),
     ]
     result = simulate(scene, (0.0, 2.0), events=events, **way)
+    if "step" in way:
+        # a step goes beyond 0 before it sticks
+        found = {event.contact: event.cause for event in result.events if event.contact != "cone"}
+        assert (
+            found == {"synchronous": "fell through 0", "equal": "rose through 0"} and len(result.events) == 4
+        )
+        return
     tolerance = 1e-13 if way == {} else 1e-8
     cone, synchronous, equal, slips = result.events
     assert (cone.contact, slips.contact, slips.t) == ("cone", "cone", 1.0)  # leaving 0 is no event
@@ -232,3 +241,27 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
     assert (stopped.status, stopped.t[-1]) == (1, synchronous.t)
     further = simulate(stopped.final_scene(), (float(stopped.t[-1]), 2.0), events=events, **way)
     assert further.status == 0 and [event.contact for event in further.events] == ["cone"]
+
+
+def test_what_dies_away_does_not_come_to_0() -> None:
+    """Two bodies on a damper: their difference falls as exp(-20 t), to roundoff long before the load changes."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0, velocity=2.0),
+        Damper("a", "b", damping=10.0),
+        *[Force(name, piecewise_linear([3.0, 4.0], [0.0, 1.0])) for name in "ab"],
+    )
+    events = [When("equal", velocity("b") - velocity("a"))]
+    assert simulate(scene, (0.0, 6.0), events=events).events == []
+
+
+def test_a_stop_that_closes_brings_a_velocity_to_0() -> None:
+    """A ball of restitution 1/2 falls 5 m: it rests after 1 + 2 (1/2 + 1/4 + ...) = 3 s."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=5.0),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+        Force("ball", -10.0),
+    )
+    result = simulate(scene, (0.0, 4.0), events=[When("v", velocity("ball"))])
+    assert (result.events[-1].contact, result.events[-1].cause) == ("v", "rose to 0")
+    assert abs(result.events[-1].t - 3.0) < 1e-9

@@ -698,3 +698,14 @@ def test_a_parameter_at_its_limit_has_one_side() -> None:
     )
     found = sensitivities(scene, (0.0, 3.0), ["dampers[0].damping", "c.law.mu_coulomb"])
     assert np.allclose(found.events, [[-0.125, -2.5]], atol=1e-9)
+
+
+def test_a_parameter_belongs_to_what_has_it_of_a_body_and_a_contact_of_one_name() -> None:
+    """A body of mass m slows down by mu N / m: v = v0 - mu N t / m."""
+    scene = Scene(
+        Body("a", inertia=2.0, velocity=5.0), Contact("a", "a", GROUND, DryFriction(0.3, 0.3), normal=10.0)
+    )
+    found = sensitivities(scene, (0.0, 1.0), ["a.inertia", "a.normal"])
+    assert np.allclose(found.velocity("a"), [3.0 / 4.0, -0.3 / 2.0], rtol=1e-9)
+    with pytest.raises(ValueError, match="a body and a contact are both called 'a'; rename one of them"):
+        sensitivities(scene, (0.0, 1.0), ["a.name"])

@@ -199,7 +199,7 @@ def check_members(label: str, members: Iterable[str], free: frozenset[str], know
     names = list(members)
     for end in names:
         if end not in known:
-            ground = "; the ground is GROUND, without quotes" if end.lower() == GROUND else ""
+            ground = "; the ground is GROUND, without quotes, or 'ground'" if end.lower() == GROUND else ""
             raise ValueError(f"{label}: no body is called {end!r}; known are {listed(known)}{ground}")
     if not any(end in free for end in names):
         said = (
