@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.style import FINE, look, of_result, over_time, own_axes
+from stickslip.plots.style import FINE, look, of_result, over_time, own_axes, short
 from stickslip.results.readable import Readable
 
 _CURVES = 8
@@ -43,7 +43,7 @@ def block(result: Readable, name: str, *, ax: Any = None) -> Any:
         ax.plot(fine.t, values, label=label, **look(k))
     if len(curves) > len(shown):
         ax.plot([], [], linestyle="none", label=f"and {len(curves) - len(shown)} more")
-    return over_time(ax, name, f"block {name}")
+    return over_time(ax, short(name), f"block {name}")
 
 
 def _numbered(what: str, k: int, count: int) -> str:

@@ -27,6 +27,7 @@ from stickslip.plots.style import (
     of_result,
     own_axes,
     raster,
+    short,
     value_raster,
 )
 from stickslip.results.readable import Readable
@@ -216,7 +217,7 @@ def _mode_strips(fine: Readable, names: list[str], ax: Any) -> None:
                 # edges and hatches would cover all of it
                 look |= {"linewidth": 0.0, "hatch": None, "snap": False}
             ax.broken_barh(bars, (place - height / 2, height), **look)
-    ax.set_yticks(range(len(names)), names)
+    ax.set_yticks(range(len(names)), [short(name) for name in names])
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)
     ax.tick_params(axis="y", length=0)

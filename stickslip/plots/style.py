@@ -40,6 +40,8 @@ MARKERS = "osD^vPX*<>hp"
 _MARKED_EVENTS = 40
 _INSIDE = 8
 """So many entries of a legend find room within the axes."""
+_END = 16
+"""So many letters are shown of either end of a long name."""
 _STRETCHED = 3.0
 """Colours are cut where the extremes lie so many times farther apart than all but 2 % of the values."""
 
@@ -127,14 +129,21 @@ def dots(k: int) -> dict[str, Any]:
     return {"color": COLOURS[k % len(COLOURS)], "linestyle": "none", "marker": marker, "markersize": 3.5}
 
 
+def short(text: str) -> str:
+    """Return a text of at most so many letters that it leaves room for the axes: of a long one its two ends."""
+    return text if len(text) <= 2 * _END + 1 else f"{text[:_END]}…{text[-_END:]}"
+
+
 def beside(ax: Any, **options: Any) -> None:
     """Put the legend to the right of the axes; within them where nothing makes room beside them."""
     if not options and not ax.get_legend_handles_labels()[0]:
         return
+    look = {"loc": "best", "framealpha": 0.8, "fontsize": "x-small"}
     if makes_room(ax):
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), frameon=False, fontsize="small", **options)
-    else:
-        ax.legend(loc="best", framealpha=0.8, fontsize="x-small", **options)
+        look = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "frameon": False, "fontsize": "small"}
+    legend = ax.legend(**look, **options)
+    for text in (*legend.get_texts(), legend.get_title()):
+        text.set_text(short(text.get_text()))
 
 
 def makes_room(ax: Any) -> bool:
@@ -188,7 +197,7 @@ def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: A
     mesh = ax.pcolormesh(edges(t[keep]), places, rows[:, keep], rasterized=True, **options)
     ax.invert_yaxis()
     every = -(-len(names) // 20)
-    ax.set_yticks(range(0, len(names), every), names[::every], fontsize="small")
+    ax.set_yticks(range(0, len(names), every), [short(name) for name in names[::every]], fontsize="small")
     keep_names_inside(ax)
     return mesh
 

@@ -15,16 +15,16 @@ Target = str | PathLike[str]
 
 @dataclass(frozen=True)
 class Event:
-    """A contact changes its mode.
+    """A contact or another row changes its mode, or a quantity that the user watches comes to 0.
 
     Attributes
     ----------
     t : float
         Time in s.
     contact : str
-        Name of the contact.
+        Name of the contact, of the row, or of the user's `When`.
     before, after : Mode
-        Modes before and after.
+        Modes before and after; of a `When` the signs of its quantity, ``STUCK`` where that stays at 0.
     cause : str
         Why, in a few words.
     """

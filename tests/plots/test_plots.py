@@ -393,6 +393,18 @@ def test_axes_given_are_the_axes_returned(wheels):
         assert draw(wheels, "brake", ax=ax) is ax
 
 
+def test_long_names_leave_room_for_the_axes():
+    """What matplotlib could not lay out would warn, and warnings are errors here."""
+    body, rub = "flywheel on the crankshaft, with the ring gear of the starter", "c" * 60
+    contact = Contact(rub, body, GROUND, DryFriction(0.5, 0.5), normal=1.0)
+    figure = plots.overview(simulate(Scene(Body(body, inertia=1.0, velocity=1.0), contact), (0.0, 4.0)))
+    figure.draw_without_rendering()
+    assert "flywheel on the …r of the starter" in [
+        t.get_text() for t in figure.axes[0].get_legend().get_texts()
+    ]
+    assert figure.axes[1].get_yticklabels()[0].get_text() == "c" * 16 + "…" + "c" * 16
+
+
 def test_every_label_is_text_that_the_font_has(chain, blocks):
     for figure in (plots.overview(chain), plots.overview(blocks)):
         figure.draw_without_rendering()  # a missing glyph would warn, and warnings are errors here
