@@ -15,6 +15,9 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 ROUNDOFF = 1e-12
 """Part of what adds up in a quantity that is uncertain."""
 
+_BY_DIFFERENCES = 1e-9
+"""The same in forces of rows that drives lead whose velocities are functions: their accelerations are differences."""
+
 AT_LIMIT = 1e-10
 """Part of its level within which a force is at it."""
 
@@ -103,6 +106,7 @@ class GuardsAtStart(GuardValues):
     def _look_closer(self, close: list[int], fired: Mask) -> None:
         coefficients, majorant = self.first, self.majorant
         size, motion, modes = self.scale, self.motion, self.motion.equations.modes
+        led = motion.stretch.has_functions and motion.equations.is_driven
         has_fired = np.append(fired, False)[self.row]
         of_stop = np.zeros(self.size, dtype=bool)
         if self.rows.has_borders:
@@ -113,7 +117,7 @@ class GuardsAtStart(GuardValues):
         for i in close:
             flat = 0.0
             closeness = _AS_FIRED if has_fired[i] else AT_LIMIT
-            rough = ROUNDOFF * majorant[0, i]
+            rough = (_BY_DIFFERENCES if led and self.rows.is_force[i] else ROUNDOFF) * majorant[0, i]
             if self.is_velocity[i] and not self._constant[i]:
                 if not self.rests[i]:
                     self.violated[i] = coefficients[0, i] < -self.velocity_uncertainty

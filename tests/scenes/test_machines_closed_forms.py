@@ -20,12 +20,14 @@ from stickslip import (
     Gear,
     OneWay,
     Planetary,
+    PreSlip,
     Result,
     Scene,
     SimulationError,
     Spring,
     Stop,
     piecewise_linear,
+    signal,
     simulate,
     sine,
 )
@@ -181,3 +183,26 @@ def test_a_drive_that_turns_round_jams_two_clutches(
     with pytest.raises(SimulationError, match="'gear', 'first', 'second' are pressed together") as caught:
         simulate(scene, (0.0, 3.0), **options)
     assert caught.value.t == pytest.approx(2.0, abs=1e3 * off)
+
+
+def test_a_clutch_lets_go_of_a_drive_whose_velocity_is_a_function() -> None:
+    """A belt at ``sin(5 t) + 0.3`` m/s drives 3 kg against 1.3 N up to ``15 cos(5 t) = -1.3``, and catches them later.
+
+    Its acceleration is known by differences only: the force that comes to 0 has their roundoff.
+    """
+    scene = Scene(
+        Body("a", inertia=3.0, velocity=0.3),
+        Body("z", inertia=1.0, velocity=-1.0),
+        Drive("belt", velocity=signal(lambda t: math.sin(5.0 * t) + 0.3, period=0.4)),
+        OneWay("free", "belt", "a"),
+        Contact("rub", "a", "z", PreSlip(DryFriction(0.2, 0.2), 0.03, "tanh"), normal=4.0),
+        Force("a", -0.5),
+    )
+    result = simulate(scene, (0.0, 1.5))
+    leaves = math.acos(-1.3 / 15.0) / 5.0
+
+    def behind(t: float) -> float:
+        return math.sin(5.0 * leaves) - 1.3 / 3.0 * (t - leaves) - math.sin(5.0 * t)
+
+    assert times(result, "free") == pytest.approx([leaves, brentq(behind, 1.0, 1.5)], abs=1e-7)
+    assert result.stats["restarts"] == 2
