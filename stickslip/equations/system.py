@@ -34,7 +34,9 @@ from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signa
 _DENSE_LIMIT = 150
 """Bodies and rows together from which matrices are kept sparse."""
 
-_REMEMBERED, _REMEMBERED_SPARSE = 128, 4
+_REMEMBERED_SPARSE, _MODE_BYTES = 4, 50_000_000
+"""So many sets of modes of a large scene are remembered, and memory for those of a smaller one."""
+
 _BALANCES, _BYTES = 4000, 32_000_000
 """So many balances of forces, and memory for them, are kept: results are read with those of the run."""
 
@@ -79,7 +81,8 @@ class System:
         self._place_laws(book)
         self._join(book)
         self.piecewise = self._piecewise(book)
-        remembered = _REMEMBERED_SPARSE if self.sparse else _REMEMBERED
+        # as measured
+        remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (100_000 + 16 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 200 * (n + m) if self.sparse else 32 * (n + m) ** 2
         self.balance = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(

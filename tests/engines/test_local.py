@@ -1,5 +1,6 @@
 """Scenes followed part by part move as they do followed as a whole."""
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -60,6 +61,10 @@ def random_forest(seed: int) -> tuple[Scene, float]:
         DryFriction(float(s), float(c), dwell=float(rng.choice([0.0, 0.0, 0.05, 0.4])))
         for s, c in zip(rng.uniform(0.3, 0.5, 3), rng.uniform(0.1, 0.3, 3), strict=True)
     ]
+    # one rubs more in one direction than in the other
+    law[1] = replace(
+        law[1], mu_static_backward=1.3 * law[1].mu_static, mu_coulomb_backward=0.6 * law[1].mu_coulomb
+    )
     elements: list[Any] = [Drive("belt", velocity=float(rng.uniform(-0.5, 0.5)))]
     names = [f"b{i}" for i in range(n)]
     for name in names:
