@@ -113,7 +113,10 @@ class GuardsAtStart(GuardValues):
             functions = motion.system.piecewise
             owner = functions.owner[motion.equations.borders]
             of_stop[self.is_border] = functions.is_stop[owner]
-            has_fired[self.is_border] = functions.is_stop[owner] & fired[functions.row[owner]]
+            # a stop that was closed is at its limit, too, as the solver or roundoff has left it
+            has_fired[self.is_border] = (
+                functions.is_stop[owner] & (fired | self.at_rest)[functions.row[owner]]
+            )
         for i in close:
             flat = 0.0
             closeness = _AS_FIRED if has_fired[i] else AT_LIMIT

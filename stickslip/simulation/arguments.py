@@ -28,8 +28,8 @@ Times = Sequence[float] | NDArray[Any]
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
-_MOST_STEPS = 1e8
-"""So many steps take half an hour, and their points a few gigabytes."""
+_MOST_STEPS = 1e10
+"""So many steps take a day; whoever wants fewer may press Ctrl-C."""
 
 
 def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:

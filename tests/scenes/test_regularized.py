@@ -384,6 +384,8 @@ def test_karnopp_refuses_two_moving_bodies() -> None:
         (lambda: LuGre(DryFriction(0.2, 0.1), 0.0), ValueError, "LuGre: stiffness must be positive"),
         (lambda: LuGre(DryFriction(0.2, 0.1), 1.0, damping=-1.0), ValueError, "damping must be at least 0"),
         (lambda: Dahl(DryFriction(0.2, 0.1), -5.0), ValueError, "Dahl: stiffness must be positive"),
+        (lambda: Dahl(DryFriction(0.2, 0.0), 5.0), ValueError, "Dahl: mu_coulomb must be positive"),
+        (lambda: LuGre(DryFriction(0.0, 0.0), 5.0, viscous=1.0), ValueError, "a Damper for what is viscous"),
     ],
 )
 def test_parameters_are_checked(make: Any, error: type[Exception], message: str) -> None:

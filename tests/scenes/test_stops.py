@@ -409,3 +409,33 @@ def test_rebounds_that_end_keep_the_momentum() -> None:
     assert result.mode("stop")[-1] == Mode.FORWARD
     np.testing.assert_allclose(result.velocity("a") + 3.0 * result.velocity("b"), 1.1, rtol=0, atol=1e-14)
     assert result.energy().relative_error < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("step", "options"), [(0, {}), (3, {}), (4, {}), (7, {}), (1, {"formulation": "multiplier"})]
+)
+def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(
+    step: int, options: dict[str, Any]
+) -> None:
+    """30 N press a block against a swinging belt; friction of 1.2 N on the ground turns over with it.
+
+    In that instant the block is at rest, and friction could hold it; the load decides.
+    """
+    frequency, phase = 0.3 + 0.05 * step, 0.2 * step
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.0, position=-0.1),
+        Drive("belt", velocity=sine(0.7, frequency, phase)),
+        Contact("rub", "a", GROUND, DryFriction(0.3, 0.2, dwell=0.05), normal=6.0),
+        Stop("stop", "a", "belt", upper=0.02, restitution=0.3),
+        Force("a", 30.0),
+    )
+    result = simulate(scene, (0.0, 10.0), **options)
+    w = 2 * math.pi * frequency
+    turns = np.array([e.t for e in result.events if e.contact == "rub" and e.t > 3.0])
+    assert turns.size >= 4
+    np.testing.assert_allclose(np.sin(w * turns + phase), 0.0, rtol=0, atol=1e-6)
+    late = result.sample(np.linspace(3.0, 10.0, 201))
+    assert (late.mode("stop") == Mode.FORWARD).all()
+    pressed = 30.0 - 0.7 * w * np.cos(w * late.t + phase) - late.force("rub")
+    np.testing.assert_allclose(late.force("stop"), pressed, rtol=0, atol=1e-5)
+    assert not [e for e in result.events if e.contact == "stop" and e.t > 3.0]

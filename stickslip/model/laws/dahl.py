@@ -26,7 +26,7 @@ class Dahl(BristleLaw):
     Raises
     ------
     ValueError, TypeError
-        If the stiffness is not positive.
+        If the stiffness is not positive, or only the Coulomb friction 0.
     """
 
     law: DryFriction

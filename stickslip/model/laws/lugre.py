@@ -72,6 +72,14 @@ class BristleLaw(Law):
         """Check coefficients and stiffness."""
         self._check_law()
         self._check_number("stiffness", positive=True)
+        core, name = self.core, type(self).__name__
+        least = min(core.mu_c(1), core.mu_c(-1))
+        works = max(core.mu_s(1), core.mu_s(-1), self.sigma[2]) > 0
+        if least == 0 and works and not core.is_function:
+            raise ValueError(
+                f"{name}: mu_coulomb must be positive, got 0: bristles without sliding friction are infinitely stiff; "
+                "use DryFriction, and a Damper for what is viscous"
+            )
 
     @property
     def sigma(self) -> tuple[float, float, float]:
@@ -136,7 +144,7 @@ class LuGre(BristleLaw):
     Raises
     ------
     ValueError, TypeError
-        If a parameter is negative or the stiffness not positive.
+        If a parameter is negative, the stiffness not positive, or the Coulomb friction of what is not idle 0.
     """
 
     law: DryFriction
@@ -145,9 +153,9 @@ class LuGre(BristleLaw):
     viscous: float = 0.0
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         self._check_number("damping", positive=False)
         self._check_number("viscous", positive=False)
+        super().__post_init__()
 
     @property
     def sigma(self) -> tuple[float, float, float]:
