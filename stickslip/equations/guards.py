@@ -48,7 +48,7 @@ class Guards(GuardsAtStart):
         return self._divided(g, tau), np.maximum(start, size)
 
     def of_friction(self, i: int) -> tuple[int, int] | None:
-        """Return the row that sticks or lets go where a guard comes to 0, and its mode then; None where none does."""
+        """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where none does."""
         if i < self.rows.slips or (self.direction[i] and not self.is_velocity[i]):
             return int(self.row[i]), int(self.direction[i])
         return None

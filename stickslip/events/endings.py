@@ -47,9 +47,8 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    alone: (
-        tuple[int, int] | None
-    )  # where no other guard is near 0: the row that sticks or lets go, and its mode then
+    # where no other guard is near 0: the row that sticks or lets go, and in which direction it is pushed, 0 if it moved
+    alone: tuple[int, int] | None
 
 
 class Jump(NamedTuple):
@@ -87,7 +86,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         near = part <= _ALONE
         if guards.velocity_uncertainty:
             near |= guards.is_velocity & (values <= guards.velocity_uncertainty)
-        if np.count_nonzero(near) == 1 and path.touched is None and not relaxed_ones:
+        if np.count_nonzero(near) == 1 and (near & at).any() and path.touched is None and not relaxed_ones:
             alone = guards.of_friction(int(near.argmax()))
     return AtLimit(touching, fired, crossed, alone)
 
