@@ -355,7 +355,7 @@ def test_cut_runs_of_controllers_go_on(number: int) -> None:
 
 
 @pytest.mark.slow
-def test_a_controller_of_1_khz_over_100_s_is_called_once_for_each_sample() -> None:
+def test_a_controller_of_1_khz_is_called_once_for_each_sample() -> None:
     calls = [0]
 
     def push(t: float, x: Any, u: Any) -> Any:
@@ -376,8 +376,8 @@ def test_a_controller_of_1_khz_over_100_s_is_called_once_for_each_sample() -> No
         ),
         Force("m", output("pid")),
     )
-    result = simulate(scene, (0.0, 100.0))
-    assert calls[0] == result.stats["samples"] == 100_000
+    result = simulate(scene, (0.0, 40.0))
+    assert calls[0] == result.stats["samples"] == 40_000
     assert len(result.events) > 10
 
 
