@@ -213,11 +213,12 @@ class ModeEquations:
 
         Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
         """
-        system, key = self.system, (frozen, lines, waves)
-        if not is_small(system, system.size + self.rows + self.guards.size, len(waves[0])):
-            return None
+        key = frozen, lines, waves
         found = self._maps.get(key)
         if found is None or found.order < order:
+            system = self.system
+            if not is_small(system, system.size + self.rows + self.guards.size, len(waves[0])):
+                return None
             of, link = system.dependence, None
             if of is not None:
                 link = partial(of.add_linear, regions=lines)

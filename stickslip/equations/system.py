@@ -207,6 +207,7 @@ class System:
         self.alive = (self.loaded & resists) | ~self.is_friction
         self.hard = c.sticks & ~self.is_gap
         self.all_hard = bool((self.hard | self.is_gap).all())
+        self.has_dead_bands = bool((self.hard & (c.rests_below > 0)).any())
         self.free = ~(c.sticks | c.has_slip_state)
         self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward

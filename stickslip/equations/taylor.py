@@ -22,6 +22,8 @@ _MOST_ENTRIES = 1_000
 """Entries for each order: modes of larger scenes seldom come back often enough."""
 
 _QUICKLY_MADE = 10_000
+"""Entries of a matrix that takes no longer to make than to do without it a few times."""
+
 _FASTEST = 1e12
 """Products of rate and step beyond which powers of them may overflow."""
 

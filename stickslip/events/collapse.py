@@ -29,7 +29,9 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
     """
     system, balance = motion.system, motion.equations.balance
     held = motion.equations.held
-    torn, rate = _torn(motion)
+    if (found := _torn(motion)) is None:
+        return None
+    torn, rate = found
     for number in np.unique(balance.loop[torn]).tolist():
         rows = held[balance.loop == number]
         G, D = dense(system.G[rows]), dense(system.D[rows])
@@ -42,22 +44,22 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
 
 def pressed_together(motion: Motion) -> Indices:
     """Return held rows that drives tear though none of them can give way: ties, one-way clutches and stops."""
-    rows: Indices = motion.equations.held[_torn(motion)[0]]
+    held, found = motion.equations.held, _torn(motion)
+    rows: Indices = held[:0] if found is None else held[found[0]]
     return rows[:0] if motion.system.is_friction[rows].any() else rows
 
 
-def _torn(motion: Motion) -> tuple[Mask, Array]:
+def _torn(motion: Motion) -> tuple[Mask, Array] | None:
     """Tell which held rows drives tear that move apart, and return the lowest derivative of velocities that does."""
     system, balance = motion.system, motion.equations.balance
-    none, rate = np.zeros(motion.equations.held.size, dtype=bool), np.zeros(system.drives)
     if balance.parting is None:
-        return none, rate
+        return None
     for q in motion.start.q:
         rate = system.drive_accelerations(q)
         torn = np.abs(balance.parting @ rate) > _SOME * (abs(balance.parting) @ np.abs(rate))
         if torn.any():
             return np.asarray(torn), rate
-    return none, rate
+    return None
 
 
 def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:

@@ -73,7 +73,7 @@ def with_one(
     equations = motion.equations
     if (
         not system.all_hard
-        or system.laws.rests_below.any()
+        or system.has_dead_bands
         or system.has_stops
         or system.piecewise.count
         or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
@@ -154,7 +154,7 @@ def _settled(
     all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now.y, now.was, now.t, q)
     u = system.drive_velocities(q)
-    if system.laws.rests_below.any():
+    if system.has_dead_bands:
         now = _at_rest_in_bands(system, now, w, rough, closed, at_stop, u)
         w, rough = _relative(system, now.y, now.was, now.t, q)
     # a law that does not stick has no rest but where it carries no force
@@ -219,14 +219,14 @@ def _at_rest_in_bands(
     limit = np.where(system.hard, system.laws.rests_below, 0.0)
     resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
     moving = resting & (limit > 0) & (np.abs(w) > rough)
+    if not moving.any():
+        return now
     held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
     for j in moving.nonzero()[0].tolist():
         G = system.G[[j]]
         left = row_maxima(G @ system.balance(held.tobytes()).T)
         led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
         held[j] = not led[j]
-    if not moving.any():
-        return now
     return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
 
 
