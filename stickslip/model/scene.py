@@ -240,9 +240,8 @@ class Scene:
         named = isinstance(name, str)
         places = [k for k, e in enumerate(every) if named and isinstance(e, Named) and e.name == name]
         counted = _COUNTED.fullmatch(name) if named and not places else None
-        if counted is not None:
-            alike = [k for k, e in enumerate(every) if isinstance(e, KINDS[counted[1]])]
-            places = alike[int(counted[2]) :][:1]
+        if counted is not None and int(counted[2]) < len(among := getattr(self, counted[1])):
+            places = [place_in(self, among, int(counted[2]))]
         if not places:
             known = {element.name for element in self.elements if isinstance(element, Named)}
             raise ValueError(
@@ -368,3 +367,10 @@ def _element(maker: type[Element], where: str, row: Any) -> Element:
         return maker(**values)
     except (TypeError, ValueError) as error:
         raise type(error)(f"{where}: {error}") from None
+
+
+def place_in(scene: Scene, among: Sequence[Element], number: int) -> int:
+    """Return the place among all elements of one that stands with a number among those of some kinds."""
+    kind = type(among[number])
+    first = next(k for k, element in enumerate(scene.elements) if type(element) is kind)
+    return first + sum(type(element) is kind for element in among[:number])

@@ -11,7 +11,7 @@ from stickslip.model.checks import finite
 from stickslip.model.checks import names as checked_names
 from stickslip.model.elements.base import Element, Named, listed
 from stickslip.model.quantities import Quantity
-from stickslip.model.scene import Scene
+from stickslip.model.scene import Scene, place_in
 from stickslip.model.signals import Constant, Load, Signal
 from stickslip.results.units import units
 
@@ -136,12 +136,7 @@ def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
             raise ValueError(
                 f"{what}: parameter {name!r}: the scene has {len(among)} {indexed[1]}, counted from 0"
             )
-        before = (
-            0
-            if indexed[1] == "elements"
-            else next(k for k, e in enumerate(scene.elements) if type(e) is type(among[number]))
-        )
-        return before + number, name[indexed.end() :]
+        return place_in(scene, among, number), name[indexed.end() :]
     called = [
         (k, e) for k, e in enumerate(scene.elements) if isinstance(e, Named) and name.startswith(e.name + ".")
     ]

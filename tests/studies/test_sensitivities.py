@@ -709,3 +709,16 @@ def test_a_parameter_belongs_to_what_has_it_of_a_body_and_a_contact_of_one_name(
     assert np.allclose(found.velocity("a"), [3.0 / 4.0, -0.3 / 2.0], rtol=1e-9)
     with pytest.raises(ValueError, match="a body and a contact are both called 'a'; rename one of them"):
         sensitivities(scene, (0.0, 1.0), ["a.name"])
+
+
+def test_parameters_of_rows_are_counted_through_all_kinds_of_rows() -> None:
+    """Of a contact and two stops the row 1 is the first stop: it sends v = -3 back as 3 e, so d v / d e = 3."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=-3.0, position=1.0),
+        Contact("rub", "a", GROUND, DryFriction(0.1, 0.1), normal=0.0),
+        Stop("near", "a", GROUND, lower=0.0, restitution=0.5),
+        Stop("far", "a", GROUND, lower=-5.0, restitution=0.9),
+    )
+    names = ["rows[1].restitution", "rows[2].restitution", "stops[0].restitution", "elements[0].velocity"]
+    found = sensitivities(scene, (0.0, 1.0), names)
+    assert np.allclose(found.velocity("a"), [3.0, 0.0, 3.0, -0.5], atol=1e-12)
