@@ -106,9 +106,7 @@ def values(
 ) -> Array:
     """Return the values of the polynomials of some steps at places from 0 to 1, or their integrals from 0 on."""
     _, terms, size = coefficients.shape
-    highest = terms if integrated else terms - 1
-    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else polyvander(s, highest)
-    weights = np.ascontiguousarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
+    weights = np.ascontiguousarray(_weights(s, terms, is_chebyshev, integrated))
     found = np.empty((s.size, size))
     # not too many at once: memory stays near the processor
     count = _AT_ONCE // (terms * size) + 1
@@ -116,6 +114,19 @@ def values(
         some = slice(first, first + count)
         np.matmul(weights[some, None], coefficients[step[some]], out=found[some, None])
     return found
+
+
+def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Array:
+    """Return how much each coefficient counts at places from 0 to 1, a line each."""
+    highest = terms if integrated else terms - 1
+    basis = np.asarray(chebyshev_values(2 * s - 1, highest) if is_chebyshev else polyvander(s, highest))
+    return basis @ _integrals(terms, is_chebyshev) if integrated else basis
+
+
+@lru_cache(maxsize=64)
+def whole_integrals(terms: int, is_chebyshev: bool) -> Array:
+    """Return how much each coefficient counts in the integral over a whole step of length 1."""
+    return np.asarray(_weights(np.ones(1), terms, is_chebyshev, integrated=True)[0])
 
 
 @lru_cache(maxsize=64)

@@ -61,8 +61,7 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     half = 0.5 * np.diff(edges)
     nodes = ((0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * x).ravel()
     piece_of = np.searchsorted(trajectory.starts, nodes, side="right") - 1
-    q = trajectory.loads_at(piece_of, nodes - trajectory.starts[piece_of])
-    u = trajectory.system.drive_velocities(q)
+    u = trajectory.drive_velocities(piece_of, nodes - trajectory.starts[piece_of])
     sums = np.zeros((u.shape[0], edges.size))
     np.cumsum((u.reshape(u.shape[0], half.size, _NODES) @ weights) * half, axis=1, out=sums[:, 1:])
     return np.asarray(sums[:, np.searchsorted(edges, times)])

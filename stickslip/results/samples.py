@@ -221,8 +221,7 @@ class Samples(PickledByFields):
     @cached_property
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
-        drives = slice(self.system.first_drive, self.system.first_acceleration)
-        return self.trajectory.loads_at(self.piece_of, self.taus, drives)
+        return self.trajectory.drive_velocities(self.piece_of, self.taus)
 
     def velocities(self) -> Array:
         """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
@@ -333,7 +332,7 @@ class Samples(PickledByFields):
         at = np.any(velocity_dependent_in(modes, self.system), axis=0)
         if not at.any():
             return
-        for number, some in self.trajectory.whole(self.piece_of):
+        for number, some in by_piece(self.piece_of):
             if at[some].any():
                 own = self.trajectory.motion(number)
                 rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
