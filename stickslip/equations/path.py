@@ -119,8 +119,8 @@ def values(
 def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Array:
     """Return how much each coefficient counts at places from 0 to 1, a line each."""
     highest = terms if integrated else terms - 1
-    basis = np.asarray(chebyshev_values(2 * s - 1, highest) if is_chebyshev else polyvander(s, highest))
-    return basis @ _integrals(terms, is_chebyshev) if integrated else basis
+    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else polyvander(s, highest)
+    return np.asarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
 
 
 @lru_cache(maxsize=64)

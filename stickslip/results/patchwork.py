@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,12 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.results.pickled import PickledByFields
 
+T = TypeVar("T", bound=np.generic)
+
 _AT_ONCE = 100_000
+_VALUES = 16_000
+"""Values that are computed at once: memory stays near the processor."""
+
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
 
@@ -109,23 +114,37 @@ class Series(PickledByFields):
         tick, thing, origin, first, second = (column[order] for column in columns)
         return cls(tick, thing, origin, first, second, terms[order])
 
+    @cached_property
+    def firsts(self) -> Indices:
+        """The first entry of each thing, and how many entries there are."""
+        return self.thing.searchsorted(np.arange(int(self.thing[-1]) + 2 if self.thing.size else 1))
+
     def held(self, ticks: Indices, things: slice) -> Held:
         """Return which entries of some things hold at some ticks, in order."""
-        first, stop, _ = things.indices(int(self.thing[-1]) + 1 if self.thing.size else 0)
-        low, high = np.searchsorted(self.thing, [first, stop]).tolist()
-        begins = np.searchsorted(ticks, self.tick[low:high])
-        is_new = np.diff(self.thing[low:high], prepend=-1, append=-1) != 0
+        first, stop, _ = things.indices(self.firsts.size - 1)
+        firsts = self.firsts[first : stop + 1]
+        low, high = int(firsts[0]), int(firsts[-1])
+        begins = ticks.searchsorted(self.tick[low:high])
         # the first entry of a thing holds from the first tick on, its last one up to the last
-        begins[is_new[:-1]] = 0
-        ends = np.where(is_new[1:], ticks.size, np.roll(begins, -1))
+        begins[firsts[:-1] - low] = 0
+        ends = np.append(begins[1:], ticks.size)
+        ends[firsts[1:] - low - 1] = ticks.size
         return Held(slice(low, high), ends - begins, (stop - first, ticks.size))
+
+    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, Held]]:
+        """Yield some things at a time and which of their entries hold at some ticks."""
+        first, stop, _ = things.indices(self.firsts.size - 1)
+        count = _VALUES // max(ticks.size, 1) + 1
+        for begin in range(first, stop, count):
+            some = slice(begin, min(begin + count, stop))
+            yield some, self.held(ticks, some)
 
     def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
         The times are in the shape of `held`, or the same for each of its things.
         """
-        own, t, counts = held.entries, t.ravel(), held.counts
+        own, counts = held.entries, held.counts
         terms, origin = self.terms[own], self.origin[own]
         if integrated:
             terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
@@ -133,12 +152,14 @@ class Series(PickledByFields):
         bent = terms[:, 1:].any(axis=1)
         places = np.repeat(bent, counts).nonzero()[0]
         if places.size:
-            terms, counts = terms[bent], counts[bent]
-            s = (t[places % t.size] - np.repeat(origin[bent], counts)) / unit
-            value = np.repeat(terms[:, -1], counts)
-            for k in range(terms.shape[1] - 2, -1, -1):
+            orders, counts = np.ascontiguousarray(terms[bent].T), counts[bent]
+            s = np.broadcast_to(t, held.shape).ravel()[places]
+            s -= np.repeat(origin[bent], counts)
+            s /= unit
+            value = np.repeat(orders[-1], counts)
+            for order in orders[-2::-1]:
                 value *= s
-                value += np.repeat(terms[:, k], counts)
+                value += np.repeat(order, counts)
             found[places] = value
         return found.reshape(held.shape)
 
@@ -243,60 +264,64 @@ class Patchwork(PickledByFields):
         first = np.searchsorted(self.piece_of_tick, piece, side="left")
         return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
+    def _in_order(self, piece: Indices, t: Array) -> tuple[Indices, Array, Indices | slice]:
+        """Return the ticks at times of pieces, and these times, in order, and the place there of each given one."""
+        ticks = self._ticks(piece, t)
+        if (ticks[1:] >= ticks[:-1]).all():
+            return ticks, t, slice(None)
+        order = np.argsort(ticks, kind="stable")
+        return ticks[order], t[order], np.argsort(order)
+
     def _read(
         self,
         series: Series,
         piece: Indices,
         t: Array,
         things: slice,
-        read: Callable[[Held, Array], NDArray[Any]],
-    ) -> NDArray[Any]:
+        read: Callable[[Held, Array], NDArray[T]],
+    ) -> NDArray[T]:
         """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
-        ticks = self._ticks(piece, t)
-        if (ticks[1:] >= ticks[:-1]).all():
-            return read(series.held(ticks, things), t)
-        order = np.argsort(ticks, kind="stable")
-        found = read(series.held(ticks[order], things), t[order])
-        return np.asarray(found[:, np.argsort(order)])
+        ticks, t, back = self._in_order(piece, t)
+        blocks = [read(held, t) for _, held in series.in_blocks(ticks, things)]
+        found = np.concatenate(blocks)
+        return found[:, back]
 
     def states(self, piece: Indices, t: Array) -> Array:
         """Return the states at times of pieces, a column each."""
-        system = self.system
+        system, n = self.system, self.system.n
+        ticks, t, back = self._in_order(piece, t)
         y = np.empty((system.size, t.size))
-        y[: system.n] = self.velocities(piece, t)
-        if system.placed.size:
-            y[system.moved_state] = self.positions(piece, t)[system.moved]
-            u, d = self.drives[1][system.carried], t - self.since
-            y[system.carried_state] = self.drives[0][system.carried, None] + d * (
-                u[:, :1] + 0.5 * d * u[:, 1:]
-            )
-        return y
+        for bodies, held in self.bodies.in_blocks(ticks, slice(None)):
+            y[bodies] = self._velocity(held, t)
+            first, stop = system.moved.searchsorted((bodies.start, bodies.stop))
+            if stop > first:
+                x = self._position(held, t)
+                y[n + first : n + stop] = x[system.moved[first:stop] - bodies.start]
+        u, d = self.drives[1][system.carried], t - self.since
+        y[system.carried_state] = self.drives[0][system.carried, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:])
+        return y[:, back]
 
     def velocities(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
         """Return velocities of bodies at times of pieces; those that a drive leads have its own, to the bit."""
+        return self._read(self.bodies, piece, t, bodies, self._velocity)
 
-        def read(held: Held, t: Array) -> Array:
-            v, lead, u = (
-                self.bodies.values(held, t, self.unit),
-                self.bodies.second[held.entries],
-                self.drives[1],
-            )
-            is_led = lead >= 0
+    def _velocity(self, held: Held, t: Array) -> Array:
+        v, lead, u = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries], self.drives[1]
+        is_led = lead >= 0
+        if is_led.any():
+            counts = held.counts[is_led]
             places = np.repeat(is_led, held.counts).nonzero()[0]
-            drive = np.repeat(lead[is_led].astype(np.intp), held.counts[is_led])
-            since = (t - self.since)[places % t.size]
-            v.ravel()[places] = u[drive, 0] + u[drive, 1] * since
-            return v
-
-        return self._read(self.bodies, piece, t, bodies, read)
+            start, slope = np.repeat(u[lead[is_led].astype(np.intp)], counts, axis=0).T
+            since = np.broadcast_to(t - self.since, held.shape).ravel()[places]
+            v.ravel()[places] = start + slope * since
+        return v
 
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
         """Return positions of bodies at times of pieces."""
+        return self._read(self.bodies, piece, t, bodies, self._position)
 
-        def read(held: Held, t: Array) -> Array:
-            return self.bodies.values(held, t, self.unit, integrated=True)
-
-        return self._read(self.bodies, piece, t, bodies, read)
+    def _position(self, held: Held, t: Array) -> Array:
+        return self.bodies.values(held, t, self.unit, integrated=True)
 
     @cached_property
     def at_ends(self) -> Array:
@@ -315,11 +340,7 @@ class Patchwork(PickledByFields):
 
     def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
-
-        def read(held: Held, t: Array) -> Array:
-            return self.rows.values(held, t, self.unit)
-
-        return self._read(self.rows, piece, t, rows, read)
+        return self._read(self.rows, piece, t, rows, lambda held, t: self.rows.values(held, t, self.unit))
 
     # -- how it bends ----------------------------------------------------------------------------------------
 
