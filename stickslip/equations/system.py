@@ -205,6 +205,9 @@ class System:
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
+        # rows that hold more or less backward than forward
+        self.has_sides = (self.mu_s[0] != self.mu_s[1]) | (self.least[0] != self.least[1])
+        self.has_sides |= self.is_one_way | self.is_stop
         self.hard = c.sticks & ~self.is_gap
         self.all_hard = bool((self.hard | self.is_gap).all())
         self.has_dead_bands = bool((self.hard & (c.rests_below > 0)).any())

@@ -23,7 +23,7 @@ from stickslip.results.pickled import PickledByFields
 T = TypeVar("T", bound=np.generic)
 
 _AT_ONCE = 100_000
-_VALUES = 16_000
+_VALUES = 64_000
 """Values that are computed at once: memory stays near the processor."""
 
 _IN_ENTRY = 3
@@ -148,18 +148,18 @@ class Series(PickledByFields):
         terms, origin = self.terms[own], self.origin[own]
         if integrated:
             terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
-        found = np.repeat(terms[:, 0], counts)
+        found = terms[:, 0].repeat(counts)
         bent = terms[:, 1:].any(axis=1)
         places = np.repeat(bent, counts).nonzero()[0]
         if places.size:
             orders, counts = np.ascontiguousarray(terms[bent].T), counts[bent]
             s = np.broadcast_to(t, held.shape).ravel()[places]
-            s -= np.repeat(origin[bent], counts)
+            s -= origin[bent].repeat(counts)
             s /= unit
-            value = np.repeat(orders[-1], counts)
+            value = orders[-1].repeat(counts)
             for order in orders[-2::-1]:
                 value *= s
-                value += np.repeat(order, counts)
+                value += order.repeat(counts)
             found[places] = value
         return found.reshape(held.shape)
 

@@ -319,6 +319,15 @@ class Trajectory(PickledByFields):
             lambda part, own, times: part.since_when(own, times, rows),
         )
 
+    def held_forces(self, piece_of: Indices, taus: Array, rows: slice) -> Array:
+        """Return the forces of held rows at local times of pieces where these are known row by row, 0 elsewhere."""
+        return self._read(
+            piece_of,
+            taus,
+            lambda own, taus: np.zeros((len(range(self.system.m)[rows]), taus.size)),
+            lambda part, own, times: part.forces(own, times, rows),
+        )
+
     def states(self, piece_of: Indices, taus: Array) -> Array:
         """Return the states at local times of pieces, one column each.
 

@@ -73,8 +73,9 @@ class Joined(Presented):
         """All that any run has, for tables and drawings; of a name that several have, what the last of them has."""
         return Scene.of_all([result.scene for result in self.results])
 
-    def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
-        return joined(of_each(self.results, read), [result.t.size for result in self.results])
+    def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
+        parts = of_each(self.results, lambda samples: read(samples, name))
+        return joined(parts, [result.t.size for result in self.results])
 
     def final_scene(self) -> Scene:
         """Return the scene at the end of the last run."""
