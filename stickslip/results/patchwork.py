@@ -17,7 +17,7 @@ from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.pickled import PickledByFields
 
 T = TypeVar("T", bound=np.generic)
@@ -139,28 +139,40 @@ class Series(PickledByFields):
             some = slice(begin, min(begin + count, stop))
             yield some, self.held(ticks, some)
 
+    @cached_property
+    def is_bent(self) -> Mask:
+        """Which entries are no constants."""
+        return np.asarray(self.terms[:, 1:].any(axis=1))
+
+    @cached_property
+    def is_moved(self) -> Mask:
+        """Which entries have integrals that are no constants."""
+        return np.asarray(self.is_bent | (self.terms[:, 0] != 0))
+
     def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
         The times are in the shape of `held`, or the same for each of its things.
         """
         own, counts = held.entries, held.counts
-        terms, origin = self.terms[own], self.origin[own]
+        begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
+        begin, bent = begin[own], bent[own]
+        found = begin.repeat(counts)
+        if not bent.any():
+            return found.reshape(held.shape)
+        places = slice(None) if bent.all() else bent.repeat(counts).nonzero()[0]
+        orders, counts = np.ascontiguousarray(self.terms[own][bent].T), counts[bent]
         if integrated:
-            terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
-        found = terms[:, 0].repeat(counts)
-        bent = terms[:, 1:].any(axis=1)
-        places = np.repeat(bent, counts).nonzero()[0]
-        if places.size:
-            orders, counts = np.ascontiguousarray(terms[bent].T), counts[bent]
-            s = np.broadcast_to(t, held.shape).ravel()[places]
-            s -= origin[bent].repeat(counts)
-            s /= unit
-            value = orders[-1].repeat(counts)
-            for order in orders[-2::-1]:
-                value *= s
-                value += order.repeat(counts)
-            found[places] = value
+            factors = unit / np.arange(1, orders.shape[0] + 1)
+            orders = np.concatenate([begin[bent][None], orders * factors[:, None]])
+        s = held.of_all(t)[places]
+        s -= self.origin[own][bent].repeat(counts)
+        s /= unit
+        value = orders[-1].repeat(counts)
+        for order in orders[-2::-1]:
+            value *= s
+            value += order.repeat(counts)
+        found[places] = value
         return found.reshape(held.shape)
 
 
@@ -168,13 +180,19 @@ class Series(PickledByFields):
 class Held:
     """Which entries of series hold at some times, for one thing after the other."""
 
-    entries: slice  # the entries of these things
+    entries: slice | Indices  # the entries of these things
     counts: Indices  # at how many times in a row each of them holds
     shape: tuple[int, int]  # how many things and times there are
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return at all times what each entry has, a line for each thing."""
-        return np.repeat(values[self.entries], self.counts).reshape(self.shape)
+        return values[self.entries].repeat(self.counts).reshape(self.shape)
+
+    def of_all(self, t: Array) -> Array:
+        """Return times that are the same for each thing, or in the shape of all, in one line."""
+        found = np.empty(self.shape)
+        found[:] = t
+        return found.ravel()
 
 
 def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Array:
@@ -252,16 +270,16 @@ class Patchwork(PickledByFields):
             rows=rows,
         )
 
-    @property
+    @cached_property
     def stops(self) -> Array:
         """End of each piece in s."""
         return np.append(self.starts[1:], self.stop)
 
     def _ticks(self, piece: Indices, t: Array) -> Indices:
         """Return the tick that holds at times of pieces."""
-        by_time = np.searchsorted(self.ticks, t, side="right")
-        by_piece = np.searchsorted(self.piece_of_tick, piece, side="right")
-        first = np.searchsorted(self.piece_of_tick, piece, side="left")
+        by_time = self.ticks.searchsorted(t, side="right")
+        by_piece = self.piece_of_tick.searchsorted(piece, side="right")
+        first = self.piece_of_tick.searchsorted(piece, side="left")
         return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
 
     def _in_order(self, piece: Indices, t: Array) -> tuple[Indices, Array, Indices | slice]:
@@ -283,7 +301,7 @@ class Patchwork(PickledByFields):
         """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
         ticks, t, back = self._in_order(piece, t)
         blocks = [read(held, t) for _, held in series.in_blocks(ticks, things)]
-        found = np.concatenate(blocks)
+        found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
         return found[:, back]
 
     def states(self, piece: Indices, t: Array) -> Array:
@@ -309,11 +327,9 @@ class Patchwork(PickledByFields):
         v, lead, u = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries], self.drives[1]
         is_led = lead >= 0
         if is_led.any():
-            counts = held.counts[is_led]
-            places = np.repeat(is_led, held.counts).nonzero()[0]
-            start, slope = np.repeat(u[lead[is_led].astype(np.intp)], counts, axis=0).T
-            since = np.broadcast_to(t - self.since, held.shape).ravel()[places]
-            v.ravel()[places] = start + slope * since
+            places = is_led.repeat(held.counts).nonzero()[0]
+            start, slope = u[lead[is_led].astype(np.intp)].repeat(held.counts[is_led], axis=0).T
+            v.ravel()[places] = start + slope * held.of_all(t - self.since)[places]
         return v
 
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
@@ -326,7 +342,10 @@ class Patchwork(PickledByFields):
     @cached_property
     def at_ends(self) -> Array:
         """Positions of the bodies at the start and at the end, a line each."""
-        return self.positions(np.array([0, self.starts.size - 1]), np.array([self.starts[0], self.stop])).T
+        firsts, n = self.bodies.firsts, self.system.n
+        entries = np.stack([firsts[:-1], firsts[1:] - 1], axis=1).ravel()
+        ends = Held(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
+        return self._position(ends, np.array([self.starts[0], self.stop])).T
 
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
@@ -366,10 +385,10 @@ class Patchwork(PickledByFields):
         """The least and the largest velocities of all bodies, and with them how far each has come."""
         series = self.bodies
         begins = self.ticks[series.tick]
-        t = begins[:, None] + np.linspace(0.0, 1.0, _IN_ENTRY) * (self._lasts - begins)[:, None]
+        t = begins[:, None] + np.arange(_IN_ENTRY) / (_IN_ENTRY - 1) * (self._lasts - begins)[:, None]
         every = Held(slice(0, begins.size), np.full(begins.size, _IN_ENTRY), t.shape)
         values = [series.values(every, t, self.unit, integrated) for integrated in (False, True)]
-        starts = _IN_ENTRY * np.searchsorted(series.thing, np.arange(self.system.n))
+        starts = _IN_ENTRY * series.firsts[:-1]
         low, high = (
             np.array([extreme.reduceat(part.ravel(), starts) for part in values])
             for extreme in (np.minimum, np.maximum)
@@ -389,16 +408,21 @@ class Patchwork(PickledByFields):
     def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
         """Return of all series that bend when they begin and end, and the largest second derivative of each."""
         series = self.bodies
-        bent = np.flatnonzero(series.terms[:, 1:].any(axis=1))
+        bent = series.is_bent.nonzero()[0]
         bend = np.empty(bent.size)
-        k = np.arange(series.terms.shape[1], dtype=float)
+        k = np.arange(1.0, series.terms.shape[1])
         for some in _at_once(bent.size):
             own = bent[some]
             size, thing = np.abs(series.terms[own]), series.thing[own]
-            s = (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None]
+            powers = np.empty((own.size, k.size))
+            powers[:, 0], powers[:, 1:] = (
+                1.0,
+                (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None],
+            )
+            powers = np.cumprod(powers, axis=1, out=powers)
             # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-            rate = (size * s ** np.maximum(k - 1, 0)) @ k / self.unit / distance[thing]
-            lower = (size * s ** np.maximum(k - 2, 0)) @ (k * (k - 1))
+            rate = (size[:, 1:] * powers) @ k / self.unit / distance[thing]
+            lower = (size[:, 2:] * powers[:, :-1]) @ (k[1:] * k[:-1])
             bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
         return self.ticks[series.tick[bent]], self._lasts[bent], bend
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -83,13 +83,12 @@ def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
     `ends` are those of one piece after the other, its start among them, and `sizes` how many each piece has. The step
     from each on is cut into `counts` parts; the last of a piece counts nothing.
     """
-    counts, lengths = counts.copy(), np.diff(ends, append=0.0)
-    lasts = np.cumsum(sizes) - 1
-    counts[lasts] = 1
-    step = np.repeat(np.arange(ends.size), counts)
-    inner = np.arange(step.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    counts, lengths = counts.copy(), np.append(ends[1:], 0.0) - ends
+    counts[sizes.cumsum() - 1] = 1
+    step = np.arange(ends.size).repeat(counts)
+    inner = np.arange(step.size) - (counts.cumsum() - counts)[step]
     taus = ends[step] + lengths[step] * (inner / counts[step])
-    return np.repeat(np.arange(sizes.size), sizes)[step], taus
+    return np.arange(sizes.size).repeat(sizes)[step], taus
 
 
 def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
@@ -144,8 +143,8 @@ def _looked_at(trajectory: Trajectory) -> _Look:
     begins, sizes, bends, moved = (
         np.concatenate(parts) for parts in zip(none, *(look[:4] for look in found), strict=True)
     )
-    low = np.min([np.full(size, np.inf), *(look.low for look in found)], axis=0)
-    high = np.max([np.full(size, -np.inf), *(look.high for look in found)], axis=0)
+    low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
+    high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))
     return _Look(begins, sizes, bends, moved, low, high)
 
 
@@ -178,7 +177,8 @@ def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork
     is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
     before = np.append(0, steps.sizes.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
     gone = np.array([part.at_ends[1] - part.at_ends[0] for part in patchworks])
-    come = np.insert(steps.moved, before, gone, axis=0).cumsum(axis=0)
+    moved = np.insert(steps.moved, before, gone, axis=0) if steps.moved.size else gone
+    come = moved.cumsum(axis=0)
     starts = come[before + np.arange(before.size)] - gone - [part.at_ends[0] for part in patchworks]
     extremes = np.array([[extreme[1] for extreme in part.ranges] for part in patchworks])
     return np.concatenate([still, come, (starts[:, None] + extremes).reshape(-1, still.size)])

@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.equations.path import Path, values, whole_integrals
 from stickslip.model.arrays import Array, Indices
 
-_AT_ONCE = 200_000
+_AT_ONCE = 50_000
 """Coefficients that are put together at once."""
 
 

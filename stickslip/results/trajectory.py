@@ -257,6 +257,8 @@ class Trajectory(PickledByFields):
         """Return which times pieces hold that are stored as a whole, and the place of each among these."""
         if len(self.whole) == len(self.parts):
             return slice(None), piece_of
+        if not self.whole:
+            return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
         place = self._place[piece_of]
         chosen = (place >= 0).nonzero()[0]
         return chosen, place[chosen]
