@@ -365,44 +365,43 @@ class Patchwork(PickledByFields):
 
     @cached_property
     def steps(self) -> tuple[Array, Indices]:
-        """The times at which steps begin, and the piece of each: every piece and every time at which series end."""
-        t = np.concatenate([self.starts, self.ticks])
-        piece = np.concatenate([np.arange(self.starts.size), self.piece_of_tick])
-        order = np.lexsort((t, piece))
-        t, piece = t[order], piece[order]
-        new = np.append(True, (t[1:] > t[:-1]) | (piece[1:] > piece[:-1]))
-        return t[new], piece[new]
+        """The times at which steps begin, and the piece of each: all ticks, but of several at one time the first."""
+        t, piece = self.ticks, self.piece_of_tick
+        is_new = np.append(True, (t[1:] > t[:-1]) | (piece[1:] > piece[:-1]))
+        return t[is_new], piece[is_new]
 
     @cached_property
     def _lasts(self) -> Array:
         """Until when each entry of a body holds."""
-        last = np.append(self.bodies.thing[1:] != self.bodies.thing[:-1], True)
-        begins = self.ticks[self.bodies.tick.astype(np.intp)]
-        return np.where(last, self.stop, np.append(begins[1:], self.stop))
+        lasts = np.append(self.ticks[self.bodies.tick[1:]], self.stop)
+        lasts[self.bodies.firsts[1:] - 1] = self.stop
+        return lasts
 
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
         series = self.bodies
         begins = self.ticks[series.tick]
-        t = begins[:, None] + np.arange(_IN_ENTRY) / (_IN_ENTRY - 1) * (self._lasts - begins)[:, None]
-        every = Held(slice(0, begins.size), np.full(begins.size, _IN_ENTRY), t.shape)
-        values = [series.values(every, t, self.unit, integrated) for integrated in (False, True)]
-        starts = _IN_ENTRY * series.firsts[:-1]
-        low, high = (
-            np.array([extreme.reduceat(part.ravel(), starts) for part in values])
-            for extreme in (np.minimum, np.maximum)
-        )
-        return low, high
+        t = begins + np.arange(_IN_ENTRY)[:, None] / (_IN_ENTRY - 1) * (self._lasts - begins)
+        s = (t - series.origin) / self.unit
+        found = np.zeros((2, *s.shape))
+        for k in range(series.terms.shape[1], 0, -1):
+            found *= s
+            found[0] += series.terms[:, k - 1]
+            found[1] += series.terms[:, k - 1] / k
+        found[1] *= s * self.unit
+        found[1] += series.first
+        starts = series.firsts[:-1]
+        low, high = found.min(axis=1), found.max(axis=1)
+        return np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
 
     def worst(self, speed: Array, distance: Array) -> Array:
         """Return for each step the largest second derivative, as a part of what is given for each body's."""
-        begins, piece = self.steps
-        ends = np.append(begins[1:], self.stop)
-        h = np.where(np.append(piece[1:] == piece[:-1], True), ends - begins, self.stops[piece] - begins)
+        begins, _ = self.steps
+        h = np.append(begins[1:], self.stop) - begins
         own_begins, own_ends, bend = self._bends(speed, distance)
-        first = np.searchsorted(begins, own_begins, side="left")
-        last = np.maximum(np.searchsorted(begins, own_ends, side="left"), first + 1)
+        first = begins.searchsorted(own_begins)
+        last = np.maximum(begins.searchsorted(own_ends), first + 1)
         return _largest_over(first, last, bend, begins.size) * h * h
 
     def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
@@ -414,12 +413,10 @@ class Patchwork(PickledByFields):
         for some in _at_once(bent.size):
             own = bent[some]
             size, thing = np.abs(series.terms[own]), series.thing[own]
-            powers = np.empty((own.size, k.size))
-            powers[:, 0], powers[:, 1:] = (
-                1.0,
-                (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None],
-            )
-            powers = np.cumprod(powers, axis=1, out=powers)
+            s = np.abs(self._lasts[own] - series.origin[own]) / self.unit
+            powers = np.ones((own.size, k.size))
+            powers[:, 1:] = s[:, None]
+            powers.cumprod(axis=1, out=powers)
             # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
             rate = (size[:, 1:] * powers) @ k / self.unit / distance[thing]
             lower = (size[:, 2:] * powers[:, :-1]) @ (k[1:] * k[:-1])

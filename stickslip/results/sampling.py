@@ -65,14 +65,14 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     ]
     steps = _looked_at(trajectory)
     allowed = _allowed(trajectory, steps, [part for _, part in patchworks])
-    piece, taus = _cut(steps.begins, _clipped((steps.bends / allowed).max(axis=1, initial=0.0)), steps.sizes)
+    counts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
     if not patchworks:
-        return piece, taus
-    found = [(trajectory.numbers[piece], taus)]
-    for first, part in patchworks:
-        piece, taus = _cut(*_of_patchwork(part, trajectory.system, allowed))
-        found.append((first + piece, taus))
-    piece, taus = map(np.concatenate, zip(*found, strict=True))
+        return _cut(steps.begins, counts, steps.sizes)
+    found = [(steps.begins, counts, steps.sizes)]
+    found += [_of_patchwork(part, trajectory.system, allowed) for _, part in patchworks]
+    pieces = [trajectory.numbers, *(np.arange(first, first + part.starts.size) for first, part in patchworks)]
+    piece, taus = _cut(*map(np.concatenate, zip(*found, strict=True)))
+    piece = np.concatenate(pieces)[piece]
     order = np.argsort(piece, kind="stable")
     return piece[order], taus[order]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -477,19 +476,15 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     """Yield each piece that holds times, and which times it holds."""
     if not piece_of.size:
         return
-    if (piece_of[1:] >= piece_of[:-1]).all():
-        ends = [0, *((piece_of[1:] != piece_of[:-1]).nonzero()[0] + 1).tolist(), piece_of.size]
-        for first, last in pairwise(ends):
-            yield int(piece_of[first]), slice(first, last)
-        return
-    order = np.argsort(piece_of, kind="stable")
-    numbers, firsts = np.unique(piece_of[order], return_index=True)
-    yield from zip(numbers.tolist(), np.split(order, firsts[1:]), strict=True)
+    order = None if (piece_of[1:] >= piece_of[:-1]).all() else np.argsort(piece_of, kind="stable")
+    numbers = piece_of if order is None else piece_of[order]
+    ends = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), numbers.size]
+    for number, first, last in zip(numbers[ends[:-1]].tolist(), ends, ends[1:], strict=False):
+        yield number, slice(first, last) if order is None else order[first:last]
 
 
 def distinct(numbers: Indices) -> tuple[Indices, Indices]:
     """Return the distinct numbers in order, and the place of each given one among them."""
-    if (numbers[1:] >= numbers[:-1]).all():
-        is_new = np.append(True, numbers[1:] > numbers[:-1])[: numbers.size]
-        return numbers[is_new], is_new.cumsum() - 1
-    return np.unique(numbers, return_inverse=True)
+    is_there = np.zeros(numbers.max(initial=-1) + 1, dtype=bool)
+    is_there[numbers] = True
+    return is_there.nonzero()[0], (is_there.cumsum() - 1)[numbers]
