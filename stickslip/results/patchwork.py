@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import OPEN
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, powers
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -414,12 +414,10 @@ class Patchwork(PickledByFields):
             own = bent[some]
             size, thing = np.abs(series.terms[own]), series.thing[own]
             s = np.abs(self._lasts[own] - series.origin[own]) / self.unit
-            powers = np.ones((own.size, k.size))
-            powers[:, 1:] = s[:, None]
-            powers.cumprod(axis=1, out=powers)
+            grown = powers(s, k.size - 1)
             # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-            rate = (size[:, 1:] * powers) @ k / self.unit / distance[thing]
-            lower = (size[:, 2:] * powers[:, :-1]) @ (k[1:] * k[:-1])
+            rate = (size[:, 1:] * grown) @ k / self.unit / distance[thing]
+            lower = (size[:, 2:] * grown[:, :-1]) @ (k[1:] * k[:-1])
             bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
         return self.ticks[series.tick[bent]], self._lasts[bent], bend
 
@@ -452,9 +450,9 @@ class Patchwork(PickledByFields):
             s = (ends[i] - self.bodies.origin[own]) / self.unit
             v = shifted(self.bodies.terms[own], s)
             v[:, 0] = begins[: system.n, i]
-            powers = h ** np.arange(width - 1)
-            coefficients[i, :-1, : system.n] = (v * powers).T
-            x = v * powers * (h * self.unit / np.arange(1, width))
+            stretched = h ** np.arange(width - 1)
+            coefficients[i, :-1, : system.n] = (v * stretched).T
+            x = v * stretched * (h * self.unit / np.arange(1, width))
             if system.placed.size:
                 coefficients[i, 1:, system.moved_state] = x[system.moved]
                 u, d = self.drives[1][system.carried], ends[i] - self.since

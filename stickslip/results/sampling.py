@@ -13,7 +13,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.steps import Steps, in_blocks
+from stickslip.results.steps import Steps
 from stickslip.results.trajectory import Trajectory
 
 _STRAIGHT = 1e-3
@@ -48,7 +48,8 @@ def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
     least = 16 if 16 * durations.size <= points else 1
     counts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
     ends = np.column_stack([np.zeros(durations.size), trajectory.ends])
-    more = _cut(ends.ravel(), np.repeat(counts.astype(np.intp), 2), np.full(durations.size, 2))
+    both = np.column_stack([counts, np.ones(counts.size)]).astype(np.intp)
+    more = _cut(ends.ravel(), both.ravel(), np.full(durations.size, 2))
     piece_of, taus = map(np.concatenate, zip(_fit(trajectory), more, strict=True))
     order = np.lexsort((taus, piece_of))
     piece_of, taus = piece_of[order], taus[order]
@@ -81,10 +82,10 @@ def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
     """Return pieces and local times: the ends of steps, and evenly spaced times within each.
 
     `ends` are those of one piece after the other, its start among them, and `sizes` how many each piece has. The step
-    from each on is cut into `counts` parts; the last of a piece counts nothing.
+    from each on is cut into `counts` parts; the last of a piece counts 1.
     """
-    counts, lengths = counts.copy(), np.append(ends[1:], 0.0) - ends
-    counts[sizes.cumsum() - 1] = 1
+    lengths = np.zeros(ends.size)
+    lengths[:-1] = ends[1:] - ends[:-1]
     step = np.arange(ends.size).repeat(counts)
     inner = np.arange(step.size) - (counts.cumsum() - counts)[step]
     taus = ends[step] + lengths[step] * (inner / counts[step])
@@ -107,7 +108,7 @@ def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Arra
 
 
 def _clipped(worst: Array) -> Indices:
-    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
+    return np.minimum(np.maximum(np.ceil(np.sqrt(worst)), 1), _MOST_PARTS).astype(np.intp)
 
 
 class _Look(NamedTuple):
@@ -136,7 +137,7 @@ class _Look(NamedTuple):
 def _looked_at(trajectory: Trajectory) -> _Look:
     """Look at the steps of all paths."""
     n, size = trajectory.system.n, trajectory.system.size
-    found = [_Look.at(steps, n) for _, steps in in_blocks(trajectory.paths)]
+    found = [_Look.at(steps, n) for steps in trajectory.steps_of_paths]
     if len(found) == 1:
         return found[0]
     none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, size + n)), np.empty((0, n))
@@ -160,9 +161,8 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
         low[system.moved_state] = np.minimum(low[system.moved_state], near[system.moved])
         high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
-    is_known = high >= low
-    low, high = np.where(is_known, low, 0.0), np.where(is_known, high, 0.0)
-    ranges, largest = high - low, np.maximum(np.abs(low), np.abs(high))
+    # below 0 where nothing is known
+    ranges, largest = high - low, np.maximum(-low, high)
     for group in (slice(0, n), slice(n, size), slice(size, None)):
         ranges[group] = np.maximum(ranges[group], _NOTHING * largest[group].max(initial=0.0))
     return np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from stickslip.equations.path import Path, values, whole_integrals
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 _AT_ONCE = 50_000
 """Coefficients that are put together at once."""
@@ -30,7 +31,8 @@ class Steps:
         begins = np.concatenate([path.taus for path in paths])
         firsts = np.cumsum([0, *[path.taus.size for path in paths]])
         lasts = firsts[1:] - 1
-        lengths = np.append(begins[1:] - begins[:-1], 0.0)
+        lengths = np.zeros(begins.size)
+        lengths[:-1] = begins[1:] - begins[:-1]
         lengths[lasts] = 0.0
         terms = max([1, *[path.coefficients.shape[1] for path in paths]])
         coefficients = np.zeros((begins.size, terms, paths[0].last.size))
@@ -72,14 +74,46 @@ class Steps:
         return step, np.divide(taus - self.begins[step], h, out=np.zeros(taus.size), where=h > 0)
 
 
-def in_blocks(paths: Sequence[Path]) -> Iterator[tuple[int, Steps]]:
-    """Yield paths side by side, not too many at once: the number of the first of them, and their steps."""
+class Blocks:
+    """The steps of many paths, not too many side by side; where there are few, they are put together once."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+
+    @cached_property
+    def _all(self) -> Steps | None:
+        blocks = list(_limits(self._paths))
+        return Steps.of(self._paths) if len(blocks) == 1 else None
+
+    def __iter__(self) -> Iterator[Steps]:
+        """Yield all steps in order."""
+        if self._all is not None:
+            yield self._all
+        else:
+            yield from (Steps.of(self._paths[some]) for some in _limits(self._paths))
+
+    def of(self, path_of: Indices) -> Iterator[tuple[Mask | slice, Indices, Steps]]:
+        """Yield the steps of paths with some numbers, with the places of these and their numbers among them."""
+        if self._all is not None:
+            yield slice(None), path_of, self._all
+            return
+        is_there = np.zeros(len(self._paths), dtype=bool)
+        is_there[path_of] = True
+        paths = [self._paths[k] for k in is_there.nonzero()[0].tolist()]
+        path_of = (is_there.cumsum() - 1)[path_of]
+        for some in _limits(paths):
+            within = (path_of >= some.start) & (path_of < some.stop)
+            yield within, path_of[within] - some.start, Steps.of(paths[some])
+
+
+def _limits(paths: Sequence[Path]) -> Iterator[slice]:
+    """Yield which paths are put side by side: of the same kind, and not too many."""
     first = ends = terms = 0
     for k, path in enumerate(paths):
         ends, terms = ends + path.taus.size, max(terms, path.coefficients.shape[1])
         is_other = path.is_chebyshev != paths[first].is_chebyshev
         if k > first and (is_other or ends * terms * path.last.size > _AT_ONCE):
-            yield first, Steps.of(paths[first:k])
+            yield slice(first, k)
             first, ends, terms = k, path.taus.size, path.coefficients.shape[1]
     if paths:
-        yield first, Steps.of(paths[first:])
+        yield slice(first, len(paths))

@@ -20,7 +20,7 @@ from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.checks import every_digit
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
-from stickslip.results.steps import in_blocks
+from stickslip.results.steps import Blocks
 
 T = TypeVar("T", bound=np.generic)
 
@@ -183,7 +183,7 @@ class Trajectory(PickledByFields):
 
     def local(self, piece_of: Indices, times: Array) -> Array:
         """Return times in s since the starts of their pieces, none before and none past the end."""
-        return np.clip(times - self.starts[piece_of], 0.0, self.ends[piece_of])
+        return np.minimum(np.maximum(times - self.starts[piece_of], 0.0), self.ends[piece_of])
 
     def order(self, number: int) -> int:
         """Return the degree of the polynomials of a piece."""
@@ -241,9 +241,9 @@ class Trajectory(PickledByFields):
         )
 
     @cached_property
-    def paths(self) -> Sequence[Path]:
-        """Their paths, as far as these were kept."""
-        return [piece.path for piece in self.whole if piece.path is not None]
+    def steps_of_paths(self) -> Blocks:
+        """The steps of their paths, as far as these were kept."""
+        return Blocks([piece.path for piece in self.whole if piece.path is not None])
 
     @cached_property
     def _place(self) -> Indices:
@@ -347,12 +347,10 @@ class Trajectory(PickledByFields):
 
         def of_whole(own: Indices, taus: Array) -> Array:
             found = np.empty((size, taus.size))
-            numbers, path_of = distinct(own)
-            for first, steps in in_blocks([self.paths[number] for number in numbers.tolist()]):
-                within = (path_of >= first) & (path_of < first + steps.paths)
-                own, local = path_of[within] - first, taus[within]
-                read = steps.integrals(own, local, size) if integrated else steps.values(own, local)
-                found[:, within] = read.T
+            for some, path_of, steps in self.steps_of_paths.of(own):
+                local = taus[some]
+                read = steps.integrals(path_of, local, size) if integrated else steps.values(path_of, local)
+                found[:, some] = read.T
             return found
 
         def of_part(part: Patchwork, own: Indices, times: Array) -> Array:
@@ -447,12 +445,14 @@ class Trajectory(PickledByFields):
         """Return the inputs that loads are at local times, as columns: what depends on the state is left out."""
         if not taus.size:
             return np.empty((len(range(self.system.inputs)[only]), 0))
-        number = np.array(self.loads.breaks).searchsorted(self.starts[piece_of], side="right")
+        starts = self.starts[piece_of]
+        if not self.loads.breaks:
+            return self.loads.after(self.starts[0]).sampled(starts + taus, only)
+        number = np.array(self.loads.breaks).searchsorted(starts, side="right")
         found = []
         for _, chosen in by_piece(number):
-            pieces = piece_of[chosen]
-            stretch = self.loads.after(self.starts[pieces[0]])
-            found.append((chosen, stretch.sampled(self.starts[pieces] + taus[chosen], only)))
+            begins = starts[chosen]
+            found.append((chosen, self.loads.after(begins[0]).sampled(begins + taus[chosen], only)))
         return side_by_side(found, taus.size)
 
     def drive_velocities(self, piece_of: Indices, taus: Array) -> Array:
@@ -481,10 +481,3 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     ends = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), numbers.size]
     for number, first, last in zip(numbers[ends[:-1]].tolist(), ends, ends[1:], strict=False):
         yield number, slice(first, last) if order is None else order[first:last]
-
-
-def distinct(numbers: Indices) -> tuple[Indices, Indices]:
-    """Return the distinct numbers in order, and the place of each given one among them."""
-    is_there = np.zeros(numbers.max(initial=-1) + 1, dtype=bool)
-    is_there[numbers] = True
-    return is_there.nonzero()[0], (is_there.cumsum() - 1)[numbers]
