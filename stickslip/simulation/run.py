@@ -263,10 +263,10 @@ class Run:
         was = self.now.motion.equations.modes[j] if self.now is not None else OPEN
         if was != OPEN or motion.equations.modes[j] == OPEN:
             return
-        normal, rise = (float(abs(one[j])) for one in motion.start.q[:2])
+        normal, rise = (float(one[j]) for one in motion.start.q[:2])
         w = float(motion.start.z[0, j])
         slides = abs(w) > self._wanted.velocity_resolution
-        if slides and normal <= _FROM_NOTHING * rise * motion.horizon:
+        if slides and normal < _FROM_NOTHING * rise * motion.horizon:
             raise ArithmeticError(
                 f"contact {self.system.rows[j].name!r}: its normal force rises from 0, where a bristle is infinitely "
                 "stiff; let it start above 0, or use DryFriction"
