@@ -58,7 +58,10 @@ def first_dip(along: Along) -> Dip | None:
     motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
     touch = np.where(guards.stick_at_touch, _TOUCHES * guards.velocity_uncertainty, 0.0)
     close = low <= touch[:, None]
-    rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
+    if along.path.hit and along.falls_at_end(close[:, -1]):
+        # what comes down to 0 at the end does so once
+        close[:, -1] = False
+    rows, some = close.any(axis=1).nonzero()[0], close.any(axis=0)
     if not rows.size:
         return None
     if not along.is_exact(rows):
