@@ -64,7 +64,7 @@ def first_dip(along: Along) -> Dip | None:
     if along.path.hit and along.falls_at_end(close[:, -1]):
         # what comes down to 0 at the end does so once
         close[:, -1] = False
-    rows, some = close.any(axis=1).nonzero()[0], close.any(axis=0)
+    rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
     if not rows.size:
         return None
     if not along.is_exact(rows):
