@@ -395,10 +395,13 @@ class System:
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
 
-    def filled(self, q: Array, y: Array, t: float) -> Array:
-        """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""
+    def filled(self, q: Array, y: Array, t: float, regions: tuple[int, ...] | None = None) -> Array:
+        """Return the inputs at `t` with what depends on the state, where the modes are not known yet.
+
+        Tables follow the lines of their `regions`; without these, those of what they are looked up at.
+        """
         if self.dependence is not None:
-            self.dependence.fill(q, y, t, 0.0, None)
+            self.dependence.fill(q, y, t, 0.0, None, regions=regions)
         return q
 
     def drive_velocities(self, q: Array) -> Array:
