@@ -74,7 +74,8 @@ def _fastest(trajectory: Trajectory, last: Samples) -> Array:
     """Return the largest speed of each body where pieces of a motion begin, and at its end."""
     every = np.arange(trajectory.starts.size)
     begun, n = Samples.at_local(trajectory, every, np.zeros(every.size)), trajectory.system.n
-    return np.maximum(np.abs(begun.y[:n]).max(axis=1), np.abs(last.y[:n, 0]))
+    found: Array = np.maximum(np.abs(begun.y[:n]).max(axis=1), np.abs(last.y[:n, 0]))
+    return found
 
 
 def _velocities(at: Samples, fastest: Array) -> dict[str, float]:
