@@ -160,13 +160,16 @@ class Series(PickledByFields):
         found = begin.repeat(counts)
         if not bent.any():
             return found.reshape(held.shape)
-        places = slice(None) if bent.all() else bent.repeat(counts).nonzero()[0]
-        orders, counts = np.ascontiguousarray(self.terms[own][bent].T), counts[bent]
+        places: slice | Indices = slice(None)
+        if not bent.all():
+            places = bent.repeat(counts).nonzero()[0]
+            own, begin, counts = np.arange(self.thing.size)[own][bent], begin[bent], counts[bent]
+        orders = np.ascontiguousarray(self.terms[own].T)
         if integrated:
             factors = unit / np.arange(1, orders.shape[0] + 1)
-            orders = np.concatenate([begin[bent][None], orders * factors[:, None]])
+            orders = np.concatenate([begin[None], orders * factors[:, None]])
         s = held.of_all(t)[places]
-        s -= self.origin[own][bent].repeat(counts)
+        s -= self.origin[own].repeat(counts)
         s /= unit
         value = orders[-1].repeat(counts)
         for order in orders[-2::-1]:
@@ -347,11 +350,13 @@ class Patchwork(PickledByFields):
         ends = Held(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
         return self._position(ends, np.array([self.starts[0], self.stop])).T
 
-    def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
-        """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
+    def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
+        """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
-        inner = inner.astype(np.int8, copy=False)
-        return inner, np.where(inner == OPEN, self.labels[rows, None], inner)
+        found = np.empty((2, *inner.shape), dtype=np.int8)
+        found[:] = inner
+        np.copyto(found[1], self.labels[rows, None], where=inner == OPEN, casting="unsafe")
+        return found
 
     def since_when(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return since when rows rest at times of pieces, in s."""
