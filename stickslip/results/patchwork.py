@@ -155,14 +155,15 @@ class Series(PickledByFields):
         """
         own, counts = held.entries, held.counts
         begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
-        begin, bent = begin[own], bent[own]
+        begin, bent = begin[own], bent[own] & (counts > 0)
         found = begin.repeat(counts)
         if not bent.any():
             return found.reshape(held.shape)
         places: slice | Indices = slice(None)
         if not bent.all():
             places = bent.repeat(counts).nonzero()[0]
-            own, begin, counts = np.arange(self.thing.size)[own][bent], begin[bent], counts[bent]
+            own = bent.nonzero()[0] + own.start if isinstance(own, slice) else own[bent]
+            begin, counts = begin[bent], counts[bent]
         orders = np.ascontiguousarray(self.terms[own].T)
         if integrated:
             factors = unit / np.arange(1, orders.shape[0] + 1)

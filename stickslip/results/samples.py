@@ -311,7 +311,7 @@ class Samples(PickledByFields):
             x[:, None] for x in (system.mu_s[side, rows], system.least[side, rows], system.dwell[rows])
         )
         is_slow = system.dwell[rows] > 0
-        coefficients = static
+        levels = static.repeat(self.t.size, axis=1)
         if is_slow.any():
             slow = slice(None) if is_slow.all() else is_slow.nonzero()[0]
             since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
@@ -321,9 +321,8 @@ class Samples(PickledByFields):
             lag *= static[slow] - least[slow]
             risen = np.subtract(static[slow], lag, out=lag)
             np.copyto(risen, least[slow], where=self.modes[slow] != 0)
-            coefficients = static.repeat(self.t.size, axis=1)
-            coefficients[slow] = risen
-        levels = coefficients * self.normals
+            levels[slow] = risen
+        levels *= self.normals
         if system.has_stops:
             closed = self.modes[system.is_stop[rows]] == (Mode.BACKWARD if side else Mode.FORWARD)
             levels[system.is_stop[rows]] = np.where(closed, np.inf, 0.0)
