@@ -364,7 +364,7 @@ def test_a_controller_of_1_khz_is_called_once_for_each_sample() -> None:
 
     scene = Scene(
         Body("m", inertia=1.0),
-        Drive("ref", velocity=0.01),
+        Drive("ref", velocity=sine(1.0, 1.0)),
         Contact("rub", "m", GROUND, DryFriction(1.5, 1.0), normal=1.0),
         Sampled(
             "pid",
@@ -376,8 +376,8 @@ def test_a_controller_of_1_khz_is_called_once_for_each_sample() -> None:
         ),
         Force("m", output("pid")),
     )
-    result = simulate(scene, (0.0, 40.0))
-    assert calls[0] == result.stats["samples"] == 40_000
+    result = simulate(scene, (0.0, 10.0))
+    assert calls[0] == result.stats["samples"] == 10_000
     assert len(result.events) > 10
 
 
