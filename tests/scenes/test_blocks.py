@@ -336,9 +336,13 @@ def controlled() -> Scene:
     )
 
 
+@pytest.fixture(scope="module")
+def whole() -> Result:
+    return simulate(controlled(), (0.0, 8.0))
+
+
 @pytest.mark.parametrize("number", range(4))
-def test_cut_runs_of_controllers_go_on(number: int) -> None:
-    whole = simulate(controlled(), (0.0, 8.0))
+def test_cut_runs_of_controllers_go_on(number: int, whole: Result) -> None:
     assert len(whole.events) > 5
     rng = np.random.default_rng(number)
     # one cut falls on a sample
