@@ -7,7 +7,7 @@ import numpy as np
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_values
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.crossings import root_between
 
 
@@ -21,6 +21,17 @@ class Along:
     def __init__(self, motion: Motion, guards: Guards, path: Path) -> None:
         self.motion, self.guards, self.path = motion, guards, path
         self._coefficients, self.are_exact, self.low = guards.along(path)
+
+    def falls_at_end(self, rows: Mask) -> bool:
+        """Tell whether it is sure that some guards fall throughout the last step.
+
+        The derivative of the Chebyshev polynomial of degree k is not beyond k^2.
+        """
+        if not self.are_exact[rows].all():
+            return False
+        terms = self._coefficients[rows, -1, 1:]
+        squares = np.arange(1.0, terms.shape[1] + 1) ** 2
+        return bool((terms[:, 0] + np.abs(terms[:, 1:]) @ squares[1:] < 0).all())
 
     def is_exact(self, rows: Indices) -> bool:
         """Tell whether some guards are polynomials."""
@@ -47,10 +58,21 @@ class Along:
             found[:, taus <= guards.told] = np.inf
         return found
 
+    def value(self, row: int, tau: float, late: bool = False) -> float:
+        """Return the same of one guard at one local time."""
+        if not self.are_exact[row]:
+            return float(self.values(np.array([row]), np.array([tau]), late)[0, 0])
+        if tau <= self.guards.told:
+            return np.inf
+        ends = self.path.taus
+        step = min(max(int(ends.searchsorted(tau, "right")) - 1, 0), ends.size - 2)
+        left, right = ends[step : step + 2].tolist()
+        found = _clenshaw(self._coefficients[row, step].tolist(), 2 * (tau - left) / (right - left) - 1)
+        return found + float(self.guards.leeway[row]) if late else found
+
     def root(self, row: int, step: int, right: float, late: bool = False) -> float:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
-        rows = np.array([row])
         if self.are_exact[row] and left > self.guards.told:
             coefficients = self._coefficients[row, step].tolist()
             coefficients[0] += float(self.guards.leeway[row]) if late else 0.0
@@ -61,7 +83,7 @@ class Along:
         else:
 
             def value(tau: float) -> float:
-                return float(self.values(rows, np.array([tau]), late)[0, 0])
+                return self.value(row, tau, late)
 
         # at both ends signs may be roundoff
         if value(left) <= 0:

@@ -35,6 +35,9 @@ _TOLD = 0.1
 _FAR = 0.1
 """The same as a part of what it is above 0."""
 
+_LATE = 1e-3
+"""Part of the last step from its end at which guards are looked at, too."""
+
 _SUSPICION = 5e-2
 _FEW_TURNS = 3
 _DWELLS = np.geomspace(0.02, 40.0, 24)
@@ -58,6 +61,9 @@ def first_dip(along: Along) -> Dip | None:
     motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
     touch = np.where(guards.stick_at_touch, _TOUCHES * guards.velocity_uncertainty, 0.0)
     close = low <= touch[:, None]
+    if along.path.hit and along.falls_at_end(close[:, -1]):
+        # what comes down to 0 at the end does so once
+        close[:, -1] = False
     rows, some = np.flatnonzero(close.any(axis=1)), np.asarray(close.any(axis=0))
     if not rows.size:
         return None
@@ -77,7 +83,9 @@ def first_dip(along: Along) -> Dip | None:
         looks, which = np.unique(np.append(looks, extra := extra[extra < taus[-1]]), return_index=True)
         ends = np.hstack([ends, values(extra)])[:, which]
     if along.path.hit and some[-1]:
-        looks, ends = looks[:-1], ends[:, :-1]
+        # whether a guard that is not negative at the end rises there
+        late = np.array([taus[-1] - _LATE * (taus[-1] - taus[-2])])
+        looks, ends = np.insert(looks, -1, late), np.insert(ends, -1, values(late)[:, 0], axis=1)
     if not looks.size:
         return None
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
@@ -89,7 +97,7 @@ def first_dip(along: Along) -> Dip | None:
         return None
     tau, row = found
     if row is None:
-        return Dip(tau)
+        return None if along.path.hit and tau >= taus[-1] else Dip(tau)
     # by as much as is uncertain the place of the minimum is, too, where a zero is divided out
     place = int(looks.searchsorted(tau))
     left, right = looks[max(place - 2, 0)], looks[min(place + 1, looks.size - 1)]
@@ -141,16 +149,19 @@ def _first_negative(
     A guard that turns within `touch` of 0, of each guard and time, touches it: then its number comes second.
     """
     negative = np.flatnonzero(values.min(axis=0, initial=np.inf) < 0)
-    last = int(negative[0]) if negative.size else taus.size
     found = (float(taus[negative[0]]), None) if negative.size else None
-    if last < 3:
+    # another guard may have turned before: the sample behind the first negative one tells
+    seen = min(int(negative[0]) + 2, taus.size) if negative.size else taus.size
+    if seen < 3:
         return found
-    places, rows = np.nonzero(_may_dip(taus[:last], values[:, :last], touch[:, :last]).T)
+    places, rows = np.nonzero(_may_dip(taus[:seen], values[:, :seen], touch[:, :seen]).T)
     if places.size > _FEW_TURNS:
         close = _come_close(guards, taus[places], taus[places + 2], rows, touch[rows, places + 1])
         places, rows = places[close], rows[close]
     for place, row in zip(places.tolist(), rows.tolist(), strict=True):
         tau, value = _lowest(guards, row, taus[place], taus[place + 2])
+        if found is not None and tau >= found[0]:
+            continue
         if value < 0:
             return tau, None
         if 0 < touch[row, place + 1] >= value:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -101,7 +100,7 @@ def follow(
     along = Along(motion, guards, path)
     missed = first_dip(along)
     if missed is not None and missed.touched is not None:
-        return replace(motion.until(path, missed.tau), touched=missed.touched)
+        return motion.until(path, missed.tau, touched=missed.touched)
     if missed is not None:
         return back_to_zero(along, missed.tau)
     return back_to_zero(along, float(path.taus[-1])) if path.hit else path

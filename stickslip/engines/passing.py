@@ -34,14 +34,17 @@ def back_to_zero(along: Along, end: float) -> Path:
                 break
     if found <= 0:
         found = end
-    return replace(path if found >= path.taus[-1] else along.motion.until(path, found), hit=True)
+    return replace(path, hit=True) if found >= path.taus[-1] else along.motion.until(path, found, hit=True)
 
 
 def _last_before(along: Along, row: int, end: float, late: bool) -> int | None:
     """Return the last point before `end` at which a guard is not negative, None where it was so from the start."""
     taus, rows = along.path.taus, np.array([row])
-    last, count = int(taus.searchsorted(end)), _FEW
-    while last:
+    last, count = int(taus.searchsorted(end)) - 1, _FEW
+    # mostly it is the nearest
+    if last >= 0 and along.value(row, float(taus[last]), late) >= 0:
+        return last
+    while last > 0:
         first = max(last - count, 0)
         before = (along.values(rows, taus[first:last], late)[0] >= 0).nonzero()[0]
         if before.size:

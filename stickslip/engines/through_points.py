@@ -31,6 +31,11 @@ _AHEAD = 2
 _NO_STEP = 1e-6
 """Part of the steps before and after that a step has at least whose end tells something."""
 
+_SHORT = 1e-3
+"""Part of a step beside it from which on a step is none that tells only roundoff."""
+
+_ROUNDOFF = np.finfo(float).eps
+
 _AROUND, _ON_ONE_SIDE = 0.5, (1.0, 0.0)
 """Parts of the points that lie before a step."""
 
@@ -42,7 +47,7 @@ def path_through(
 
     If some of them are not finite, or beyond all bounds, that is a `SolverFailure`.
     """
-    taus, points = _apart(taus, points)
+    taus, points = _apart(taus, points, tolerance[0])
     count = max(within_bounds(points), 1)
     is_finite, is_whole = bool(np.isfinite(points[: count + 1]).all()), count == taus.size
     taus, points = taus[:count], points[:count]
@@ -59,13 +64,19 @@ def path_through(
     return path
 
 
-def _apart(taus: Array, points: Array) -> tuple[Array, Array]:
-    """Return points without those that a step of nothing between long ones leads to: their differences are roundoff."""
+def _apart(taus: Array, points: Array, rtol: float) -> tuple[Array, Array]:
+    """Return points without those that a step of nothing between long ones leads to: their differences are roundoff.
+
+    Over a longer step beside it, the slope that is told by a short one is uncertain by the roundoff of the states times
+    the ratio of both.
+    """
     steps = np.diff(taus)
-    if steps.size < 3 or steps[1:-1].min() >= _NO_STEP * steps.max():
+    rough = min(_ROUNDOFF / rtol, _SHORT)
+    if steps.size < 3 or steps[1:-1].min() >= max(_NO_STEP, rough) * steps.max():
         return taus, points
+    shorter, longer = np.minimum(steps[:-2], steps[2:]), np.maximum(steps[:-2], steps[2:])
     kept = np.ones(taus.size, dtype=bool)
-    kept[2:-1] = steps[1:-1] >= _NO_STEP * np.minimum(steps[:-2], steps[2:])
+    kept[2:-1] = steps[1:-1] >= np.maximum(_NO_STEP * shorter, rough * longer)
     return taus[kept], points[kept]
 
 

@@ -177,10 +177,11 @@ class Stretch:
     def sampled(self, times: Array, only: slice = slice(None)) -> Array:
         """Return the inputs, or some of them, at many times, one column each."""
         first, stop, _ = only.indices(self.value.size)
-        slope = self.slope[only]
-        q = np.repeat(self.value[only, None], times.size, axis=1)
-        sloping = slope.nonzero()[0]
-        q[sloping] += np.multiply.outer(slope[sloping], times - self.start)
+        q = self.value[only, None].repeat(times.size, axis=1)
+        if not self.is_steady:
+            slope = self.slope[only]
+            sloping = slope.nonzero()[0]
+            q[sloping] += np.multiply.outer(slope[sloping], times - self.start)
         for i, amplitude, frequency, phase in self._waves:
             if first <= i < stop:
                 angle = 2 * math.pi * np.fmod(frequency * times, 1.0) + phase

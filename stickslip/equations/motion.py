@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -164,6 +163,13 @@ class Motion(Inputs):
         own = self._lines
         return () if own is None else (own.w, own.w_slope, own.normal, own.normal_slope)
 
+    @cached_property
+    def _is_by_velocity(self) -> bool:
+        """Whether the friction forces of a small motion depend on velocity, and on nothing else that changes."""
+        own = self._lines
+        dwells_or_bristles = self._law_dwells[0].size or self.equations.bristle_places.size
+        return own is not None and own.is_steady and not dwells_or_bristles
+
     @property
     def is_on_lines(self) -> bool:
         """Whether the motion is small and its inputs are lines."""
@@ -234,10 +240,14 @@ class Motion(Inputs):
         found = self.both(tau, y, q) if reached else self._linear(tau, y, q)
         return found[self.system.size :]
 
-    def until(self, path: Path, tau: float) -> Path:
-        """Return a path of this motion up to a local time; its last state has the velocities that solvers leave out."""
+    def until(self, path: Path, tau: float, hit: bool = False, touched: int | None = None) -> Path:
+        """Return a path of this motion up to a local time; its last state has the velocities that solvers leave out.
+
+        `hit` and `touched` say why it ends there.
+        """
         cut = path.cut(tau) if tau > 0 else path.until(0)
-        return replace(cut, last=self.exact(tau, cut.last))
+        last = self.exact(tau, cut.last)
+        return Path(cut.taus, cut.coefficients, last, hit, cut.is_chebyshev, touched)
 
     def jacobian(self, tau: float, y: Array) -> Any:
         """Return ``d y' / d y``, dense or sparse as the scene is."""
@@ -400,12 +410,14 @@ class Motion(Inputs):
         """Taylor coefficients at the start up to order 1, those of the states up to order 2."""
         if self.is_linear:
             return self.start
-        q0 = self.start_inputs
-        found = self.both(0.0, self.y, q0)
-        rate, z0 = np.split(found, [self.system.size])
+        size, q0 = self.system.size, self.start_inputs
+        found = self.both(0.0, self.y, None if self.is_on_lines else q0)
+        rate, z0 = found[:size], found[size:]
         q1 = self._input_rate(0.0, self.y, rate)
-        second, z1 = np.split(self._slope(0.0, self.y, rate, q0, q1), [self.system.size])
-        return Expansion(np.array([self.y, rate, 0.5 * second]), np.array([q0, q1]), np.array([z0, z1]))
+        slope = self._slope(0.0, self.y, rate, q0, q1)
+        return Expansion(
+            np.array([self.y, rate, 0.5 * slope[:size]]), np.array([q0, q1]), np.array([z0, slope[size:]])
+        )
 
     @cached_property
     def start(self) -> Expansion:
@@ -432,10 +444,13 @@ class Motion(Inputs):
         found = equations.apply(rate) + equations.respond(dq)
         if not self.has_law:
             return found
-        w, normal, lag, z = self.law_arguments(tau, y, q)
+        law, d = equations.law, self.difference_step
         dw = system.relative_velocity(rate, dq)[equations.velocity_dependent]
-        d = self.difference_step
-        law = equations.law
+        if self._is_by_velocity:
+            arguments = self.law_arguments(tau, y)
+            found += equations.push(law.slopes(*arguments) * dw)
+            return found
+        w, normal, lag, z = self.law_arguments(tau, y, q)
         # normal force, dwell and bristles change slowly and smoothly: their part by a difference
         e = law.forces(w, normal, lag, z)
         moved_q = self.inputs(tau + d, y + d * rate)

@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
-from numpy.polynomial.polynomial import polyint, polyvander
+from numpy.polynomial.polynomial import polyint
 
 from stickslip.model.arrays import Array, Indices
 
@@ -106,9 +106,7 @@ def values(
 ) -> Array:
     """Return the values of the polynomials of some steps at places from 0 to 1, or their integrals from 0 on."""
     _, terms, size = coefficients.shape
-    highest = terms if integrated else terms - 1
-    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else polyvander(s, highest)
-    weights = np.ascontiguousarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
+    weights = np.ascontiguousarray(_weights(s, terms, is_chebyshev, integrated))
     found = np.empty((s.size, size))
     # not too many at once: memory stays near the processor
     count = _AT_ONCE // (terms * size) + 1
@@ -118,11 +116,31 @@ def values(
     return found
 
 
+def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Array:
+    """Return how much each coefficient counts at places from 0 to 1, a line each."""
+    highest = terms if integrated else terms - 1
+    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else powers(s, highest)
+    return np.asarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
+
+
+@lru_cache(maxsize=64)
+def whole_integrals(terms: int, is_chebyshev: bool) -> Array:
+    """Return how much each coefficient counts in the integral over a whole step of length 1."""
+    return np.asarray(_weights(np.ones(1), terms, is_chebyshev, integrated=True)[0])
+
+
 @lru_cache(maxsize=64)
 def _integrals(terms: int, is_chebyshev: bool) -> Array:
     """Return the coefficients of the integrals of the first polynomials, a column each."""
     each = np.eye(terms)
     return np.asarray(chebint(each, lbnd=-1, scl=0.5) if is_chebyshev else polyint(each))
+
+
+def powers(x: Array, order: int) -> Array:
+    """Return the powers of some numbers up to an order, one row each."""
+    found = np.ones((x.size, order + 1))
+    found[:, 1:] = x[:, None]
+    return found.cumprod(axis=1, out=found)
 
 
 def chebyshev_values(x: Array, order: int) -> Array:

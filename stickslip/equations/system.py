@@ -205,6 +205,9 @@ class System:
         self.loaded = np.array([_ever_positive(s) for s in self.normals], dtype=bool) | self.pressed
         resists = (self.mu_s.max(axis=0, initial=0.0) > 0) | c.curved
         self.alive = (self.loaded & resists) | ~self.is_friction
+        # rows that hold more or less backward than forward
+        self.has_sides = (self.mu_s[0] != self.mu_s[1]) | (self.least[0] != self.least[1])
+        self.has_sides |= self.is_one_way | self.is_stop
         self.hard = c.sticks & ~self.is_gap
         self.all_hard = bool((self.hard | self.is_gap).all())
         self.has_dead_bands = bool((self.hard & (c.rests_below > 0)).any())
@@ -392,10 +395,13 @@ class System:
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
 
-    def filled(self, q: Array, y: Array, t: float) -> Array:
-        """Return the inputs at `t` with what depends on the state, where the modes are not known yet."""
+    def filled(self, q: Array, y: Array, t: float, regions: tuple[int, ...] | None = None) -> Array:
+        """Return the inputs at `t` with what depends on the state, where the modes are not known yet.
+
+        Tables follow the lines of their `regions`; without these, those of what they are looked up at.
+        """
         if self.dependence is not None:
-            self.dependence.fill(q, y, t, 0.0, None)
+            self.dependence.fill(q, y, t, 0.0, None, regions=regions)
         return q
 
     def drive_velocities(self, q: Array) -> Array:

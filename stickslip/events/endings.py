@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -270,7 +269,7 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: I
             break
     if not 0 < found < path.taus[-1]:
         return path
-    return replace(motion.until(path, found), hit=True)
+    return motion.until(path, found, hit=True)
 
 
 def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:

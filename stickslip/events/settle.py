@@ -120,7 +120,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     is `Jammed`.
     """
     stretch = loads.after(now.t)
-    q = system.filled(stretch.at(now.t), now.y, now.t)
+    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.regions)
     closed = _closed(system, stretch, now.t, q)
     tried = set[bytes]()
     while True:

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.model.arrays import Array
 from stickslip.model.elements import Block, Body, Contact, Drive, Element, Sampled, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
@@ -29,7 +31,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     at = Samples.at_local(trajectory, number, end)
     inner, shown = (table[:, 0] for table in trajectory.modes(number, end))
     since = trajectory.since_when(number, end)[:, 0]
-    velocities = _velocities(at)
+    velocities = _velocities(at, _fastest(trajectory, at))
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
@@ -68,13 +70,28 @@ def final_scene(trajectory: Trajectory) -> Scene:
     return Scene(*elements, motion=system.scene.motion)
 
 
-def _velocities(at: Samples) -> dict[str, float]:
-    """Return the velocities of the bodies at the one time of `at`; no one-way clutch turns forward, not by roundoff."""
+def _fastest(trajectory: Trajectory, last: Samples) -> Array:
+    """Return the largest speed of each body where pieces of a motion begin, and at its end."""
+    every = np.arange(trajectory.starts.size)
+    begun, n = Samples.at_local(trajectory, every, np.zeros(every.size)), trajectory.system.n
+    found: Array = np.maximum(np.abs(begun.y[:n]).max(axis=1), np.abs(last.y[:n, 0]))
+    return found
+
+
+def _velocities(at: Samples, fastest: Array) -> dict[str, float]:
+    """Return the velocities of the bodies at the one time of `at`.
+
+    What has just come to rest has the roundoff of the speed that it had: it is at rest. No one-way clutch turns
+    forward, not by roundoff.
+    """
     system = at.system
-    v = at.y[: system.n, 0]
-    if (clutches := system.is_one_way).any() and (
-        forward := clutches & (at.relative_velocities[:, 0] > 0)
-    ).any():
-        u = at.drive_velocities[:, 0] if system.drives else np.empty(0)
-        v = system.balance((forward | system.is_tie).tobytes()).project(v, u)
+    v, w = at.y[: system.n, 0], at.relative_velocities[:, 0]
+    u = at.drive_velocities[:, 0] if system.drives else np.empty(0)
+    rough = ROUNDOFF * (system.abs_G @ fastest)
+    if system.drives:
+        rough += ROUNDOFF * (system.abs_D @ np.abs(u))
+    rests = system.hard & (np.abs(w) <= rough)
+    held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
+    if held.any():
+        v = system.balance((held | rests | system.is_tie).tobytes()).project(v, u)
     return dict(zip(system.names, v.tolist(), strict=True))

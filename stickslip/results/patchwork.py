@@ -8,19 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import OPEN
-from stickslip.equations.path import Path
+from stickslip.equations.path import Path, powers
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.pickled import PickledByFields
 
+T = TypeVar("T", bound=np.generic)
+
 _AT_ONCE = 100_000
+_VALUES = 64_000
+"""Values that are computed at once: memory stays near the processor."""
+
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
 
@@ -109,37 +114,65 @@ class Series(PickledByFields):
         tick, thing, origin, first, second = (column[order] for column in columns)
         return cls(tick, thing, origin, first, second, terms[order])
 
+    @cached_property
+    def firsts(self) -> Indices:
+        """The first entry of each thing, and how many entries there are."""
+        return self.thing.searchsorted(np.arange(int(self.thing[-1]) + 2 if self.thing.size else 1))
+
     def held(self, ticks: Indices, things: slice) -> Held:
         """Return which entries of some things hold at some ticks, in order."""
-        first, stop, _ = things.indices(int(self.thing[-1]) + 1 if self.thing.size else 0)
-        low, high = np.searchsorted(self.thing, [first, stop]).tolist()
-        begins = np.searchsorted(ticks, self.tick[low:high])
-        is_new = np.diff(self.thing[low:high], prepend=-1, append=-1) != 0
+        first, stop, _ = things.indices(self.firsts.size - 1)
+        firsts = self.firsts[first : stop + 1]
+        low, high = int(firsts[0]), int(firsts[-1])
+        begins = ticks.searchsorted(self.tick[low:high])
         # the first entry of a thing holds from the first tick on, its last one up to the last
-        begins[is_new[:-1]] = 0
-        ends = np.where(is_new[1:], ticks.size, np.roll(begins, -1))
+        begins[firsts[:-1] - low] = 0
+        ends = np.append(begins[1:], ticks.size)
+        ends[firsts[1:] - low - 1] = ticks.size
         return Held(slice(low, high), ends - begins, (stop - first, ticks.size))
+
+    def in_blocks(self, ticks: Indices, things: slice) -> Iterator[tuple[slice, Held]]:
+        """Yield some things at a time and which of their entries hold at some ticks."""
+        first, stop, _ = things.indices(self.firsts.size - 1)
+        count = _VALUES // max(ticks.size, 1) + 1
+        for begin in range(first, stop, count):
+            some = slice(begin, min(begin + count, stop))
+            yield some, self.held(ticks, some)
+
+    @cached_property
+    def is_bent(self) -> Mask:
+        """Which entries are no constants."""
+        return np.asarray(self.terms[:, 1:].any(axis=1))
+
+    @cached_property
+    def is_moved(self) -> Mask:
+        """Which entries have integrals that are no constants."""
+        return np.asarray(self.is_bent | (self.terms[:, 0] != 0))
 
     def values(self, held: Held, t: Array, unit: float, integrated: bool = False) -> Array:
         """Return the values of entries at times, or their integrals on from what they begin with.
 
         The times are in the shape of `held`, or the same for each of its things.
         """
-        own, t, counts = held.entries, t.ravel(), held.counts
-        terms, origin = self.terms[own], self.origin[own]
+        own, counts = held.entries, held.counts
+        begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
+        begin, bent = begin[own], bent[own]
+        found = begin.repeat(counts)
+        if not bent.any():
+            return found.reshape(held.shape)
+        places = slice(None) if bent.all() else bent.repeat(counts).nonzero()[0]
+        orders, counts = np.ascontiguousarray(self.terms[own][bent].T), counts[bent]
         if integrated:
-            terms = np.column_stack([self.first[own], terms * (unit / np.arange(1, terms.shape[1] + 1))])
-        found = np.repeat(terms[:, 0], counts)
-        bent = terms[:, 1:].any(axis=1)
-        places = np.repeat(bent, counts).nonzero()[0]
-        if places.size:
-            terms, counts = terms[bent], counts[bent]
-            s = (t[places % t.size] - np.repeat(origin[bent], counts)) / unit
-            value = np.repeat(terms[:, -1], counts)
-            for k in range(terms.shape[1] - 2, -1, -1):
-                value *= s
-                value += np.repeat(terms[:, k], counts)
-            found[places] = value
+            factors = unit / np.arange(1, orders.shape[0] + 1)
+            orders = np.concatenate([begin[bent][None], orders * factors[:, None]])
+        s = held.of_all(t)[places]
+        s -= self.origin[own][bent].repeat(counts)
+        s /= unit
+        value = orders[-1].repeat(counts)
+        for order in orders[-2::-1]:
+            value *= s
+            value += order.repeat(counts)
+        found[places] = value
         return found.reshape(held.shape)
 
 
@@ -147,13 +180,19 @@ class Series(PickledByFields):
 class Held:
     """Which entries of series hold at some times, for one thing after the other."""
 
-    entries: slice  # the entries of these things
+    entries: slice | Indices  # the entries of these things
     counts: Indices  # at how many times in a row each of them holds
     shape: tuple[int, int]  # how many things and times there are
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return at all times what each entry has, a line for each thing."""
-        return np.repeat(values[self.entries], self.counts).reshape(self.shape)
+        return values[self.entries].repeat(self.counts).reshape(self.shape)
+
+    def of_all(self, t: Array) -> Array:
+        """Return times that are the same for each thing, or in the shape of all, in one line."""
+        found = np.empty(self.shape)
+        found[:] = t
+        return found.ravel()
 
 
 def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Array:
@@ -231,17 +270,25 @@ class Patchwork(PickledByFields):
             rows=rows,
         )
 
-    @property
+    @cached_property
     def stops(self) -> Array:
         """End of each piece in s."""
         return np.append(self.starts[1:], self.stop)
 
     def _ticks(self, piece: Indices, t: Array) -> Indices:
         """Return the tick that holds at times of pieces."""
-        by_time = np.searchsorted(self.ticks, t, side="right")
-        by_piece = np.searchsorted(self.piece_of_tick, piece, side="right")
-        first = np.searchsorted(self.piece_of_tick, piece, side="left")
+        by_time = self.ticks.searchsorted(t, side="right")
+        by_piece = self.piece_of_tick.searchsorted(piece, side="right")
+        first = self.piece_of_tick.searchsorted(piece, side="left")
         return np.asarray(np.maximum(np.minimum(by_time, by_piece) - 1, first))
+
+    def _in_order(self, piece: Indices, t: Array) -> tuple[Indices, Array, Indices | slice]:
+        """Return the ticks at times of pieces, and these times, in order, and the place there of each given one."""
+        ticks = self._ticks(piece, t)
+        if (ticks[1:] >= ticks[:-1]).all():
+            return ticks, t, slice(None)
+        order = np.argsort(ticks, kind="stable")
+        return ticks[order], t[order], np.argsort(order)
 
     def _read(
         self,
@@ -249,59 +296,56 @@ class Patchwork(PickledByFields):
         piece: Indices,
         t: Array,
         things: slice,
-        read: Callable[[Held, Array], NDArray[Any]],
-    ) -> NDArray[Any]:
+        read: Callable[[Held, Array], NDArray[T]],
+    ) -> NDArray[T]:
         """Return what is read of some things at times of pieces, a line each, whatever the order of the times."""
-        ticks = self._ticks(piece, t)
-        if (ticks[1:] >= ticks[:-1]).all():
-            return read(series.held(ticks, things), t)
-        order = np.argsort(ticks, kind="stable")
-        found = read(series.held(ticks[order], things), t[order])
-        return np.asarray(found[:, np.argsort(order)])
+        ticks, t, back = self._in_order(piece, t)
+        blocks = [read(held, t) for _, held in series.in_blocks(ticks, things)]
+        found = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+        return found[:, back]
 
     def states(self, piece: Indices, t: Array) -> Array:
         """Return the states at times of pieces, a column each."""
-        system = self.system
+        system, n = self.system, self.system.n
+        ticks, t, back = self._in_order(piece, t)
         y = np.empty((system.size, t.size))
-        y[: system.n] = self.velocities(piece, t)
-        if system.placed.size:
-            y[system.moved_state] = self.positions(piece, t)[system.moved]
-            u, d = self.drives[1][system.carried], t - self.since
-            y[system.carried_state] = self.drives[0][system.carried, None] + d * (
-                u[:, :1] + 0.5 * d * u[:, 1:]
-            )
-        return y
+        for bodies, held in self.bodies.in_blocks(ticks, slice(None)):
+            y[bodies] = self._velocity(held, t)
+            first, stop = system.moved.searchsorted((bodies.start, bodies.stop))
+            if stop > first:
+                x = self._position(held, t)
+                y[n + first : n + stop] = x[system.moved[first:stop] - bodies.start]
+        u, d = self.drives[1][system.carried], t - self.since
+        y[system.carried_state] = self.drives[0][system.carried, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:])
+        return y[:, back]
 
     def velocities(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
         """Return velocities of bodies at times of pieces; those that a drive leads have its own, to the bit."""
+        return self._read(self.bodies, piece, t, bodies, self._velocity)
 
-        def read(held: Held, t: Array) -> Array:
-            v, lead, u = (
-                self.bodies.values(held, t, self.unit),
-                self.bodies.second[held.entries],
-                self.drives[1],
-            )
-            is_led = lead >= 0
-            places = np.repeat(is_led, held.counts).nonzero()[0]
-            drive = np.repeat(lead[is_led].astype(np.intp), held.counts[is_led])
-            since = (t - self.since)[places % t.size]
-            v.ravel()[places] = u[drive, 0] + u[drive, 1] * since
-            return v
-
-        return self._read(self.bodies, piece, t, bodies, read)
+    def _velocity(self, held: Held, t: Array) -> Array:
+        v, lead, u = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries], self.drives[1]
+        is_led = lead >= 0
+        if is_led.any():
+            places = is_led.repeat(held.counts).nonzero()[0]
+            start, slope = u[lead[is_led].astype(np.intp)].repeat(held.counts[is_led], axis=0).T
+            v.ravel()[places] = start + slope * held.of_all(t - self.since)[places]
+        return v
 
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
         """Return positions of bodies at times of pieces."""
+        return self._read(self.bodies, piece, t, bodies, self._position)
 
-        def read(held: Held, t: Array) -> Array:
-            return self.bodies.values(held, t, self.unit, integrated=True)
-
-        return self._read(self.bodies, piece, t, bodies, read)
+    def _position(self, held: Held, t: Array) -> Array:
+        return self.bodies.values(held, t, self.unit, integrated=True)
 
     @cached_property
     def at_ends(self) -> Array:
         """Positions of the bodies at the start and at the end, a line each."""
-        return self.positions(np.array([0, self.starts.size - 1]), np.array([self.starts[0], self.stop])).T
+        firsts, n = self.bodies.firsts, self.system.n
+        entries = np.stack([firsts[:-1], firsts[1:] - 1], axis=1).ravel()
+        ends = Held(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
+        return self._position(ends, np.array([self.starts[0], self.stop])).T
 
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
@@ -315,69 +359,65 @@ class Patchwork(PickledByFields):
 
     def forces(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return the forces of rows at times of pieces where they are held, 0 elsewhere."""
-
-        def read(held: Held, t: Array) -> Array:
-            return self.rows.values(held, t, self.unit)
-
-        return self._read(self.rows, piece, t, rows, read)
+        return self._read(self.rows, piece, t, rows, lambda held, t: self.rows.values(held, t, self.unit))
 
     # -- how it bends ----------------------------------------------------------------------------------------
 
     @cached_property
     def steps(self) -> tuple[Array, Indices]:
-        """The times at which steps begin, and the piece of each: every piece and every time at which series end."""
-        t = np.concatenate([self.starts, self.ticks])
-        piece = np.concatenate([np.arange(self.starts.size), self.piece_of_tick])
-        order = np.lexsort((t, piece))
-        t, piece = t[order], piece[order]
-        new = np.append(True, (t[1:] > t[:-1]) | (piece[1:] > piece[:-1]))
-        return t[new], piece[new]
+        """The times at which steps begin, and the piece of each: all ticks, but of several at one time the first."""
+        t, piece = self.ticks, self.piece_of_tick
+        is_new = np.append(True, (t[1:] > t[:-1]) | (piece[1:] > piece[:-1]))
+        return t[is_new], piece[is_new]
 
     @cached_property
     def _lasts(self) -> Array:
         """Until when each entry of a body holds."""
-        last = np.append(self.bodies.thing[1:] != self.bodies.thing[:-1], True)
-        begins = self.ticks[self.bodies.tick.astype(np.intp)]
-        return np.where(last, self.stop, np.append(begins[1:], self.stop))
+        lasts = np.append(self.ticks[self.bodies.tick[1:]], self.stop)
+        lasts[self.bodies.firsts[1:] - 1] = self.stop
+        return lasts
 
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
         series = self.bodies
         begins = self.ticks[series.tick]
-        t = begins[:, None] + np.linspace(0.0, 1.0, _IN_ENTRY) * (self._lasts - begins)[:, None]
-        every = Held(slice(0, begins.size), np.full(begins.size, _IN_ENTRY), t.shape)
-        values = [series.values(every, t, self.unit, integrated) for integrated in (False, True)]
-        starts = _IN_ENTRY * np.searchsorted(series.thing, np.arange(self.system.n))
-        low, high = (
-            np.array([extreme.reduceat(part.ravel(), starts) for part in values])
-            for extreme in (np.minimum, np.maximum)
-        )
-        return low, high
+        t = begins + np.arange(_IN_ENTRY)[:, None] / (_IN_ENTRY - 1) * (self._lasts - begins)
+        s = (t - series.origin) / self.unit
+        found = np.zeros((2, *s.shape))
+        for k in range(series.terms.shape[1], 0, -1):
+            found *= s
+            found[0] += series.terms[:, k - 1]
+            found[1] += series.terms[:, k - 1] / k
+        found[1] *= s * self.unit
+        found[1] += series.first
+        starts = series.firsts[:-1]
+        low, high = found.min(axis=1), found.max(axis=1)
+        return np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
 
     def worst(self, speed: Array, distance: Array) -> Array:
         """Return for each step the largest second derivative, as a part of what is given for each body's."""
-        begins, piece = self.steps
-        ends = np.append(begins[1:], self.stop)
-        h = np.where(np.append(piece[1:] == piece[:-1], True), ends - begins, self.stops[piece] - begins)
+        begins, _ = self.steps
+        h = np.append(begins[1:], self.stop) - begins
         own_begins, own_ends, bend = self._bends(speed, distance)
-        first = np.searchsorted(begins, own_begins, side="left")
-        last = np.maximum(np.searchsorted(begins, own_ends, side="left"), first + 1)
+        first = begins.searchsorted(own_begins)
+        last = np.maximum(begins.searchsorted(own_ends), first + 1)
         return _largest_over(first, last, bend, begins.size) * h * h
 
     def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
         """Return of all series that bend when they begin and end, and the largest second derivative of each."""
         series = self.bodies
-        bent = np.flatnonzero(series.terms[:, 1:].any(axis=1))
+        bent = series.is_bent.nonzero()[0]
         bend = np.empty(bent.size)
-        k = np.arange(series.terms.shape[1], dtype=float)
+        k = np.arange(1.0, series.terms.shape[1])
         for some in _at_once(bent.size):
             own = bent[some]
             size, thing = np.abs(series.terms[own]), series.thing[own]
-            s = (np.abs(self._lasts[own] - series.origin[own]) / self.unit)[:, None]
+            s = np.abs(self._lasts[own] - series.origin[own]) / self.unit
+            grown = powers(s, k.size - 1)
             # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-            rate = (size * s ** np.maximum(k - 1, 0)) @ k / self.unit / distance[thing]
-            lower = (size * s ** np.maximum(k - 2, 0)) @ (k * (k - 1))
+            rate = (size[:, 1:] * grown) @ k / self.unit / distance[thing]
+            lower = (size[:, 2:] * grown[:, :-1]) @ (k[1:] * k[:-1])
             bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
         return self.ticks[series.tick[bent]], self._lasts[bent], bend
 
@@ -410,9 +450,9 @@ class Patchwork(PickledByFields):
             s = (ends[i] - self.bodies.origin[own]) / self.unit
             v = shifted(self.bodies.terms[own], s)
             v[:, 0] = begins[: system.n, i]
-            powers = h ** np.arange(width - 1)
-            coefficients[i, :-1, : system.n] = (v * powers).T
-            x = v * powers * (h * self.unit / np.arange(1, width))
+            stretched = h ** np.arange(width - 1)
+            coefficients[i, :-1, : system.n] = (v * stretched).T
+            x = v * stretched * (h * self.unit / np.arange(1, width))
             if system.placed.size:
                 coefficients[i, 1:, system.moved_state] = x[system.moved]
                 u, d = self.drives[1][system.carried], ends[i] - self.since

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from stickslip.equations.path import gauss_nodes
@@ -54,15 +56,15 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     marks.append(np.array([b for b in loads.breaks if start < b < stop]))
     if loads.has_functions:
         # nobody knows how fast functions change but the solver, which had to step accordingly
-        marks += [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
-    edges = np.unique(np.concatenate(marks))
-    edges = edges[(edges >= start) & (edges <= stop)]
-    x, weights = gauss_nodes(_NODES)
-    half = 0.5 * np.diff(edges)
+        ends = [t + trajectory.steps(k) for k, t in enumerate(trajectory.starts.tolist())]
+        marks += [end[end <= stop] for end in ends]
+    edges = np.sort(np.concatenate(marks))
+    # a straight line is integrated exactly with a single node
+    x, weights = gauss_nodes(1 if math.isinf(loads.period) else _NODES)
+    half = 0.5 * (edges[1:] - edges[:-1])
     nodes = ((0.5 * (edges[1:] + edges[:-1]))[:, None] + half[:, None] * x).ravel()
-    piece_of = np.searchsorted(trajectory.starts, nodes, side="right") - 1
-    q = trajectory.loads_at(piece_of, nodes - trajectory.starts[piece_of])
-    u = trajectory.system.drive_velocities(q)
+    piece_of = trajectory.starts.searchsorted(nodes, side="right") - 1
+    u = trajectory.drive_velocities(piece_of, nodes - trajectory.starts[piece_of])
     sums = np.zeros((u.shape[0], edges.size))
-    np.cumsum((u.reshape(u.shape[0], half.size, _NODES) @ weights) * half, axis=1, out=sums[:, 1:])
-    return np.asarray(sums[:, np.searchsorted(edges, times)])
+    np.cumsum((u.reshape(-1, half.size, x.size) @ weights) * half, axis=1, out=sums[:, 1:])
+    return sums[:, edges.searchsorted(times)]

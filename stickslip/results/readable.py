@@ -54,8 +54,8 @@ class Readable(PickledByFields):
         def fit_for_plot(self, points: int = 0) -> Self:
             """Return the same motion at times between which straight lines look like it."""
 
-    def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
-        """Return what is read of the samples at the times `t`."""
+    def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
+        """Return what is read of something by name at the times `t`."""
         raise NotImplementedError
 
     def velocity(self, body: str) -> Array:
@@ -68,7 +68,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such body.
         """
-        return self._read(lambda samples: samples.velocity(body))
+        return self._read(Samples.velocity, body)
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive at the times `t`, in m or rad.
@@ -80,7 +80,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such body, or its position was not kept.
         """
-        return self._read(lambda samples: samples.position(body))
+        return self._read(Samples.position, body)
 
     def force(self, contact: str) -> Array:
         """Return the friction force r of a contact at the times `t`, in N or N m (-r acts on its body a).
@@ -90,7 +90,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such contact.
         """
-        return self._read(lambda samples: samples.force(contact))
+        return self._read(Samples.force, contact)
 
     def breakaway(self, contact: str, direction: int | None = None) -> Array:
         """Return a breakaway level B of a contact at the times `t`, in N or N m, never negative.
@@ -114,7 +114,7 @@ class Readable(PickledByFields):
             If there is no such contact or direction.
         """
         if direction is None:
-            return self._read(lambda samples: samples.breakaway(contact))
+            return self._read(Samples.breakaway, contact)
         if (
             isinstance(direction, bool)
             or not isinstance(direction, (int, np.integer))
@@ -124,7 +124,7 @@ class Readable(PickledByFields):
                 f"breakaway of contact {contact!r}: direction must be +1 (forward) or -1 (backward), "
                 f"got {direction!r}; leave it out for the side of the force"
             )
-        return self._read(lambda samples: samples.level(contact, int(direction)))
+        return self._read(Samples.backward_level if direction < 0 else Samples.forward_level, contact)
 
     def mode(self, contact: str) -> Modes:
         """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap is open.
@@ -134,7 +134,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such contact.
         """
-        return self._read(lambda samples: samples.mode(contact))
+        return self._read(Samples.mode, contact)
 
     def relative_velocity(self, contact: str) -> Array:
         """Return ``w = v_a - v_b`` of a contact at the times `t`, in m/s or rad/s.
@@ -144,7 +144,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such contact.
         """
-        return self._read(lambda samples: samples.relative_velocity(contact))
+        return self._read(Samples.relative_velocity, contact)
 
     def stretch(self, contact: str) -> Array:
         """Return the stretch ``radius_a x_a - radius_b x_b`` of a row at the times `t`, in m or rad.
@@ -154,7 +154,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such row, or the position of one of its bodies was not kept.
         """
-        return self._read(lambda samples: samples.stretch(contact))
+        return self._read(Samples.stretch, contact)
 
     def power(self, contact: str) -> Array:
         """Return the power ``r w`` that a contact dissipates at the times `t`, in W.
@@ -164,7 +164,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such contact.
         """
-        return self._read(lambda samples: samples.power(contact))
+        return self._read(Samples.power, contact)
 
     def normal(self, contact: str) -> Array:
         """Return the normal force of a contact at the times `t`, in N, zero where it is open.
@@ -174,7 +174,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such contact.
         """
-        return self._read(lambda samples: samples.normal(contact))
+        return self._read(Samples.normal, contact)
 
     def state(self, block: str) -> Array:
         """Return the states of a block at the times `t`.
@@ -194,7 +194,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such block.
         """
-        found = self._read(lambda samples: samples.states_of(block))
+        found = self._read(Samples.states_of, block)
         return found[0] if found.shape[0] == 1 else found
 
     def output(self, block: str) -> Array:
@@ -215,7 +215,7 @@ class Readable(PickledByFields):
         ValueError
             If there is no such block.
         """
-        found = self._read(lambda samples: samples.outputs_of(block))
+        found = self._read(Samples.outputs_of, block)
         return found[0] if found.shape[0] == 1 else found
 
 

@@ -19,7 +19,7 @@ from stickslip.equations.path import gauss_nodes
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
-from stickslip.model.elements import GROUND, Sampled
+from stickslip.model.elements import Sampled
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
@@ -27,6 +27,7 @@ from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
 
 T = TypeVar("T")
+S = TypeVar("S", bound=np.generic)
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
@@ -103,15 +104,17 @@ class Samples(PickledByFields):
 
     def velocity(self, body: str) -> Array:
         """Return the velocity of a body or drive, in m/s or rad/s."""
-        i = self.body(body)
-        return np.zeros_like(self.t) if body == GROUND else self._velocity(i)
+        return self._velocity(self.body(body))
 
     def _velocity(self, i: int) -> Array:
-        if i >= self.system.n:
-            return _line(self.drive_velocities, i - self.system.n)
-        if self.kept is None:
-            return self.trajectory.of_body(self.piece_of, self.taus, i)
-        return _line(self.kept, i)
+        n = self.system.n
+        if i < n:
+            return self._by_itself(i) if self.kept is None else _line(self._lines, i)
+        return np.zeros_like(self.t) if i == n + self.system.drives else _line(self.drive_velocities, i - n)
+
+    def _by_itself(self, body: int, integrated: bool = False) -> Array:
+        """Return the velocity of a body, or its position where that is a state."""
+        return self.trajectory.of_body(self.piece_of, self.taus, body, integrated)
 
     def position(self, body: str) -> Array:
         """Return the position of a body or drive, in m or rad, integrated where no spring makes it a state.
@@ -120,54 +123,60 @@ class Samples(PickledByFields):
         """
         i, n = self.body(body), self.system.n
         state = self.system.position_state.get(i)
-        if state is None and body != GROUND and self.trajectory.pieces and not self.trajectory.is_dense:
+        if state is not None:
+            return self._by_itself(i, True) if self.kept is None and i < n else _line(self._lines, state)
+        if i == n + self.system.drives:
+            return np.zeros_like(self.t)
+        if not self.trajectory.is_dense and self.trajectory.pieces:
             raise ValueError(
                 f"the position of {body!r} was not kept; simulate with dense_output=True, "
                 "or let a spring touch the body"
             )
-        if self.kept is None and i < n:
-            if state is not None:
-                return self.trajectory.of_body(self.piece_of, self.taus, i, integrated=True)
-            start = self.scene.bodies[i].position
-            own = slice(i, i + 1)
-            return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
-        if state is not None:
-            return _line(self.y, state)
-        if body == GROUND:
-            return np.zeros_like(self.t)
-        return _line(self._body_positions, i) if i < n else _line(self._drive_positions, i - n)
+        if i >= n:
+            return _line(self._drive_positions, i - n)
+        if self.kept is not None:
+            return _line(self._body_positions, i)
+        start, own = self.scene.bodies[i].position, slice(i, i + 1)
+        return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
+
+    @cached_property
+    def _lines(self) -> Array:
+        """The states as they are handed out."""
+        return _for_reading(self.y.view())
 
     def force(self, row: str) -> Array:
         """Return the force r of a row, in N or N m (``-c_i r`` acts on a body with the coefficient ``c_i``)."""
-        return self._read(row, lambda own: own.forces)
+        return self._read("forces", row)
 
     def normal(self, row: str) -> Array:
         """Return the normal force of a row in N, zero where it is open."""
-        return self._read(row, lambda own: own.normals)
+        return self._read("normals", row)
 
     def mode(self, row: str) -> Modes:
         """Return the mode of a row: -1, 0 or +1, or 2 where a gap is open."""
-        return self._read(row, lambda own: own.modes)
+        return self._read("modes", row)
 
-    def level(self, row: str, direction: int) -> Array:
-        """Return the breakaway level of a row forward (+1) or backward (-1), positive, in N or N m."""
-        return self._read(row, lambda own: own.levels[0 if direction > 0 else 1])
+    def forward_level(self, row: str) -> Array:
+        """Return the breakaway level of a row forward, positive, in N or N m."""
+        return self._read("forward_levels", row)
+
+    def backward_level(self, row: str) -> Array:
+        """Return the breakaway level of a row backward, positive, in N or N m."""
+        return self._read("backward_levels", row)
 
     def breakaway(self, row: str) -> Array:
         """Return the breakaway level on the side to which a row slips or is pushed, in N or N m."""
-        return self._read(row, lambda own: own.breakaways)
+        return self._read("breakaways", row)
 
     def relative_velocity(self, row: str) -> Array:
         """Return the relative velocity w of a row, in m/s or rad/s."""
-        if self.kept is None:
-            return self._sum(row, self._velocity)
-        return self._read(row, lambda own: own.relative_velocities)
+        return self._sum(row, self._velocity) if self.kept is None else self._read("relative_velocities", row)
 
     def power(self, row: str) -> Array:
         """Return the power ``r w`` that a row dissipates, in W."""
         if self.kept is None:
             return self.force(row) * self.relative_velocity(row)
-        return self._read(row, lambda own: own.powers)
+        return self._read("powers", row)
 
     def stretch(self, row: str) -> Array:
         """Return ``sum c_i x_i`` of a row, in m or rad: the integral of its relative velocity."""
@@ -180,11 +189,12 @@ class Samples(PickledByFields):
             found = found + c * read(i)
         return found
 
-    def _read(self, row: str, table: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
+    def _read(self, table: str, row: str) -> NDArray[Any]:
+        """Return the line of a row of a table; where these are large, of a table with this line only."""
         j = self.row(row)
-        return (
-            _line(table(self), j) if self.kept is not None else table(replace(self, rows=slice(j, j + 1)))[0]
-        )
+        if self.kept is None:
+            return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
+        return _line(getattr(self, table), j)
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
@@ -221,8 +231,7 @@ class Samples(PickledByFields):
     @cached_property
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
-        drives = slice(self.system.first_drive, self.system.first_acceleration)
-        return self.trajectory.loads_at(self.piece_of, self.taus, drives)
+        return _for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
 
     def velocities(self) -> Array:
         """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
@@ -232,39 +241,42 @@ class Samples(PickledByFields):
     @cached_property
     def _body_positions(self) -> Array:
         starts = np.array([body.position for body in self.scene.bodies])
-        return starts[:, None] + positions.of_bodies(self.trajectory, self.piece_of, self.taus)
+        moved = positions.of_bodies(self.trajectory, self.piece_of, self.taus)
+        return _for_reading(np.add(moved, starts[:, None], out=moved))
 
     @cached_property
     def _drive_positions(self) -> Array:
         starts = np.array([drive.position for drive in self.scene.drives])
-        return starts[:, None] + positions.of_drives(self.trajectory, self.t)
+        return _for_reading(starts[:, None] + positions.of_drives(self.trajectory, self.t))
 
     @cached_property
     def relative_velocities(self) -> Array:
         """Relative velocities of all rows in m/s or rad/s."""
         system = self.system
         w: Array = system.G @ self.y[: system.n]
-        return w + system.D @ self.drive_velocities if system.drives else w
+        if system.drives:
+            w += system.D @ self.drive_velocities
+        return _for_reading(w)
 
     @cached_property
     def normals(self) -> Array:
         """Normal forces in N."""
         if not self.trajectory.is_patchwork:
-            return np.maximum(self.inputs[: self.system.m], 0.0)
+            return _for_reading(np.maximum(self.inputs[: self.system.m], 0.0))
         # no load depends on the state: other inputs need not be known
         rows = slice(*self.rows.indices(self.system.m))
         loads = self.trajectory.loads_at(self.piece_of, self.taus, rows)
-        return np.maximum(loads, 0.0, out=loads)
+        return _for_reading(np.maximum(loads, 0.0, out=loads))
 
     @cached_property
     def _modes(self) -> tuple[Modes, Modes]:
         """Modes as the equations know them, and those shown."""
         inner, shown = self.trajectory.modes(self.piece_of, self.taus, self.rows)
-        free = (inner == FREE).any(axis=1).nonzero()[0]
+        free = self.system.free[self.rows].nonzero()[0]
         if free.size:
             signs = self.system.sign_of(self.relative_velocities)
             shown[free] = np.where(inner[free] == FREE, signs[free], shown[free])
-        return inner, shown
+        return inner, _for_reading(shown)
 
     @property
     def modes(self) -> Modes:
@@ -272,47 +284,61 @@ class Samples(PickledByFields):
         return self._modes[1]
 
     @cached_property
-    def levels(self) -> Array:
-        """Breakaway levels in N or N m, for forces above 0 and below: an array (2, m, k).
+    def forward_levels(self) -> Array:
+        """Breakaway levels for forces above 0, in N or N m.
 
         Static coefficients less what the dwell has not yet raised. While a row slips, it would stick at these levels.
         """
-        system, rows, modes, normals = self.system, self.rows, self.modes, self.normals
-        mu_s = system.mu_s[:, rows]
-        levels = mu_s[:, :, None] * normals
+        return self._levels(0)
+
+    @cached_property
+    def backward_levels(self) -> Array:
+        """Breakaway levels for forces below 0, in N or N m; the same table where these are the same levels."""
+        return self._levels(1) if self.system.has_sides[self.rows].any() else self.forward_levels
+
+    def _levels(self, side: int) -> Array:
+        system, rows, normals = self.system, self.rows, self.normals
+        static, least, dwell = (
+            x[:, None] for x in (system.mu_s[side, rows], system.least[side, rows], system.dwell[rows])
+        )
+        levels = static * normals
         slow = (system.dwell[rows] > 0).nonzero()[0]
         if slow.size:
-            static, least = mu_s[:, slow, None], system.least[:, rows][:, slow, None]
             since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
-            lag = np.exp(-(self.t - since) / system.dwell[rows][slow, None])
-            risen = static - (static - least) * lag
-            levels[:, slow] = np.where(modes[slow] == 0, risen, least) * normals[slow]
+            since -= self.t
+            since /= dwell[slow]
+            lag = np.exp(since, out=since)
+            lag *= static[slow] - least[slow]
+            risen = np.subtract(static[slow], lag, out=lag)
+            levels[slow] = np.where(self.modes[slow] == 0, risen, least[slow]) * normals[slow]
         if system.has_stops:
-            of, shown = system.is_stop, modes[system.is_stop]
-            levels[0, of] = np.where(shown == Mode.FORWARD, np.inf, 0.0)
-            levels[1, of] = np.where(shown == Mode.BACKWARD, np.inf, 0.0)
+            closed = self.modes[system.is_stop[rows]] == (Mode.BACKWARD if side else Mode.FORWARD)
+            levels[system.is_stop[rows]] = np.where(closed, np.inf, 0.0)
         # a tie holds any force, a one-way clutch any forward one, and a gap never breaks away
-        levels[:, (system.is_tie | system.is_gap)[rows]] = levels[0, system.is_one_way[rows]] = np.inf
-        return levels
+        levels[(system.is_tie | system.is_gap)[rows]] = np.inf
+        if side == 0:
+            levels[system.is_one_way[rows]] = np.inf
+        return _for_reading(levels)
 
     @cached_property
     def breakaways(self) -> Array:
         """Breakaway levels on the side to which rows slip or are pushed, in N or N m."""
+        forward, backward = self.forward_levels, self.backward_levels
+        if backward is forward:
+            return forward
         below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
-        return np.asarray(np.where(below, self.levels[1], self.levels[0]))
+        return _for_reading(np.where(below, backward, forward))
 
     @cached_property
     def powers(self) -> Array:
         """What rows dissipate, in W."""
-        return self.forces * self.relative_velocities
+        return _for_reading(self.forces * self.relative_velocities)
 
     @cached_property
     def forces(self) -> Array:
         """Forces of rows in N or N m; held ones once for each set of held rows."""
         system, trajectory, (inner, _) = self.system, self.trajectory, self._modes
-        forces = np.zeros(inner.shape)
-        for part, some, own in trajectory.by_part(self.piece_of):
-            forces[:, some] = part.forces(own, self.t[some], self.rows)
+        forces = trajectory.held_forces(self.piece_of, self.taus, self.rows)
         for mode, side in ((1, 0), (-1, 1)):
             sliding = mode * system.mu_c[side, self.rows, None]
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)
@@ -322,18 +348,19 @@ class Samples(PickledByFields):
             self._hold(forces, pushed)
             shows = system.piecewise.is_force.nonzero()[0]
             forces[system.piecewise.row[shows]] = pushed[shows]
-        return forces
+        return _for_reading(forces)
 
     def _act(self, forces: Array) -> None:
         """Write the forces of rows whose law depends on velocity, or that rest at a level."""
-        modes, _ = self._modes
+        (modes, _), laws = self._modes, self.system.laws
         for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
             if (rests := modes == mode).any():
-                forces[rests] = sign * self.levels[side][rests]
-        at = np.any(velocity_dependent_in(modes, self.system), axis=0)
-        if not at.any():
+                levels = self.backward_levels if side else self.forward_levels
+                forces[rests] = sign * levels[rests]
+        if not (self.system.free | laws.curved | laws.has_slip_state).any():
             return
-        for number, some in self.trajectory.whole(self.piece_of):
+        at = np.any(velocity_dependent_in(modes, self.system), axis=0)
+        for number, some in by_piece(self.piece_of):
             if at[some].any():
                 own = self.trajectory.motion(number)
                 rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
@@ -381,11 +408,15 @@ def _named(known: Mapping[str, T], name: str, what: str) -> T:
         raise ValueError(f"no {what} is called {name!r}; known are {some}") from None
 
 
-def _line(table: NDArray[Any], i: int) -> NDArray[Any]:
-    """Return a line of a table that others read, too: it cannot be written to."""
-    line: NDArray[Any] = table[i]
-    line.flags.writeable = False
+def _line(table: NDArray[S], i: int) -> NDArray[S]:
+    line: NDArray[S] = table[i]
     return line
+
+
+def _for_reading(table: NDArray[S]) -> NDArray[S]:
+    """Return a table of which many read lines: no one may write to it."""
+    table.flags.writeable = False
+    return table
 
 
 def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Array]) -> Array:

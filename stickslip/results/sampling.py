@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
+from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.equations.path import Path
+from stickslip.equations.path import whole_integrals
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.samples import Samples
-from stickslip.results.trajectory import Piece, Trajectory, alike, kind_of
+from stickslip.results.steps import Steps
+from stickslip.results.trajectory import Trajectory
 
 _STRAIGHT = 1e-3
 """How far straight lines between the times may be off, as a part of each quantity's range."""
@@ -46,7 +48,8 @@ def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
     least = 16 if 16 * durations.size <= points else 1
     counts = np.maximum(np.rint(points * durations / (durations.sum() or 1.0)), least)
     ends = np.column_stack([np.zeros(durations.size), trajectory.ends])
-    more = _cut(ends.ravel(), np.repeat(counts.astype(np.intp), 2), np.full(durations.size, 2))
+    both = np.column_stack([counts, np.ones(counts.size)]).astype(np.intp)
+    more = _cut(ends.ravel(), both.ravel(), np.full(durations.size, 2))
     piece_of, taus = map(np.concatenate, zip(_fit(trajectory), more, strict=True))
     order = np.lexsort((taus, piece_of))
     piece_of, taus = piece_of[order], taus[order]
@@ -56,42 +59,37 @@ def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
 
 def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     """Return the pieces and local times fit for a plot."""
-    stored = [part for part in trajectory.parts if isinstance(part, Patchwork) or part.path is not None]
-    paths = [part.path for part in stored if isinstance(part, Piece) and part.path is not None]
-    patchworks = [part for part in stored if isinstance(part, Patchwork)]
-    bends, allowed = _bends(trajectory.system, stored, paths, patchworks)
-    counts = np.split(_clipped((bends / allowed).max(axis=1, initial=0.0)), _firsts(paths)[1:])
-    steps: list[tuple[Array, Indices, Indices]] = []
-    done = 0
-    for part in stored:
-        if isinstance(part, Patchwork):
-            steps.append(_of_patchwork(part, trajectory.system, allowed))
-        else:
-            taus = paths[done].taus
-            steps.append((taus, np.append(counts[done], 1), np.array([taus.size])))
-            done += 1
-    none = np.empty(0, dtype=np.intp)
-    return _cut(*(np.concatenate(parts) for parts in zip((np.empty(0), none, none), *steps, strict=True)))
-
-
-def _firsts(paths: list[Path]) -> Indices:
-    """Return the number of the first step of each path, all in a row, and that of all."""
-    return np.cumsum([0, *(path.taus.size - 1 for path in paths)])
+    patchworks = [
+        (first, part)
+        for first, part in zip(trajectory.firsts.tolist(), trajectory.parts, strict=True)
+        if isinstance(part, Patchwork)
+    ]
+    steps = _looked_at(trajectory)
+    allowed = _allowed(trajectory, steps, [part for _, part in patchworks])
+    counts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
+    if not patchworks:
+        return _cut(steps.begins, counts, steps.sizes)
+    found = [(steps.begins, counts, steps.sizes)]
+    found += [_of_patchwork(part, trajectory.system, allowed) for _, part in patchworks]
+    pieces = [trajectory.numbers, *(np.arange(first, first + part.starts.size) for first, part in patchworks)]
+    piece, taus = _cut(*map(np.concatenate, zip(*found, strict=True)))
+    piece = np.concatenate(pieces)[piece]
+    order = np.argsort(piece, kind="stable")
+    return piece[order], taus[order]
 
 
 def _cut(ends: Array, counts: Indices, sizes: Indices) -> tuple[Indices, Array]:
     """Return pieces and local times: the ends of steps, and evenly spaced times within each.
 
     `ends` are those of one piece after the other, its start among them, and `sizes` how many each piece has. The step
-    from each on is cut into `counts` parts; the last of a piece counts nothing.
+    from each on is cut into `counts` parts; the last of a piece counts 1.
     """
-    counts, lengths = counts.copy(), np.diff(ends, append=0.0)
-    lasts = np.cumsum(sizes) - 1
-    counts[lasts] = 1
-    step = np.repeat(np.arange(ends.size), counts)
-    inner = np.arange(step.size) - np.repeat(np.cumsum(counts) - counts, counts)
+    lengths = np.zeros(ends.size)
+    lengths[:-1] = ends[1:] - ends[:-1]
+    step = np.arange(ends.size).repeat(counts)
+    inner = np.arange(step.size) - (counts.cumsum() - counts)[step]
     taus = ends[step] + lengths[step] * (inner / counts[step])
-    return np.repeat(np.arange(sizes.size), sizes)[step], taus
+    return np.arange(sizes.size).repeat(sizes)[step], taus
 
 
 def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Array, Indices, Indices]:
@@ -110,62 +108,80 @@ def _of_patchwork(part: Patchwork, system: System, allowed: Array) -> tuple[Arra
 
 
 def _clipped(worst: Array) -> Indices:
-    return np.asarray(np.clip(np.ceil(np.sqrt(worst)), 1, _MOST_PARTS), dtype=np.intp)
+    return np.minimum(np.maximum(np.ceil(np.sqrt(worst)), 1), _MOST_PARTS).astype(np.intp)
 
 
-def _bends(
-    system: System, stored: Sequence[Piece | Patchwork], paths: list[Path], patchworks: list[Patchwork]
-) -> tuple[Array, Array]:
-    """Return bounds of the second derivatives in each step of all paths, and what is allowed of each quantity.
+class _Look(NamedTuple):
+    """What is asked of the steps of paths; quantities are the states, then the positions of all bodies."""
 
-    Quantities are the states, then the positions of all bodies.
-    """
+    begins: Array  # (k,): local time in s at which each step begins; the last of a path has no length
+    sizes: Indices  # (p,): how many steps each path has
+    bends: Array  # (k, quantities): bounds of second derivatives, if each step had the length 1
+    moved: Array  # (k, n): how far the bodies come in each step
+    # (states,): in all steps
+    low: Array
+    high: Array
+
+    @classmethod
+    def at(cls, steps: Steps, n: int) -> _Look:
+        """Look at the steps of some paths in a scene with so many bodies."""
+        h = steps.lengths[:, None]
+        values_and_integral, derivatives = _weights(steps.coefficients.shape[1], steps.is_chebyshev)
+        values = values_and_integral @ steps.coefficients
+        size = derivatives @ np.abs(steps.coefficients)
+        bends = np.concatenate([size[:, 0], size[:, 1, :n] * h], axis=1)
+        low, high = values[:, :-1].min(axis=(0, 1)), values[:, :-1].max(axis=(0, 1))
+        return cls(steps.begins, steps.sizes, bends, values[:, -1, :n] * h, low, high)
+
+
+def _looked_at(trajectory: Trajectory) -> _Look:
+    """Look at the steps of all paths."""
+    n, size = trajectory.system.n, trajectory.system.size
+    found = [_Look.at(steps, n) for steps in trajectory.steps_of_paths]
+    if len(found) == 1:
+        return found[0]
+    none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, size + n)), np.empty((0, n))
+    begins, sizes, bends, moved = (
+        np.concatenate(parts) for parts in zip(none, *(look[:4] for look in found), strict=True)
+    )
+    low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
+    high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))
+    return _Look(begins, sizes, bends, moved, low, high)
+
+
+def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
+    """Return how large second derivatives may be in steps of length 1, of each quantity."""
+    system = trajectory.system
     n, size = system.n, system.size
-    first = _firsts(paths)
-    bends, moved = np.empty((first[-1], size + n)), np.empty((first[-1], n))
-    low, high = np.full(size + n, np.inf), np.full(size + n, -np.inf)
-    for block in alike((path, k) for k, path in enumerate(paths) if path.taus.size > 1):
-        steps = np.concatenate([np.arange(first[k], first[k + 1]) for _, k in block])
-        c = np.concatenate([path.coefficients for path, _ in block])
-        h = np.concatenate([np.diff(path.taus) for path, _ in block])[:, None]
-        values_and_integral, derivatives = _weights(*kind_of(block[0][0]))
-        values = values_and_integral @ c
-        moved[steps] = values[:, -1, :n] * h
-        low[:size] = np.minimum(low[:size], values[:, :-1].min(axis=(0, 1)))
-        high[:size] = np.maximum(high[:size], values[:, :-1].max(axis=(0, 1)))
-        sizes = derivatives @ np.abs(c, out=c)
-        bends[steps, :size] = sizes[:, 0]
-        bends[steps, size:] = sizes[:, 1, :n] * h
+    travel = _travel(trajectory, steps, patchworks)
+    low = np.concatenate([steps.low, travel.min(axis=0)])
+    high = np.concatenate([steps.high, travel.max(axis=0)])
     for part in patchworks:
         (slow, near), (fast, far) = part.ranges
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
         low[system.moved_state] = np.minimum(low[system.moved_state], near[system.moved])
         high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
-    travel = _travel(n, stored, moved, first)
-    low[size:], high[size:] = travel.min(axis=0), travel.max(axis=0)
-    ranges = np.where(high >= low, high - low, 0.0)
-    low, high = np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
+    # below 0 where nothing is known
+    ranges, largest = high - low, np.maximum(-low, high)
     for group in (slice(0, n), slice(n, size), slice(size, None)):
-        largest = np.maximum(np.abs(low[group]), np.abs(high[group])).max(initial=0.0)
-        ranges[group] = np.maximum(ranges[group], _NOTHING * largest)
-    return bends, np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
+        ranges[group] = np.maximum(ranges[group], _NOTHING * largest[group].max(initial=0.0))
+    return np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
 
 
-def _travel(n: int, stored: Sequence[Piece | Patchwork], moved: Array, first: Indices) -> Array:
+def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
     """Return how far the bodies have come by the ends of steps and at the extremes of other parts, a line each."""
-    found, base, done = [np.zeros((1, n))], np.zeros(n), 0
-    for part in stored:
-        if isinstance(part, Patchwork):
-            (_, near), (_, far) = part.ranges
-            begin, end = part.at_ends
-            found.append(base + np.array([near - begin, far - begin]))
-            base = base + end - begin
-        else:
-            own = base + np.cumsum(moved[first[done] : first[done + 1]], axis=0)
-            found.append(own)
-            base = own[-1] if own.size else base
-            done += 1
-    return np.concatenate(found)
+    still = np.zeros((1, trajectory.system.n))
+    if not patchworks:
+        return np.concatenate([still, steps.moved.cumsum(axis=0)])
+    # the motion over each patchwork counts as one step more
+    is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
+    before = np.append(0, steps.sizes.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
+    gone = np.array([part.at_ends[1] - part.at_ends[0] for part in patchworks])
+    moved = np.insert(steps.moved, before, gone, axis=0) if steps.moved.size else gone
+    come = moved.cumsum(axis=0)
+    starts = come[before + np.arange(before.size)] - gone - [part.at_ends[0] for part in patchworks]
+    extremes = np.array([[extreme[1] for extreme in part.ranges] for part in patchworks])
+    return np.concatenate([still, come, (starts[:, None] + extremes).reshape(-1, still.size)])
 
 
 @lru_cache(maxsize=64)
@@ -175,11 +191,10 @@ def _weights(count: int, is_chebyshev: bool) -> tuple[Array, Array]:
     The first gives the values at a few places and the integral; the second, of the sizes of the coefficients,
     gives bounds of the second and of the first derivative.
     """
-    j = np.arange(count, dtype=float)
-    places = np.linspace(0.0, 1.0, 5)
+    j, places = np.arange(count, dtype=float), np.linspace(0.0, 1.0, 5)
+    whole = whole_integrals(count, is_chebyshev)
     if is_chebyshev:
         values = np.polynomial.chebyshev.chebvander(2 * places - 1, count - 1)
-        whole = np.where(j % 2 == 0, 1 / (1 - np.where(j == 1, 0, j) ** 2), 0.0)
         return np.vstack([values, whole]), np.vstack([4 * j**2 * (j**2 - 1) / 3, 2 * j**2])
     values = np.polynomial.polynomial.polyvander(places, count - 1)
-    return np.vstack([values, 1 / (j + 1)]), np.vstack([j * (j - 1), j])
+    return np.vstack([values, whole]), np.vstack([j * (j - 1), j])

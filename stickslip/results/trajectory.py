@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
-from stickslip.equations.path import Path, values
+from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.checks import every_digit
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
+from stickslip.results.steps import Blocks
 
-T = TypeVar("T")
+T = TypeVar("T", bound=np.generic)
 
 _AT_ONCE = 2_000_000
 """Coefficients that are put together at once."""
@@ -115,6 +116,16 @@ class Trajectory(PickledByFields):
         return self.system.loads(*self.span)
 
     @cached_property
+    def parts(self) -> Sequence[Piece | Patchwork]:
+        """What is stored, in order."""
+        return self.pieces.parts if isinstance(self.pieces, Pieces) else self.pieces
+
+    @cached_property
+    def firsts(self) -> Indices:
+        """The number of the first piece of each part."""
+        return self.pieces.firsts[:-1] if isinstance(self.pieces, Pieces) else np.arange(len(self.pieces))
+
+    @cached_property
     def starts(self) -> Array:
         """Start of each piece in s."""
         return self._joined(lambda piece: piece.t, lambda part: part.starts)
@@ -124,25 +135,29 @@ class Trajectory(PickledByFields):
         """End of each piece in s."""
         return self._joined(lambda piece: piece.stop, lambda part: part.stops)
 
-    @property
-    def parts(self) -> Sequence[Piece | Patchwork]:
-        """What is stored, in order."""
-        return self.pieces.parts if isinstance(self.pieces, Pieces) else self.pieces
+    @cached_property
+    def ends(self) -> Array:
+        """Local time in s of the end of each piece."""
+        return self._joined(lambda piece: piece.end, lambda part: part.stops - part.starts)
 
     def _joined(self, of_piece: Callable[[Piece], float], of_part: Callable[[Patchwork], Array]) -> Array:
-        found = [np.array([of_piece(x)]) if isinstance(x, Piece) else of_part(x) for x in self.parts]
-        return np.concatenate([np.empty(0), *found])
+        found: list[float] = []
+        for part in self.parts:
+            if isinstance(part, Piece):
+                found.append(of_piece(part))
+            else:
+                found += of_part(part).tolist()
+        return np.array(found)
 
     @cached_property
     def is_patchwork(self) -> bool:
         """Whether all of it is known part by part."""
-        return bool(self.parts) and all(isinstance(part, Patchwork) for part in self.parts)
+        return bool(self.parts) and not self.whole
 
     @cached_property
     def is_dense(self) -> bool:
         """Whether the states are known at all times."""
-        parts = self.parts
-        return bool(parts) and all(isinstance(x, Patchwork) or x.path is not None for x in parts)
+        return bool(self.parts) and all(piece.path is not None for piece in self.whole)
 
     def motion(self, number: int) -> Motion:
         """Return the motion of a piece, built again."""
@@ -168,7 +183,7 @@ class Trajectory(PickledByFields):
 
     def local(self, piece_of: Indices, times: Array) -> Array:
         """Return times in s since the starts of their pieces, none before and none past the end."""
-        return np.clip(times - self.starts[piece_of], 0.0, self.ends[piece_of])
+        return np.minimum(np.maximum(times - self.starts[piece_of], 0.0), self.ends[piece_of])
 
     def order(self, number: int) -> int:
         """Return the degree of the polynomials of a piece."""
@@ -177,11 +192,6 @@ class Trajectory(PickledByFields):
             return int(part.bodies.terms.shape[1])
         path = part.path
         return 0 if path is None or not path.taus[1:].size else path.coefficients.shape[1] - 1
-
-    @cached_property
-    def ends(self) -> Array:
-        """Local time in s of the end of each piece."""
-        return self._joined(lambda piece: piece.end, lambda part: part.stops - part.starts)
 
     def part(self, number: int) -> tuple[Piece | Patchwork, int]:
         """Return what holds a piece, and its number there."""
@@ -208,41 +218,116 @@ class Trajectory(PickledByFields):
 
     def by_part(self, piece_of: Indices) -> Iterator[tuple[Patchwork, Indices | slice, Indices]]:
         """Yield what is known part by part: the patchwork, which times it holds, and its pieces there."""
-        if isinstance(self.pieces, Pieces):
-            firsts = self.pieces.firsts
-            for one, chosen in by_piece(np.searchsorted(firsts, piece_of, side="right") - 1):
-                part = self.pieces.parts[one]
-                if isinstance(part, Patchwork):
-                    yield part, chosen, piece_of[chosen] - firsts[one]
+        if len(self.whole) == len(self.parts):
+            return
+        for one, chosen in by_piece(self.firsts.searchsorted(piece_of, side="right") - 1):
+            part = self.parts[one]
+            if isinstance(part, Patchwork):
+                yield part, chosen, piece_of[chosen] - self.firsts[one]
 
-    def whole(self, piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
-        """Yield each piece that is stored as a whole and holds times, and which times."""
-        if not self.is_patchwork:
-            for number, chosen in by_piece(piece_of):
-                if isinstance(self.part(number)[0], Piece):
-                    yield number, chosen
+    # -- pieces that are stored as a whole, side by side -----------------------------------------------------
+
+    @cached_property
+    def whole(self) -> Sequence[Piece]:
+        """The pieces that are stored as a whole."""
+        return [part for part in self.parts if isinstance(part, Piece)]
+
+    @cached_property
+    def numbers(self) -> Indices:
+        """Their numbers."""
+        return np.array(
+            [k for k, part in zip(self.firsts.tolist(), self.parts, strict=True) if isinstance(part, Piece)],
+            dtype=np.intp,
+        )
+
+    @cached_property
+    def steps_of_paths(self) -> Blocks:
+        """The steps of their paths, as far as these were kept."""
+        return Blocks([piece.path for piece in self.whole if piece.path is not None])
+
+    @cached_property
+    def _place(self) -> Indices:
+        """The place of each piece among those, -1 where it has none."""
+        found = np.full(self.starts.size, -1)
+        found[self.numbers] = np.arange(self.numbers.size)
+        return found
+
+    def in_whole(self, piece_of: Indices) -> tuple[Indices | slice, Indices]:
+        """Return which times pieces hold that are stored as a whole, and the place of each among these."""
+        if len(self.whole) == len(self.parts):
+            return slice(None), piece_of
+        if not self.whole:
+            return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+        place = self._place[piece_of]
+        chosen = (place >= 0).nonzero()[0]
+        return chosen, place[chosen]
+
+    @cached_property
+    def _modes(self) -> Modes:
+        """Their modes as the equations know them, and those shown, a column each."""
+        both = [[piece.modes for piece in self.whole], [piece.labels for piece in self.whole]]
+        return np.array(both, dtype=np.int8).reshape(2, len(self.whole), self.system.m).transpose(0, 2, 1)
+
+    @cached_property
+    def _since(self) -> Array:
+        """Since when their rows rest, in s, a column each."""
+        return np.array([piece.since for piece in self.whole]).reshape(len(self.whole), self.system.m).T
+
+    @cached_property
+    def _held(self) -> tuple[list[bytes], Indices]:
+        """All sets of held rows as keys of balances, and the number of the set of each; -1 for the empty set."""
+        held = np.ascontiguousarray(((self._modes[0] == 0) & self.system.hard[:, None]).T)
+        number: dict[bytes, int] = {bytes(self.system.m): -1}
+        sets = [number.setdefault(row.tobytes(), len(number) - 1) for row in held]
+        return list(number)[1:], np.array(sets)
+
+    # -- what is read of all pieces --------------------------------------------------------------------------
+
+    def _read(
+        self,
+        piece_of: Indices,
+        taus: Array,
+        of_whole: Callable[[Indices, Array], NDArray[Any]],
+        of_part: Callable[[Patchwork, Indices, Array], NDArray[Any]],
+    ) -> NDArray[Any]:
+        """Return what is read of pieces at local times, a column for each time.
+
+        `of_whole` takes places among the pieces that are stored as a whole and local times, `of_part` a patchwork, its
+        pieces and times.
+        """
+        chosen, own = self.in_whole(piece_of)
+        found = [(chosen, of_whole(own, taus[chosen]))] if own.size or not piece_of.size else []
+        for part, some, number in self.by_part(piece_of):
+            found.append((some, of_part(part, number, part.starts[number] + taus[some])))
+        return side_by_side(found, piece_of.size)
 
     def modes(self, piece_of: Indices, taus: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
         """Return at local times of pieces the modes of rows as the equations know them, and those shown."""
-        inner, shown = np.empty((2, *self._shape(rows, taus)), dtype=np.int8)
-        for number, chosen in self.whole(piece_of):
-            piece = self.pieces[number]
-            inner[:, chosen], shown[:, chosen] = piece.modes[rows, None], piece.labels[rows, None]
-        for part, some, own in self.by_part(piece_of):
-            inner[:, some], shown[:, some] = part.modes(own, part.starts[own] + taus[some], rows)
+        inner, shown = self._read(
+            piece_of,
+            taus,
+            lambda own, taus: self._modes[:, rows][:, :, own],
+            lambda part, own, times: np.array(part.modes(own, times, rows)),
+        )
         return inner, shown
 
     def since_when(self, piece_of: Indices, taus: Array, rows: slice = slice(None)) -> Array:
         """Return since when rows rest at local times of pieces, in s."""
-        found = np.empty(self._shape(rows, taus))
-        for number, chosen in self.whole(piece_of):
-            found[:, chosen] = self.pieces[number].since[rows, None]
-        for part, some, own in self.by_part(piece_of):
-            found[:, some] = part.since_when(own, part.starts[own] + taus[some], rows)
-        return found
+        return self._read(
+            piece_of,
+            taus,
+            lambda own, taus: self._since[rows][:, own],
+            lambda part, own, times: part.since_when(own, times, rows),
+        )
 
-    def _shape(self, rows: slice, taus: Array) -> tuple[int, int]:
-        return len(range(self.system.m)[rows]), taus.size
+    def held_forces(self, piece_of: Indices, taus: Array, rows: slice) -> Array:
+        """Return the forces of held rows at local times of pieces where these are known row by row, 0 elsewhere."""
+        return self._read(
+            piece_of,
+            taus,
+            lambda own, taus: np.zeros((len(range(self.system.m)[rows]), taus.size)),
+            lambda part, own, times: part.forces(own, times, rows),
+        )
 
     def states(self, piece_of: Indices, taus: Array) -> Array:
         """Return the states at local times of pieces, one column each.
@@ -258,26 +343,30 @@ class Trajectory(PickledByFields):
 
         If `integrated`, the velocities are, from the start of each piece.
         """
-        found = np.empty((self.system.n if integrated else self.system.size, taus.size))
-        for part, some, own in self.by_part(piece_of):
-            times, begins = part.starts[own] + taus[some], part.starts[own]
-            found[:, some] = (
-                part.positions(own, times) - part.positions(own, begins)
-                if integrated
-                else part.states(own, times)
-            )
-        paths = ((self.pieces[number].path, chosen) for number, chosen in self.whole(piece_of))
-        for block in alike(paths):
-            _evaluate(block, taus, found, integrated)
-        return found
+        size = self.system.n if integrated else self.system.size
+
+        def of_whole(own: Indices, taus: Array) -> Array:
+            found = np.empty((size, taus.size))
+            for some, path_of, steps in self.steps_of_paths.of(own):
+                local = taus[some]
+                read = steps.integrals(path_of, local, size) if integrated else steps.values(path_of, local)
+                found[:, some] = read.T
+            return found
+
+        def of_part(part: Patchwork, own: Indices, times: Array) -> Array:
+            if integrated:
+                return part.positions(own, times) - part.positions(own, part.starts[own])
+            return part.states(own, times)
+
+        return self._read(piece_of, taus, of_whole, of_part)
 
     def moved(self, piece_of: Indices, taus: Array, bodies: slice = slice(None)) -> Array | None:
         """Return how far bodies have come at local times, None where that is not known by itself."""
-        if not isinstance(self.pieces, Pieces) or not self.is_patchwork:
+        if not self.is_patchwork:
             return None
-        firsts, base = self.pieces.firsts, np.zeros(self.system.n)[bodies]
+        firsts, base = self.firsts, np.zeros(self.system.n)[bodies]
         found = np.empty((base.size, taus.size))
-        place = np.searchsorted(firsts, piece_of, side="right") - 1
+        place = firsts.searchsorted(piece_of, side="right") - 1
         for number, part in enumerate(self.parts):
             assert isinstance(part, Patchwork)
             some = (place == number).nonzero()[0]
@@ -302,13 +391,9 @@ class Trajectory(PickledByFields):
     def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
         """Write the velocities that depend on others through them, in place."""
         held = list(self.by_held(piece_of))
-        if not held:
-            return
-        system = self.system
-        drives = None
-        if system.drives:
-            drives = system.drive_velocities(self.loads_at(piece_of, taus))
-        self.write_led(held, y[: system.n], drives)
+        if held:
+            drives = self.drive_velocities(piece_of, taus) if self.system.drives else None
+            self.write_led(held, y[: self.system.n], drives)
 
     def write_led(
         self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
@@ -332,15 +417,13 @@ class Trajectory(PickledByFields):
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
-        groups: dict[bytes, list[Indices | slice]] = {}
-        for number, chosen in self.whole(piece_of):
-            held = (self.pieces[number].modes == 0) & self.system.hard
-            if held.any():
-                groups.setdefault(held.tobytes(), []).append(chosen)
-        every = np.arange(piece_of.size)
-        for held_rows, places in groups.items():
-            whole = places[0] if len(places) == 1 else np.concatenate([every[place] for place in places])
-            yield held_rows, whole
+        chosen, own = self.in_whole(piece_of)
+        if not own.size:
+            return
+        sets, number = self._held
+        for k, some in by_piece(number[own]):
+            if k >= 0:
+                yield sets[k], some if isinstance(chosen, slice) else chosen[some]
 
     def inputs(self, piece_of: Indices, taus: Array, y: Array) -> Array:
         """Return all inputs at local times and states there, as columns."""
@@ -360,77 +443,41 @@ class Trajectory(PickledByFields):
 
     def loads_at(self, piece_of: Indices, taus: Array, only: slice = slice(None)) -> Array:
         """Return the inputs that loads are at local times, as columns: what depends on the state is left out."""
-        number = np.searchsorted(self.loads.breaks, self.starts[piece_of], side="right")
-        found = np.empty((len(range(self.system.inputs)[only]), taus.size))
+        if not taus.size:
+            return np.empty((len(range(self.system.inputs)[only]), 0))
+        starts = self.starts[piece_of]
+        if not self.loads.breaks:
+            return self.loads.after(self.starts[0]).sampled(starts + taus, only)
+        number = np.array(self.loads.breaks).searchsorted(starts, side="right")
+        found = []
         for _, chosen in by_piece(number):
-            pieces = piece_of[chosen]
-            stretch = self.loads.after(self.starts[pieces[0]])
-            found[:, chosen] = stretch.sampled(self.starts[pieces] + taus[chosen], only)
-        return found
+            begins = starts[chosen]
+            found.append((chosen, self.loads.after(begins[0]).sampled(begins + taus[chosen], only)))
+        return side_by_side(found, taus.size)
+
+    def drive_velocities(self, piece_of: Indices, taus: Array) -> Array:
+        """Return the velocities of the drives at local times, as columns."""
+        drives = slice(self.system.first_drive, self.system.first_acceleration)
+        return self.loads_at(piece_of, taus, drives)
+
+
+def side_by_side(found: Sequence[tuple[Indices | slice, NDArray[T]]], size: int) -> NDArray[T]:
+    """Return columns that were read of several parts, each with the places that it takes among so many in all."""
+    if len(found) == 1:
+        return found[0][1]
+    first = found[0][1]
+    whole = np.empty((*first.shape[:-1], size), dtype=first.dtype)
+    for chosen, part in found:
+        whole[..., chosen] = part
+    return whole
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     """Yield each piece that holds times, and which times it holds."""
     if not piece_of.size:
         return
-    if (piece_of[1:] >= piece_of[:-1]).all():
-        ends = [0, *((piece_of[1:] != piece_of[:-1]).nonzero()[0] + 1).tolist(), piece_of.size]
-        for first, last in pairwise(ends):
-            yield int(piece_of[first]), slice(first, last)
-        return
-    order = np.argsort(piece_of, kind="stable")
-    numbers, firsts = np.unique(piece_of[order], return_index=True)
-    yield from zip(numbers.tolist(), np.split(order, firsts[1:]), strict=True)
-
-
-def kind_of(path: Path) -> tuple[int, bool]:
-    """Return what paths have in common that are evaluated together: the number of terms and their basis."""
-    return (path.coefficients.shape[1] if path.taus.size > 1 else 0), path.is_chebyshev
-
-
-def alike(paths: Iterable[tuple[Path | None, T]]) -> Iterator[list[tuple[Path, T]]]:
-    """Yield paths that are evaluated together, with what belongs to each: of the same kind, not too many at once."""
-    blocks: dict[tuple[int, bool], list[tuple[Path, T]]] = {}
-    entries: dict[tuple[int, bool], int] = {}
-    for path, own in paths:
-        assert path is not None
-        kind = kind_of(path)
-        blocks.setdefault(kind, []).append((path, own))
-        entries[kind] = entries.get(kind, 0) + path.coefficients.size
-        if entries[kind] > _AT_ONCE:
-            yield blocks.pop(kind)
-            entries[kind] = 0
-    yield from blocks.values()
-
-
-def _evaluate(block: list[tuple[Path, Indices | slice]], taus: Array, out: Array, integrated: bool) -> None:
-    """Write the states of paths of the same kind at local times, or integrals, all polynomials at once."""
-    terms, is_chebyshev = kind_of(block[0][0])
-    if not terms:
-        for path, chosen in block:
-            out[:, chosen] = 0.0 if integrated else path.last[:, None]
-        return
-    local = [taus[chosen] for _, chosen in block]
-    path_of = np.repeat(np.arange(len(block)), [own.size for own in local])
-    t, ends = np.concatenate(local), np.concatenate([path.taus for path, _ in block])
-    firsts = np.cumsum([0, *(path.taus.size for path, _ in block)])
-    lasts = firsts[1:] - 1
-    passed = [path.taus.searchsorted(own, "right") for (path, _), own in zip(block, local, strict=True)]
-    begin = np.minimum(firsts[path_of] + np.concatenate(passed), lasts[path_of]) - 1
-    h = ends[begin + 1] - ends[begin]
-    s = np.divide(t - ends[begin], h, out=np.zeros(t.size), where=h > 0)
-    # each path has one end more than steps
-    step = begin - path_of
-    coefficients = np.concatenate([path.coefficients[:, :, : out.shape[0]] for path, _ in block])
-    found = values(coefficients, step, s, is_chebyshev, integrated)
-    if integrated:
-        lengths = np.delete(np.diff(ends), lasts[:-1])[:, None]
-        every = np.arange(lengths.size)
-        whole = lengths * values(coefficients, every, np.ones(every.size), is_chebyshev, integrated)
-        before = np.cumsum(whole, axis=0) - whole
-        found = before[step] - before[firsts[path_of] - path_of] + h[:, None] * found
-    else:
-        at_end = (t >= ends[lasts[path_of]]).nonzero()[0]
-        found[at_end] = np.array([path.last for path, _ in block])[path_of[at_end]]
-    for (_, chosen), own in zip(block, np.split(found, np.cumsum([own.size for own in local])), strict=False):
-        out[:, chosen] = own.T
+    order = None if (piece_of[1:] >= piece_of[:-1]).all() else np.argsort(piece_of, kind="stable")
+    numbers = piece_of if order is None else piece_of[order]
+    ends = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), numbers.size]
+    for number, first, last in zip(numbers[ends[:-1]].tolist(), ends, ends[1:], strict=False):
+        yield number, slice(first, last) if order is None else order[first:last]

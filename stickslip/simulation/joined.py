@@ -7,6 +7,7 @@ import reprlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
 from stickslip.model.checks import every_digit, in_order, whole
+from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results.in_a_row import joined, of_each
 from stickslip.results.outcome import Event
@@ -48,10 +50,13 @@ class Joined(Presented):
         """Times in s; where one run ends and the next begins stand two."""
         return np.concatenate([result.t for result in self.results])
 
-    @property
+    @cached_property
     def events(self) -> list[Event]:
-        """All events in order of time."""
-        return [event for result in self.results for event in result.events]
+        """All events in order of time, with the changes of mode from the end of one run to the start of the next."""
+        found = list(self.results[0].events)
+        for before, after in pairwise(self.results):
+            found += [*_between(before, after), *after.events]
+        return found
 
     @property
     def success(self) -> bool:
@@ -73,8 +78,9 @@ class Joined(Presented):
         """All that any run has, for tables and drawings; of a name that several have, what the last of them has."""
         return Scene.of_all([result.scene for result in self.results])
 
-    def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
-        return joined(of_each(self.results, read), [result.t.size for result in self.results])
+    def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
+        parts = of_each(self.results, lambda samples: read(samples, name))
+        return joined(parts, [result.t.size for result in self.results])
 
     def final_scene(self) -> Scene:
         """Return the scene at the end of the last run."""
@@ -127,6 +133,33 @@ class Joined(Presented):
             for result in self.results
         ]
         return "\n".join([*spans, *map(str, self.events)])
+
+
+def _between(before: Result, after: Result) -> list[Event]:
+    """Return the changes where one run ends and the next begins that neither has noted: an event may come just then."""
+    if not (before.trajectory.pieces and after.trajectory.pieces):
+        return []
+    last = before.trajectory.starts.size - 1
+    ended = _shown(before, last, float(before.trajectory.ends[-1]))
+    began = _shown(after, 0, 0.0)
+    t = float(after.trajectory.starts[0])
+    noted = {event.contact for event in after.events if event.t <= t}
+    return [
+        Event(t, name, was, began[name], "between two runs")
+        for name, was in ended.items()
+        if name in began and began[name] != was and name not in noted
+    ]
+
+
+def _shown(result: Result, piece: int, tau: float) -> dict[str, Mode]:
+    """Return the modes that the rows with modes show in one piece of a run, by name."""
+    system = result.trajectory.system
+    shown = result.trajectory.modes(np.array([piece]), np.array([tau]))[1][:, 0]
+    return {
+        row.name: Mode(int(mode))
+        for row, mode, is_free in zip(system.rows, shown, system.free, strict=True)
+        if not is_free
+    }
 
 
 def join(results: Sequence[Result]) -> Joined:

@@ -128,8 +128,8 @@ class Result(Presented):
         """Whether the motion between the outputs was kept, or there is none."""
         return self.trajectory.is_dense or not self.trajectory.pieces
 
-    def _read(self, read: Callable[[Samples], NDArray[Any]]) -> NDArray[Any]:
-        return read(self.samples)
+    def _read(self, read: Callable[[Samples, str], NDArray[Any]], name: str) -> NDArray[Any]:
+        return read(self.samples, name)
 
     def __call__(self, t: float | Sequence[float] | Array) -> Array:
         """Return the states at any times of the simulated span, right limits at events.

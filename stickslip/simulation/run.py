@@ -234,10 +234,10 @@ class Run:
         )
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
-        if motion.equations.open.size:
+        if motion.equations.open.size or not system.all_hard:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
             rest = max(uncertain, self._wanted.velocity_resolution)
-            at_rest &= (motion.equations.modes != OPEN) | (np.abs(w) <= rest)
+            at_rest &= ((motion.equations.modes != OPEN) & system.hard) | (np.abs(w) <= rest)
         stops = arrived(motion, path, now.labels, uncertain)
         # what an impact parts in the instant in which it comes to rest moves on
         touching = at.touching & ~jump.parted | at_rest | stops
@@ -263,10 +263,10 @@ class Run:
         was = self.now.motion.equations.modes[j] if self.now is not None else OPEN
         if was != OPEN or motion.equations.modes[j] == OPEN:
             return
-        normal, rise = (float(abs(one[j])) for one in motion.start.q[:2])
+        normal, rise = (float(one[j]) for one in motion.start.q[:2])
         w = float(motion.start.z[0, j])
         slides = abs(w) > self._wanted.velocity_resolution
-        if slides and normal <= _FROM_NOTHING * rise * motion.horizon:
+        if slides and normal < _FROM_NOTHING * rise * motion.horizon:
             raise ArithmeticError(
                 f"contact {self.system.rows[j].name!r}: its normal force rises from 0, where a bristle is infinitely "
                 "stiff; let it start above 0, or use DryFriction"

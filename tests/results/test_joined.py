@@ -9,7 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Block, Body, Contact, DryFriction, Joined, Result, Scene, join, simulate
+from stickslip import (
+    GROUND,
+    Block,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Joined,
+    Mode,
+    Result,
+    Scene,
+    join,
+    simulate,
+)
+from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark
 
 SCENE = Scene(
     Body("block", inertia=2.0, velocity=3.0),
@@ -148,3 +162,42 @@ def test_a_block_may_have_other_states_in_another_run() -> None:
     found = both.state("clock")
     assert found.shape == (2, 2) and np.isnan(found[1, 0]) and found[0] == pytest.approx([1.0, 1.0])
     assert [ax.get_ylabel() for ax in both.plot().axes] == ["velocity [m/s | rad/s]", "clock"]
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_an_event_at_which_a_run_ends_is_noted_where_it_joins_the_next(number: int) -> None:
+    """The flywheel benchmark, cut at its events: the story is that of the whole, each event once."""
+    scene = flywheel_benchmark()
+    cut = EXACT_EVENTS[number].t
+    first = simulate(scene, (0.0, cut))
+    both = join([first, simulate(first.final_scene(), (cut, BENCHMARK_SPAN[1]))])
+    assert [(e.contact, e.before, e.after) for e in both.events] == [
+        (e.contact, e.before, e.after) for e in EXACT_EVENTS
+    ]
+    np.testing.assert_allclose([e.t for e in both.events], [e.t for e in EXACT_EVENTS], rtol=0, atol=1e-12)
+
+
+def test_a_block_that_a_cut_finds_at_rest_is_at_rest_from_then_on() -> None:
+    # 3 m/s less 1 m/s^2: at rest at 3 s, and but for roundoff there
+    first = simulate(SCENE, (0.0, 3.0))
+    second = simulate(first.final_scene(), (3.0, 4.0))
+    assert first.final_scene().bodies[0].velocity == 0.0
+    assert not second.events and second.mode("floor")[-1] == Mode.STUCK
+    (event,) = join([first, second]).events
+    assert (event.t, event.before, event.after) == (3.0, Mode.FORWARD, Mode.STUCK)
+    assert event.cause in {"between two runs", "relative velocity 0"}
+
+
+def test_another_law_in_the_next_run_may_change_a_mode() -> None:
+    # held by 0.2 * 10 N against 1 N, let go by 0.05 * 10 N
+    pulled = Scene(*SCENE.elements[1:], Body("block", inertia=2.0), Force("block", 1.0))
+    first = simulate(pulled, (0.0, 1.0))
+    second = simulate(first.final_scene().replace("floor", law=DryFriction(0.05, 0.05)), (1.0, 2.0))
+    (event,) = join([first, second]).events
+    assert (event.t, event.before, event.after, event.cause) == (
+        1.0,
+        Mode.STUCK,
+        Mode.FORWARD,
+        "between two runs",
+    )
+    assert second.velocity("block")[-1] == pytest.approx(0.25, abs=1e-12)

@@ -435,6 +435,25 @@ def test_a_gap_whose_damping_is_clipped_presses_a_regularised_contact(law: Law) 
     assert lost == pytest.approx(0.35 * gained, abs=1e-7)
 
 
+@pytest.mark.parametrize("law", [DRY, PreSlip(DRY, 1e-3), LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_normal_force_that_ends_at_the_border_of_a_table(law: Law, seed: int) -> None:
+    # N = s (a - v t) up to a / v, nothing afterwards: both end at once, but for roundoff
+    a, v, s = np.random.default_rng(seed).uniform([0.3, 0.8, 5.0], [0.7, 1.2, 12.0])
+    pressed = saturate(s * (a - position("clock")), 0.0, 9.0)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=3.0),
+        Body("clock", inertia=1.0, velocity=v),
+        Contact("c", "m", GROUND, law, normal=pressed),
+        Force("m", -1.0),
+    )
+    result = simulate(scene, (0.0, 1.5))
+    impulse = DRY.mu_coulomb * s * a**2 / (2 * v)
+    # bristles bend first, and hold no more than sigma z meanwhile
+    assert result.velocity("m")[-1] == pytest.approx(1.5 - impulse, abs=1e-9 if law is DRY else 5e-3)
+    assert not result.events
+
+
 @pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
 def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> None:
     # solvers follow them wrongly: mu N has an impulse of 0.4375 N s from 1.5 s on, of which they found a half

@@ -1,0 +1,119 @@
+"""The steps of many paths side by side: all their polynomials are evaluated at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from stickslip.equations.path import Path, values, whole_integrals
+from stickslip.model.arrays import Array, Indices, Mask
+
+_AT_ONCE = 50_000
+"""Coefficients that are put together at once."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of paths of one kind in a row; the last of each path is a step of length 0, where the path ends."""
+
+    begins: Array  # (k,): local time at which each begins, in s
+    lengths: Array  # (k,): in s
+    firsts: Indices  # (p + 1,): the first step of each path, and how many there are
+    coefficients: Array = field(repr=False)  # (k, terms, size)
+    is_chebyshev: bool
+
+    @classmethod
+    def of(cls, paths: Sequence[Path]) -> Steps:
+        """Return the steps of some paths, at least one; polynomials with fewer terms than others are padded."""
+        begins = np.concatenate([path.taus for path in paths])
+        firsts = np.cumsum([0, *[path.taus.size for path in paths]])
+        lasts = firsts[1:] - 1
+        lengths = np.zeros(begins.size)
+        lengths[:-1] = begins[1:] - begins[:-1]
+        lengths[lasts] = 0.0
+        terms = max([1, *[path.coefficients.shape[1] for path in paths]])
+        coefficients = np.zeros((begins.size, terms, paths[0].last.size))
+        for path, first in zip(paths, firsts.tolist(), strict=False):
+            steps, own, _ = path.coefficients.shape
+            coefficients[first : first + steps, :own] = path.coefficients
+        coefficients[lasts, 0] = [path.last for path in paths]
+        return cls(begins, lengths, firsts, coefficients, any(path.is_chebyshev for path in paths))
+
+    @property
+    def paths(self) -> int:
+        """How many paths there are."""
+        return self.firsts.size - 1
+
+    @property
+    def sizes(self) -> Indices:
+        """How many steps each path has."""
+        return self.firsts[1:] - self.firsts[:-1]
+
+    def values(self, path_of: Indices, taus: Array) -> Array:
+        """Return the states at local times of paths, a row each."""
+        return values(self.coefficients, *self._places(path_of, taus), self.is_chebyshev)
+
+    def integrals(self, path_of: Indices, taus: Array, count: int) -> Array:
+        """Return the integrals of the first states from the starts of paths to local times, a row each."""
+        own = self.coefficients[:, :, :count]
+        step, s = self._places(path_of, taus)
+        whole = self.lengths[:, None] * (whole_integrals(own.shape[1], self.is_chebyshev) @ own)
+        before = np.cumsum(whole, axis=0) - whole
+        inner = self.lengths[step, None] * values(own, step, s, self.is_chebyshev, integrated=True)
+        return np.asarray(before[step] - before[self.firsts[path_of]] + inner)
+
+    def _places(self, path_of: Indices, taus: Array) -> tuple[Indices, Array]:
+        """Return the step that holds each local time, and where in it, from 0 to 1."""
+        numbers = np.arange(self.paths).repeat(self.sizes)
+        # complex numbers are in order of their real parts, those with the same in order of their imaginary parts
+        step = (numbers + 1j * self.begins).searchsorted(path_of + 1j * taus, "right") - 1
+        h = self.lengths[step]
+        return step, np.divide(taus - self.begins[step], h, out=np.zeros(taus.size), where=h > 0)
+
+
+class Blocks:
+    """The steps of many paths, not too many side by side; where there are few, they are put together once."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = paths
+
+    @cached_property
+    def _all(self) -> Steps | None:
+        blocks = list(_limits(self._paths))
+        return Steps.of(self._paths) if len(blocks) == 1 else None
+
+    def __iter__(self) -> Iterator[Steps]:
+        """Yield all steps in order."""
+        if self._all is not None:
+            yield self._all
+        else:
+            yield from (Steps.of(self._paths[some]) for some in _limits(self._paths))
+
+    def of(self, path_of: Indices) -> Iterator[tuple[Mask | slice, Indices, Steps]]:
+        """Yield the steps of paths with some numbers, with the places of these and their numbers among them."""
+        if self._all is not None:
+            yield slice(None), path_of, self._all
+            return
+        is_there = np.zeros(len(self._paths), dtype=bool)
+        is_there[path_of] = True
+        paths = [self._paths[k] for k in is_there.nonzero()[0].tolist()]
+        path_of = (is_there.cumsum() - 1)[path_of]
+        for some in _limits(paths):
+            within = (path_of >= some.start) & (path_of < some.stop)
+            yield within, path_of[within] - some.start, Steps.of(paths[some])
+
+
+def _limits(paths: Sequence[Path]) -> Iterator[slice]:
+    """Yield which paths are put side by side: of the same kind, and not too many."""
+    first = ends = terms = 0
+    for k, path in enumerate(paths):
+        ends, terms = ends + path.taus.size, max(terms, path.coefficients.shape[1])
+        is_other = path.is_chebyshev != paths[first].is_chebyshev
+        if k > first and (is_other or ends * terms * path.last.size > _AT_ONCE):
+            yield slice(first, k)
+            first, ends, terms = k, path.taus.size, path.coefficients.shape[1]
+    if paths:
+        yield slice(first, len(paths))
