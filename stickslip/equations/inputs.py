@@ -119,7 +119,8 @@ class Inputs:
         ).T
         low, high = np.minimum(low, x), np.maximum(high, x)
         size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
-        return low - _BESIDE * size, high + _BESIDE * size
+        beside = np.maximum(_BESIDE * size, self.stretch.beside)
+        return low - beside, high + beside
 
     def normals(self, tau: float | Array, y: Array) -> Array:
         """Return the normal forces at local time `tau`."""

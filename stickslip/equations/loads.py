@@ -38,6 +38,8 @@ class Loads:
         Whether any signal is a function without a known Taylor series.
     regions : tuple of int or None
         The region of each table of the state in which the run is; None where they are looked up.
+    beside : array of float
+        How far beside its region each table may be looked up: roundoff.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Loads:
         self._constant = np.array([*levels, *[0.0] * len(rates), 1.0])
         self._known: dict[int, Stretch] = {}
         self.regions: tuple[int, ...] | None = None
+        self.beside = np.zeros(1)
 
     def goes_on(self, t: float) -> bool:
         """Tell whether nothing but a sample is taken at `t`: all signals go on as they were."""
@@ -91,7 +94,7 @@ class Loads:
             if len(self._known) * self.size >= _MOST_ENTRIES:
                 self._known.clear()
             self._known[number] = found
-        found.regions = self.regions
+        found.regions, found.beside = self.regions, self.beside
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -133,7 +136,7 @@ class Stretch:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
     `value` and `slope` are the straight part, `bent` the entries that are not straight, and `regions` those of tables
-    in which motions begin.
+    in which motions begin, `beside` which by so much they may be looked up.
     """
 
     def __init__(
@@ -147,6 +150,7 @@ class Stretch:
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
         self.regions: tuple[int, ...] | None = None
+        self.beside = np.zeros(1)
         self.is_steady = not slope.any()
         self.has_waves, self.has_functions = bool(waves), bool(functions)
         self.is_straight = not waves and not functions

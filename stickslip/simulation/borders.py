@@ -29,11 +29,12 @@ _MORE = 3
 class Borders:
     """Keeps a run in the regions of its tables; the loads tell motions which these are."""
 
-    def __init__(self, system: System, loads: Loads) -> None:
+    def __init__(self, system: System, loads: Loads, scale: Array) -> None:
+        """Take the states of a scene to be of a `scale`: what is at rest all the while tells none."""
         assert system.dependence is not None
         self._system, self._loads, self._dependence = system, loads, system.dependence
         # the largest values so far: what comes to a border has their roundoff
-        self._sizes = np.zeros(len(system.dependence.tables))
+        self._sizes = system.dependence.sizes_looked_up(scale, loads.size)
 
     def place(self, y: Array, t: float) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
@@ -48,6 +49,8 @@ class Borders:
             inside = low - rough <= x <= high + rough
             found.append(region if inside else self._dependence.region(k, x))
         self._loads.regions = tuple(found)
+        # what a motion takes for left is beyond its border for certain
+        self._loads.beside = 2 * TINY * self._sizes
 
     def cut(self, motion: Motion, path: Path) -> Path:
         """Return a path up to the first border; the regions are those beyond it."""

@@ -71,7 +71,7 @@ class Run:
         self.now: Settled | None = None
         self.watch: Watch | None = None
         tables = system.dependence is not None and system.dependence.tables
-        self._borders = Borders(system, loads) if tables else None
+        self._borders = Borders(system, loads, wanted.atol / wanted.rtol) if tables else None
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
         self.local: Local | None = None

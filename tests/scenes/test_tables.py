@@ -374,3 +374,26 @@ def test_tables_that_are_left_together(way: dict[str, Any], law: DryFriction) ->
     story = [(int(event.before), int(event.after), event.cause) for event in result.events]
     assert story == [(sign, -sign, "open") for sign in (1, -1, 1, -1)]
     assert not result.velocity("rests").any()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_hardly_leaves_a_corner_is_not_followed_in_steps_of_nothing(way: dict[str, Any]) -> None:
+    """A body that is damped forward only is carried along from rest, very slowly at first."""
+    rubs = DryFriction(0.4, 0.2, stribeck_velocity=0.3)
+    scene = Scene(
+        Body("carried", inertia=1.0),
+        Body("carrier", inertia=1.3, velocity=1.0),
+        Contact("floor", "carrier", GROUND, rubs, normal=3.0),
+        Contact(
+            "top",
+            "carried",
+            "carrier",
+            DryFriction(0.3, 0.2),
+            normal=saturate(position("carrier") - 0.2, 0.0, math.inf),
+        ),
+        Force("carrier", sine(2.0, 0.7)),
+        Force("carried", -0.5 * saturate(velocity("carried"), 0.0, math.inf)),
+    )
+    result = simulate(scene, (0.0, 5.0), **way)
+    assert len(result.events) == 19
+    assert result.stats["restarts"] < 30
