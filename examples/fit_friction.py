@@ -14,7 +14,7 @@ import numpy as np
 from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, fit, simulate, step
 
 FIGURE = Path(__file__).parent / "figures" / "fit_friction.png"
-STOP, NOISE, REST = 14.0, 0.01, 0.45
+STOP, NOISE, REST = 9.0, 0.01, 0.45
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
-import subprocess
-import sys
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
@@ -127,16 +125,6 @@ def test_studies_of_any_function_know_no_friction() -> None:
     for name in ("work_precision", "table", "sweeps", "sweep_data"):
         known = {m for m in own(f"stickslip.studies.{name}") if room(m) not in ("studies", "plots")}
         assert not known, f"{name} imports {', '.join(known)}"
-
-
-def test_importing_the_package_loads_no_plots_and_no_tables() -> None:
-    code = "import stickslip, sys; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert "stickslip.simulation.simulate" in loaded
-    for library in ("matplotlib", "pandas", "xarray", "stickslip.plots"):
-        assert library not in loaded
 
 
 @pytest.mark.parametrize("module", [m for m in MODULES if m != "stickslip.__main__"])

@@ -83,7 +83,7 @@ def test_all_examples_keep_to_the_rooms(copy: Path) -> None:
     for section in SECTIONS:
         applied(section, copy)
     rules = shutil.copy(ROOT / "tests" / "test_architecture.py", copy)
-    run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(rules))
+    run(copy, "-m", "pytest", "-q", "--assert=plain", "-p", "no:cacheprovider", str(rules))
 
 
 def test_every_file_of_the_package_is_in_the_tree() -> None:

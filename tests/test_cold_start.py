@@ -1,17 +1,15 @@
-"""What is loaded only where it is needed."""
+"""What is loaded only where it is needed, looked up in a new process."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 
-LOADED = (
-    "import sys; print([name for name in ('sksundae', 'scipy.sparse', 'scipy.optimize', 'matplotlib') "
-    "if name in sys.modules])"
-)
+LATER = ("sksundae", "scipy.sparse", "scipy.optimize", "matplotlib", "pandas", "xarray", "stickslip.plots")
+LOADED = f"import sys; print([name for name in {LATER} if name in sys.modules])"
 
 
-def test_a_small_scene_needs_neither_solvers_nor_sparse_matrices() -> None:
+def test_a_small_scene_needs_neither_solvers_nor_sparse_matrices_nor_plots_nor_tables() -> None:
     program = (
         "import stickslip; from stickslip.benchmark import flywheel_benchmark; "
         "result = stickslip.simulate(flywheel_benchmark(), (0.0, 4.0)); result.velocity('wheel1'); " + LOADED

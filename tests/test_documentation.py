@@ -19,20 +19,14 @@ PAGES = [ROOT / "README.md", *DOCS]
 TEXTS = {path: path.read_text(encoding="utf-8") for path in [*PAGES, ROOT / "CHANGELOG.md"]}
 API = TEXTS[ROOT / "docs" / "api.md"]
 
-# the examples of this page are run in a copy of the package
-SNIPPETS = [
-    (path.name, re.findall(r"^```python\n(.*?)^```", TEXTS[path], flags=re.MULTILINE | re.DOTALL))
+# elsewhere architecture.md is run in a copy of the package, the first code of all in processes of their own
+ELSEWHERE = {"architecture.md", "index.md", "README.md"}
+SNIPPETS = {
+    f"{path.stem}-{k}": code
     for path in PAGES
-    if path.name != "architecture.md"
-]
-_EACH = """
-import sys
-for k, code in enumerate(sys.stdin.read().split("\\0")):
-    exec(compile(code, f"snippet {k + 1}", "exec"), {"__name__": "__main__"})
-    if "matplotlib.pyplot" in sys.modules:
-        sys.modules["matplotlib.pyplot"].close("all")  # each is a program of its own
-"""
-"""Runs snippets one after the other, each by itself: one process for a page, for its imports take a second."""
+    if path.name not in ELSEWHERE
+    for k, code in enumerate(re.findall(r"^```python\n(.*?)^```", TEXTS[path], re.MULTILINE | re.DOTALL), 1)
+}
 
 
 def name_of(path: Path) -> str:
@@ -51,30 +45,14 @@ def resolved(name: str) -> object:
 
 
 def test_there_are_snippets() -> None:
-    assert {name for name, codes in SNIPPETS if codes} >= {
-        "README.md",
-        "index.md",
-        "accuracy.md",
-        "events.md",
-    }
+    assert {"accuracy-1", "cycles-1", "events-1", "how_do_i-20"} <= SNIPPETS.keys()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("page", "codes"), [(page, codes) for page, codes in SNIPPETS if codes], ids=lambda x: str(x)[:20]
-)
-def test_snippets_run(page: str, codes: list[str], tmp_path: Path) -> None:
-    environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", _EACH],
-        input="\0".join(codes),
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, f"{page}: {done.stderr}"
+@pytest.mark.parametrize("name", SNIPPETS)
+def test_a_snippet_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(SNIPPETS[name], name, "exec"), {"__name__": "__main__"})
 
 
 @pytest.mark.slow
@@ -83,14 +61,14 @@ def test_the_readme_prints_what_it_says(tmp_path: Path) -> None:
     code, told = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", text, re.MULTILINE | re.DOTALL)[0]
     environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-W", "error", "-c", code],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.stdout == told
+    assert done.stdout == told, done.stderr
 
 
 def test_every_public_name_is_in_the_api() -> None:

@@ -39,8 +39,12 @@ CRASHES = row("crashes", partial(os._exit, 3))
 @pytest.mark.slow
 def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VALIDATION_PATIENCE", "100")  # a busy machine is no fault
-    # other formulations have tests of their own
-    rows = [r for r in table(1, quick=True) if not r.name.endswith(("/merged", "/multiplier"))]
+    # other formulations and runs that are cut have tests of their own
+    rows = [
+        r
+        for r in table(1, quick=True)
+        if not (r.name.endswith(("/merged", "/multiplier")) or r.name.startswith("continued-"))
+    ]
     assert len(rows) > 100
     status = main([], rows)
     assert status == 0, capsys.readouterr().out
@@ -83,11 +87,11 @@ def test_without_mpmath_one_sentence_says_what_to_install(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("failing", [BAD, NOT_A_NUMBER, RAISES], ids=lambda r: r.name)
-def test_a_failing_row_gives_status_1(failing: Row, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([], rows=[GOOD, failing]) == 1
+def test_failing_rows_give_status_1(capsys: pytest.CaptureFixture[str]) -> None:
+    failing = [BAD, NOT_A_NUMBER, RAISES]
+    assert main([], rows=[GOOD, *failing]) == 1
     out = capsys.readouterr().out
-    assert f"FAIL  {failing.name}" in out and "1 pass, 1 fail" in out
+    assert all(f"FAIL  {row.name}" in out for row in failing) and "1 pass, 3 fail" in out
 
 
 @pytest.mark.slow
@@ -105,7 +109,7 @@ def sleeps_or_fails(hangs: bool) -> float:
 
 
 def tries(*items: partial) -> Tried:
-    return try_each(((f"item {i}", item) for i, item in enumerate(items)), limit=3.0)
+    return try_each(((f"item {i}", item) for i, item in enumerate(items)), limit=0.5)
 
 
 @pytest.mark.slow
@@ -163,12 +167,12 @@ def test_the_report_shows_failures_first(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["eq1-sign", "one-by-one"])
-def test_a_mutation_is_noticed(name: str) -> None:
-    (mutation,) = (m for m in mutations.MUTATIONS if m.name == name)
+def test_mutations_are_noticed() -> None:
+    chosen = [m for m in mutations.MUTATIONS if m.name in ("eq1-sign", "one-by-one")]
+    assert len(chosen) == 2
     rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
     assert all(o.passed for o in run(rows))
-    assert mutations.noticing(mutation, rows)
+    assert all(mutations.noticing(mutation, rows) for mutation in chosen)
 
 
 @pytest.mark.slow

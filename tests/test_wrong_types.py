@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import pytest
 from calls import CALLS, LEAKED, RESULT, STRANGE, Call
 
@@ -45,12 +43,17 @@ def said(call: Call, name: str, value: Any) -> str | None:
     return None
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    path = tmp_path_factory.mktemp("kept") / "kept.npz"
+    RESULT.save(path)
+    return path.read_bytes()
+
+
 @pytest.fixture(autouse=True)
-def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def in_a_folder_of_its_own(kept: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    RESULT.save("kept.npz")
-    yield
-    plt.close("all")
+    (tmp_path / "kept.npz").write_bytes(kept)
 
 
 @pytest.mark.parametrize("call", CALLS, ids=lambda call: call.name)

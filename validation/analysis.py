@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
@@ -269,12 +269,12 @@ def _of_scene(number: int, counts: dict[str, int]) -> float:
     return largest
 
 
-def derivatives(count: int) -> Tried:
+def derivatives(numbers: Sequence[int]) -> Tried:
     """Return the worst derivative of random scenes against differences of exact runs."""
     counts = dict.fromkeys(
         ("compared", "unsettled", "reasoned", "needless", "refused", "alone", "stopped"), 0
     )
-    tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in range(count)), limit=120.0)
+    tried = try_each(((f"scene {n}", partial(_of_scene, n, counts)) for n in numbers), limit=120.0)
     said = (
         f"{counts['compared']} derivatives compared, {counts['unsettled']} more with differences that are uncertain "
         f"by more than {_SETTLED:g}; {counts['reasoned']} parameters with a reason why there is none, "
@@ -500,7 +500,8 @@ def _leine_end() -> tuple[float, str]:
     )
 
 
-QUICK_SCENES, SCENES = 3, 300
+QUICK_SCENES, SCENES = (12, 33, 39, 47), range(300)
+"""Numbers of random scenes; the quick ones have a stop, a gap, a stop on a drive, and a saturated controller."""
 
 
 # -- fits --------------------------------------------------------------------------------------------------------
@@ -548,17 +549,17 @@ def _fits(count: int) -> tuple[float, str]:
     )
 
 
-def rows(count: int) -> list[Row]:
-    """Return the rows, with the derivatives of so many random scenes."""
+def rows(numbers: Sequence[int]) -> list[Row]:
+    """Return the rows, with the derivatives of these random scenes."""
     return [
         analysis_row(
             "analysis-derivatives",
-            f"two derivatives of {count} random scenes with stops, gaps and saturations, against differences",
+            f"two derivatives of {len(numbers)} random scenes with stops, gaps and saturations, against differences",
             "differences of eighth order between runs",
-            partial(derivatives, count),
+            partial(derivatives, numbers),
             1e-6,
             tries="random scenes with derivatives",
-            limit=60.0 + 15.0 * count,
+            limit=60.0 + 15.0 * len(numbers),
         ),
         analysis_row(
             "analysis-fold",

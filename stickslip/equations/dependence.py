@@ -228,15 +228,20 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_sizes(self, q: Array, y: Array, slopes: Array | None, values: bool) -> None:
-        """Add what adds up in the inputs, in place; `slopes` are those of the functions."""
-        if slopes is not None:
-            for own in self._ranges:
-                q[own] += np.abs(slopes[own]) @ y[self.columns]
-        else:
-            for k in self.tables:
-                offset, slope = np.abs(self._lines[k]).max(axis=0)
-                q[self._ranges[k]] += slope * self.arguments[k].sizes(y, q) + (offset if values else 0.0)
+    def add_sizes(self, q: Array, y: Array, slopes: Sequence[Array] | None, values: Array | None) -> None:
+        """Add what adds up in the inputs, in place.
+
+        `slopes` are the derivatives of functions with respect to their arguments, None where all are tables, and
+        `values` the inputs themselves, None for their rates.
+        """
+        for k, (part, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
+            sizes = part.sizes(y, q)
+            if slopes is not None:
+                # what adds up within a function is not known: no less than its value
+                q[own] += np.abs(slopes[k]) @ sizes + (0.0 if values is None else np.abs(values[own]))
+                continue
+            offset, slope = np.abs(self._lines[k]).max(axis=0)
+            q[own] += slope * sizes + (0.0 if values is None else offset)
         if self.rows.size:
             q[self.rows] += self._normals.sizes(y, q)
 
@@ -247,23 +252,30 @@ class Dependence:
         found = np.zeros((q.size, self.columns.size))
         # what grows beyond all limits fails where it is a rate
         with np.errstate(over="ignore", invalid="ignore"):
-            for number, (node, part, own) in enumerate(
-                zip(self.nodes, self.arguments, self._ranges, strict=True)
-            ):
-                arguments = part.at(y, q)
-                if node.table is not None:
-                    by_arguments = np.array([[self._line(number, arguments[0], regions)[1]]])
-                elif node.row < 0:
-                    by_arguments = node.slopes(t, arguments)
-                else:
-
-                    def heat(x: Array, node: Node = node) -> Array:
-                        return np.array([_power(node, x, tau, y, friction)])
-
-                    by_arguments = differences(heat, arguments, q[own])
-                found[own] = by_arguments @ part.slopes(self.columns, found)
+            by_arguments = self.slopes_by_arguments(q, y, t, tau, friction, regions)
+            for slopes, part, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
+                found[own] = slopes @ part.slopes(self.columns, found)
             if self.rows.size:
                 found[self.rows] += self._normals.slopes(self.columns, found)
+        return found
+
+    def slopes_by_arguments(
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+    ) -> list[Array]:
+        """Return for each node the derivatives of its values with respect to its arguments, a line per value."""
+        found = []
+        for number, (node, part) in enumerate(zip(self.nodes, self.arguments, strict=True)):
+            arguments = part.at(y, q)
+            if node.table is not None:
+                found.append(np.array([[self._line(number, arguments[0], regions)[1]]]))
+            elif node.row < 0:
+                found.append(node.slopes(t, arguments))
+            else:
+
+                def heat(x: Array, node: Node = node) -> Array:
+                    return np.array([_power(node, x, tau, y, friction)])
+
+                found.append(differences(heat, arguments, q[self._ranges[number]]))
         return found
 
 

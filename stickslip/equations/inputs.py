@@ -332,12 +332,14 @@ class Inputs:
         """Add what adds up in the inputs that depend on the state, in place."""
         dependence = self.dependence
         assert dependence is not None
-        slopes = None if dependence.is_linear else self._start_slopes
-        dependence.add_sizes(q, y, slopes, values)
+        slopes = None if dependence.is_linear else self._slopes_by_arguments
+        dependence.add_sizes(q, y, slopes, self.start_inputs if values else None)
 
     @cached_property
-    def _start_slopes(self) -> Array:
-        return self.input_slopes(0.0, self.y)
+    def _slopes_by_arguments(self) -> list[Array]:
+        assert self.dependence is not None
+        y = self.exact(0.0, self.y)
+        return self.dependence.slopes_by_arguments(self.start_inputs, y, self.t, 0.0, self, self.regions)
 
 
 class Linked:

@@ -74,7 +74,7 @@ class Loads:
     def periods(self, start: float, stop: float, parts: int) -> Array:
         """Return times that cut a span into as many parts as fit `parts` into each of the shortest periods."""
         count = math.ceil(parts * (stop - start) / self.period) if stop > start else 1
-        return np.linspace(start, stop, max(count, 1) + 1)
+        return np.linspace(start, stop, count + 1) if count > 1 else np.array([start, stop])
 
     def next_break(self, t: float, stop: float) -> float:
         """Return the first break after `t`, or `stop`."""

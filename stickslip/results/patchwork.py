@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import OPEN
-from stickslip.equations.path import Path, powers
+from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -22,7 +22,6 @@ from stickslip.results.pickled import PickledByFields
 
 T = TypeVar("T", bound=np.generic)
 
-_AT_ONCE = 100_000
 _VALUES = 64_000
 """Values that are computed at once: memory stays near the processor."""
 
@@ -156,17 +155,21 @@ class Series(PickledByFields):
         """
         own, counts = held.entries, held.counts
         begin, bent = (self.first, self.is_moved) if integrated else (self.terms[:, 0], self.is_bent)
-        begin, bent = begin[own], bent[own]
+        begin, bent = begin[own], bent[own] & (counts > 0)
         found = begin.repeat(counts)
         if not bent.any():
             return found.reshape(held.shape)
-        places = slice(None) if bent.all() else bent.repeat(counts).nonzero()[0]
-        orders, counts = np.ascontiguousarray(self.terms[own][bent].T), counts[bent]
+        places: slice | Indices = slice(None)
+        if not bent.all():
+            places = bent.repeat(counts).nonzero()[0]
+            own = bent.nonzero()[0] + own.start if isinstance(own, slice) else own[bent]
+            begin, counts = begin[bent], counts[bent]
+        orders = np.ascontiguousarray(self.terms[own].T)
         if integrated:
             factors = unit / np.arange(1, orders.shape[0] + 1)
-            orders = np.concatenate([begin[bent][None], orders * factors[:, None]])
+            orders = np.concatenate([begin[None], orders * factors[:, None]])
         s = held.of_all(t)[places]
-        s -= self.origin[own][bent].repeat(counts)
+        s -= self.origin[own].repeat(counts)
         s /= unit
         value = orders[-1].repeat(counts)
         for order in orders[-2::-1]:
@@ -202,19 +205,14 @@ def _largest_over(first: Indices, last: Indices, values: Array, size: int) -> Ar
         return found
     # a range is two of a power of 2 that overlap; each of these is two of half its length
     powers = np.log2(last - first).astype(np.intp)
+    begins, values = np.append(first, last - (1 << powers)), np.append(values, values)
+    both = np.append(powers, powers)
     for power in range(int(powers.max()), -1, -1):
         length = 1 << power
         np.maximum(found[length:], found[:-length].copy(), out=found[length:])
-        own = powers == power
-        np.maximum.at(found, first[own], values[own])
-        np.maximum.at(found, last[own] - length, values[own])
+        own = both == power
+        np.maximum.at(found, begins[own], values[own])
     return found
-
-
-def _at_once(count: int) -> Iterator[slice]:
-    """Yield so many things in slices, not too many at once."""
-    for first in range(0, count, _AT_ONCE):
-        yield slice(first, min(first + _AT_ONCE, count))
 
 
 @dataclass(frozen=True)
@@ -347,11 +345,13 @@ class Patchwork(PickledByFields):
         ends = Held(entries, np.ones(entries.size, dtype=np.intp), (n, 2))
         return self._position(ends, np.array([self.starts[0], self.stop])).T
 
-    def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> tuple[Modes, Modes]:
-        """Return modes of rows at times of pieces as the equations know them, and modes that they show."""
+    def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
+        """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
-        inner = inner.astype(np.int8, copy=False)
-        return inner, np.where(inner == OPEN, self.labels[rows, None], inner)
+        found = np.empty((2, *inner.shape), dtype=np.int8)
+        found[:] = inner
+        np.copyto(found[1], self.labels[rows, None], where=inner == OPEN, casting="unsafe")
+        return found
 
     def since_when(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return since when rows rest at times of pieces, in s."""
@@ -377,49 +377,48 @@ class Patchwork(PickledByFields):
         lasts[self.bodies.firsts[1:] - 1] = self.stop
         return lasts
 
-    @cached_property
+    @property
     def ranges(self) -> tuple[Array, Array]:
         """The least and the largest velocities of all bodies, and with them how far each has come."""
-        series = self.bodies
+        return self._course[:2]
+
+    @cached_property
+    def _course(self) -> tuple[Array, Array, Array]:
+        """The ranges of velocities and positions of the bodies, and bounds of ``|v'|`` and ``|v''|`` of each entry.
+
+        ``|v'| <= sum k |c_k| s^(k-1)``, and ``|v''|`` is at most the derivative of that.
+        """
+        series, last = self.bodies, self._lasts
         begins = self.ticks[series.tick]
-        t = begins + np.arange(_IN_ENTRY)[:, None] / (_IN_ENTRY - 1) * (self._lasts - begins)
-        s = (t - series.origin) / self.unit
-        found = np.zeros((2, *s.shape))
-        for k in range(series.terms.shape[1], 0, -1):
+        t = begins + np.arange(_IN_ENTRY)[:, None] / (_IN_ENTRY - 1) * (last - begins)
+        s, longest = (t - series.origin) / self.unit, np.abs(last - series.origin) / self.unit
+        found, bounds = np.zeros((2, *s.shape)), np.zeros((2, last.size))
+        for k in range(series.terms.shape[1] - 1, -1, -1):
+            c = series.terms[:, k]
             found *= s
-            found[0] += series.terms[:, k - 1]
-            found[1] += series.terms[:, k - 1] / k
+            found[0] += c
+            found[1] += c / (k + 1)
+            if k:
+                bounds[1] *= longest
+                bounds[1] += bounds[0]
+                bounds[0] *= longest
+                bounds[0] += k * np.abs(c)
         found[1] *= s * self.unit
         found[1] += series.first
         starts = series.firsts[:-1]
-        low, high = found.min(axis=1), found.max(axis=1)
-        return np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
+        low = np.minimum.reduceat(found.min(axis=1), starts, axis=1)
+        high = np.maximum.reduceat(found.max(axis=1), starts, axis=1)
+        return low, high, bounds / [[self.unit], [self.unit**2]]
 
     def worst(self, speed: Array, distance: Array) -> Array:
         """Return for each step the largest second derivative, as a part of what is given for each body's."""
-        begins, _ = self.steps
+        series, (begins, _) = self.bodies, self.steps
+        bend = (self._course[2] / [distance[series.thing], speed[series.thing]]).max(axis=0)
+        bent = bend.nonzero()[0]
+        first = begins.searchsorted(self.ticks[series.tick[bent]])
+        last = np.maximum(begins.searchsorted(self._lasts[bent]), first + 1)
         h = np.append(begins[1:], self.stop) - begins
-        own_begins, own_ends, bend = self._bends(speed, distance)
-        first = begins.searchsorted(own_begins)
-        last = np.maximum(begins.searchsorted(own_ends), first + 1)
-        return _largest_over(first, last, bend, begins.size) * h * h
-
-    def _bends(self, speed: Array, distance: Array) -> tuple[Array, Array, Array]:
-        """Return of all series that bend when they begin and end, and the largest second derivative of each."""
-        series = self.bodies
-        bent = series.is_bent.nonzero()[0]
-        bend = np.empty(bent.size)
-        k = np.arange(1.0, series.terms.shape[1])
-        for some in _at_once(bent.size):
-            own = bent[some]
-            size, thing = np.abs(series.terms[own]), series.thing[own]
-            s = np.abs(self._lasts[own] - series.origin[own]) / self.unit
-            grown = powers(s, k.size - 1)
-            # |x''| = |v'| <= sum k |c_k| s^(k-1), and |v''| likewise
-            rate = (size[:, 1:] * grown) @ k / self.unit / distance[thing]
-            lower = (size[:, 2:] * grown[:, :-1]) @ (k[1:] * k[:-1])
-            bend[some] = np.maximum(lower / self.unit**2 / speed[thing], rate)
-        return self.ticks[series.tick[bent]], self._lasts[bent], bend
+        return _largest_over(first, last, bend[bent], begins.size) * h * h
 
     # -- piece by piece --------------------------------------------------------------------------------------
 

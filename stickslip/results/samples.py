@@ -26,8 +26,7 @@ from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
 
-T = TypeVar("T")
-S = TypeVar("S", bound=np.generic)
+T = TypeVar("T", bound=np.generic)
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
@@ -92,11 +91,17 @@ class Samples(PickledByFields):
 
     def body(self, name: str) -> int:
         """Return the number of a body, drive or the ground."""
-        return _named(self.system.index, name, "body")
+        try:
+            return self.system.index[name]
+        except (KeyError, TypeError):
+            raise _unknown(self.system.index, name, "body") from None
 
     def row(self, name: str) -> int:
         """Return the number of a contact or another row."""
-        return _named(self._row_of, name, "contact")
+        try:
+            return self._row_of[name]
+        except (KeyError, TypeError):
+            raise _unknown(self._row_of, name, "contact") from None
 
     @cached_property
     def _row_of(self) -> dict[str, int]:
@@ -194,11 +199,15 @@ class Samples(PickledByFields):
         j = self.row(row)
         if self.kept is None:
             return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
-        return _line(getattr(self, table), j)
+        line: NDArray[Any] = getattr(self, table)[j]
+        return line
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
-        return _named(self.system.blocks, name, "block")
+        try:
+            return self.system.blocks[name]
+        except (KeyError, TypeError):
+            raise _unknown(self.system.blocks, name, "block") from None
 
     def states_of(self, block: str) -> Array:
         """Return the states of a block, a line each."""
@@ -297,20 +306,23 @@ class Samples(PickledByFields):
         return self._levels(1) if self.system.has_sides[self.rows].any() else self.forward_levels
 
     def _levels(self, side: int) -> Array:
-        system, rows, normals = self.system, self.rows, self.normals
+        system, rows = self.system, self.rows
         static, least, dwell = (
             x[:, None] for x in (system.mu_s[side, rows], system.least[side, rows], system.dwell[rows])
         )
-        levels = static * normals
-        slow = (system.dwell[rows] > 0).nonzero()[0]
-        if slow.size:
+        is_slow = system.dwell[rows] > 0
+        levels = static.repeat(self.t.size, axis=1)
+        if is_slow.any():
+            slow = slice(None) if is_slow.all() else is_slow.nonzero()[0]
             since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
             since -= self.t
             since /= dwell[slow]
             lag = np.exp(since, out=since)
             lag *= static[slow] - least[slow]
             risen = np.subtract(static[slow], lag, out=lag)
-            levels[slow] = np.where(self.modes[slow] == 0, risen, least[slow]) * normals[slow]
+            np.copyto(risen, least[slow], where=self.modes[slow] != 0)
+            levels[slow] = risen
+        levels *= self.normals
         if system.has_stops:
             closed = self.modes[system.is_stop[rows]] == (Mode.BACKWARD if side else Mode.FORWARD)
             levels[system.is_stop[rows]] = np.where(closed, np.inf, 0.0)
@@ -344,10 +356,11 @@ class Samples(PickledByFields):
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)
         if not trajectory.is_patchwork:
             self._act(forces)
-            pushed = self._piecewise(self.inputs)
+            pushed = self._piecewise(self.inputs) if system.piecewise.count else None
             self._hold(forces, pushed)
-            shows = system.piecewise.is_force.nonzero()[0]
-            forces[system.piecewise.row[shows]] = pushed[shows]
+            if pushed is not None:
+                shows = system.piecewise.is_force
+                forces[system.piecewise.row[shows]] = pushed[shows]
         return _for_reading(forces)
 
     def _act(self, forces: Array) -> None:
@@ -370,8 +383,6 @@ class Samples(PickledByFields):
         """Return the values of the piecewise-linear functions, a line each."""
         functions = self.system.piecewise
         found = np.zeros((functions.count, self.t.size))
-        if not functions.count:
-            return found
         for number, chosen in by_piece(self.piece_of):
             at = functions.places(self.trajectory.pieces[number].regions)
             found[:, chosen] = (
@@ -379,19 +390,20 @@ class Samples(PickledByFields):
             )
         return found
 
-    def _hold(self, forces: Array, pushed: Array) -> None:
+    def _hold(self, forces: Array, pushed: Array | None) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         system, q, sets = self.system, self.inputs, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
-        if pushed.size:
+        if pushed is not None:
             pushes += system.piecewise.acts @ pushed
-        drives = system.drive_accelerations(q) if system.drives else None
+        drives = system.drive_accelerations(q)
+        is_even = not drives.any()
         for held, chosen in sets:
             rows = np.frombuffer(held, dtype=bool).nonzero()[0]
             balance = system.balance(held)
-            own, led = pushes[:, chosen], None if drives is None else drives[:, chosen]
+            own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
             if isinstance(chosen, slice):
                 forces[rows, chosen] = rest
@@ -399,21 +411,18 @@ class Samples(PickledByFields):
                 forces[rows[:, None], chosen] = rest
 
 
-def _named(known: Mapping[str, T], name: str, what: str) -> T:
-    """Return what has a name; a ValueError says which names there are."""
-    try:
-        return known[name]
-    except (KeyError, TypeError):
-        some = ", ".join(map(repr, list(known)[:10])) or "none"
-        raise ValueError(f"no {what} is called {name!r}; known are {some}") from None
+def _unknown(known: Mapping[str, Any], name: str, what: str) -> ValueError:
+    """Return an error that says which names there are."""
+    some = ", ".join(map(repr, list(known)[:10])) or "none"
+    return ValueError(f"no {what} is called {name!r}; known are {some}")
 
 
-def _line(table: NDArray[S], i: int) -> NDArray[S]:
-    line: NDArray[S] = table[i]
+def _line(table: NDArray[T], i: int) -> NDArray[T]:
+    line: NDArray[T] = table[i]
     return line
 
 
-def _for_reading(table: NDArray[S]) -> NDArray[S]:
+def _for_reading(table: NDArray[T]) -> NDArray[T]:
     """Return a table of which many read lines: no one may write to it."""
     table.flags.writeable = False
     return table

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.path import Path, values, whole_integrals
-from stickslip.model.arrays import Array, Indices, Mask
+from stickslip.model.arrays import Array, Complex, Indices, Mask
 
 _AT_ONCE = 50_000
 """Coefficients that are put together at once."""
@@ -30,16 +30,15 @@ class Steps:
         """Return the steps of some paths, at least one; polynomials with fewer terms than others are padded."""
         begins = np.concatenate([path.taus for path in paths])
         firsts = np.cumsum([0, *[path.taus.size for path in paths]])
-        lasts = firsts[1:] - 1
         lengths = np.zeros(begins.size)
         lengths[:-1] = begins[1:] - begins[:-1]
-        lengths[lasts] = 0.0
+        lengths[firsts[1:] - 1] = 0.0
         terms = max([1, *[path.coefficients.shape[1] for path in paths]])
         coefficients = np.zeros((begins.size, terms, paths[0].last.size))
         for path, first in zip(paths, firsts.tolist(), strict=False):
             steps, own, _ = path.coefficients.shape
             coefficients[first : first + steps, :own] = path.coefficients
-        coefficients[lasts, 0] = [path.last for path in paths]
+            coefficients[first + steps, 0] = path.last
         return cls(begins, lengths, firsts, coefficients, any(path.is_chebyshev for path in paths))
 
     @property
@@ -67,11 +66,18 @@ class Steps:
 
     def _places(self, path_of: Indices, taus: Array) -> tuple[Indices, Array]:
         """Return the step that holds each local time, and where in it, from 0 to 1."""
+        begins, lengths = self._order
+        step = begins.searchsorted(path_of + 1j * taus, "right") - 1
+        return step, (taus - self.begins[step]) / lengths[step]
+
+    @cached_property
+    def _order(self) -> tuple[Complex, Array]:
+        """Paths and begins of steps as numbers that are in order, and lengths by which times are divided.
+
+        Complex numbers are in order of their real parts, those with the same in order of their imaginary parts.
+        """
         numbers = np.arange(self.paths).repeat(self.sizes)
-        # complex numbers are in order of their real parts, those with the same in order of their imaginary parts
-        step = (numbers + 1j * self.begins).searchsorted(path_of + 1j * taus, "right") - 1
-        h = self.lengths[step]
-        return step, np.divide(taus - self.begins[step], h, out=np.zeros(taus.size), where=h > 0)
+        return numbers + 1j * self.begins, np.where(self.lengths > 0, self.lengths, 1.0)
 
 
 class Blocks:

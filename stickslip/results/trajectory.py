@@ -307,7 +307,7 @@ class Trajectory(PickledByFields):
             piece_of,
             taus,
             lambda own, taus: self._modes[:, rows][:, :, own],
-            lambda part, own, times: np.array(part.modes(own, times, rows)),
+            lambda part, own, times: part.modes(own, times, rows),
         )
         return inner, shown
 

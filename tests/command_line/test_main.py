@@ -76,7 +76,8 @@ def test_benchmark_prints_events_beside_exact_ones_and_draws(here, capsys):
 
 
 @pytest.mark.slow
-def test_benchmark_options(here, capsys):
+def test_benchmark_options(here, capsys, monkeypatch):
+    monkeypatch.setattr("stickslip.__main__._REPEATS", 1)  # nobody asks for times
     assert main(["--no-plot", "--rtol", "1e-6", "--atol", "1e-8"]) == 0
     assert not list(here.glob("*.png"))
     assert main(["--plot", "other.svg"]) == 0
@@ -246,7 +247,7 @@ def test_bad_sweeps_exit_with_2_and_say_what_to_change(here, capsys, arguments, 
 def test_tradeoff_measures_and_recommends(here, capsys, monkeypatch):
     count_work(monkeypatch)
     (here / "scene.toml").write_text(SCENE.replace("span = [0, 4]", "span = [0, 1]"))
-    assert main(["tradeoff", "scene.toml", "--budget", "4", "--error", "1e-3", "--plot", "o.svg"]) == 0
+    assert main(["tradeoff", "scene.toml", "--budget", "1", "--error", "1e-3", "--plot", "o.svg"]) == 0
     text = capsys.readouterr().out
     assert "recommended: simulate(scene" in text and "reference: " in text
     assert (here / "o.svg").exists()

@@ -179,10 +179,10 @@ def test_projection_conserves_momentum(kind: str) -> None:
 def test_inertias_may_differ_by_eighteen_orders(m: list[float], kind: str) -> None:
     for forces in ([1.0, 0, 0, 0], [0, 0, 1.0, 0], [1.0, -2.0, 3.0, 0.7], [0, 0, 0, 1.0]):
         case = Case(m, chain(4), forces)
-        acceleration, force = case.solved(kind)
+        (acceleration, force), expected = case.solved(kind), exact(case)
         # backward stable: as exact as the forces that enter
-        np.testing.assert_allclose(force, exact(case)[1], rtol=1e-12, atol=1e-15)
-        np.testing.assert_allclose(acceleration, exact(case)[0], rtol=1e-12)
+        np.testing.assert_allclose(force, expected[1], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(acceleration, expected[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -191,17 +191,18 @@ def test_a_light_body_between_heavy_ones_keeps_its_digits(kind: str) -> None:
     np.testing.assert_allclose(case.solved(kind)[1], exact(case)[1], rtol=1e-15)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(5))
-def test_chains_of_twenty_with_masses_over_24_decades(seed: int, kind: str) -> None:
+def test_chains_of_twenty_with_masses_over_24_decades(seed: int) -> None:
     numbers = np.random.default_rng(seed)
     m = (10.0 ** numbers.uniform(-12, 12, 20)).tolist()
     case = Case(m, chain(20), numbers.uniform(-1, 1, 20).tolist())
-    acceleration, force = case.solved(kind)
     expected = exact(case)
-    np.testing.assert_allclose(acceleration, expected[0], rtol=1e-13)
-    assert np.unique(acceleration).size == 1
-    np.testing.assert_allclose(force, expected[1], rtol=0, atol=1e-14 * np.abs(case.forces).sum())
+    for kind in KINDS:
+        acceleration, force = case.solved(kind)
+        np.testing.assert_allclose(acceleration, expected[0], rtol=1e-13, err_msg=kind)
+        assert np.unique(acceleration).size == 1, kind
+        scale = np.abs(case.forces).sum()
+        np.testing.assert_allclose(force, expected[1], rtol=0, atol=1e-14 * scale, err_msg=kind)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -402,7 +403,7 @@ def test_any_rows_in_all_ways_and_as_the_dense_equations_say(case: Case, pull: f
         assert (found.loop >= 0).any() == (rank < len(case.rows))
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(cases())
 def test_many_columns_of_forces_at_once(case: Case) -> None:
     wide = np.outer(case.forces, [1.0, -2.0, 0.0])
@@ -416,7 +417,7 @@ def test_many_columns_of_forces_at_once(case: Case) -> None:
             np.testing.assert_allclose(forces[:, k], found.held_forces(wide[:, k], alone), rtol=0, atol=1e-9)
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(cases())
 def test_magnitudes_bound_what_they_are_for(case: Case) -> None:
     """They are what adds up: never less than what comes of it."""

@@ -407,8 +407,8 @@ def test_long_names_leave_room_for_the_axes():
 
 def test_every_label_is_text_that_the_font_has(chain, blocks):
     for figure in (plots.overview(chain), plots.overview(blocks)):
+        assert sum(bool(text.get_text()) for text in figure.findobj(Text)) > 20
         figure.draw_without_rendering()  # a missing glyph would warn, and warnings are errors here
-        assert all(isinstance(text, Text) for text in figure.findobj(Text))
 
 
 def test_sampling_keeps_the_limits_at_events(wheels):

@@ -90,9 +90,8 @@ def test_what_is_refused_leaves_no_empty_figure(refused: Callable[[Result], Any]
 
 @pytest.mark.slow
 def test_pages_and_notebooks_leave_no_figure_behind(wheels: Result, tmp_path: Path) -> None:
-    for number in range(3):
-        wheels.report(tmp_path / f"{number}.html")
-        assert "<svg" in wheels.scene._repr_html_() and "<img" in wheels._repr_html_()
+    wheels.report(tmp_path / "run.html")
+    assert "<svg" in wheels.scene._repr_html_() and "<img" in wheels._repr_html_()
     assert plt.get_fignums() == []
     # also not after one that failed
     with pytest.raises(OSError, match="no-such-folder"):

@@ -130,6 +130,7 @@ def test_everything_by_name_is_read_through_all_runs(changed: Joined) -> None:
         even.velocity("wheels")
 
 
+@pytest.mark.slow
 def test_it_draws_and_tells_all_runs(changed: Joined, tmp_path: Path) -> None:
     assert [body.name for body in changed.scene.bodies] == ["wheel", "lost"]
     assert changed.scene.bodies[0].inertia == 2.0

@@ -422,7 +422,7 @@ def test_den_hartog_limit_is_where_the_motion_reverses(beta: float) -> None:
     limit = analytic.den_hartog_limit(beta)
     inside, at_limit = analytic.den_hartog(beta, 0.999 * limit), analytic.den_hartog(beta, limit)
     smaller = replace(at_limit, amplitude=0.99 * at_limit.amplitude)
-    times = [mp.pi / exact(beta) * n / 2000 for n in range(1, 2000)]
+    times = [mp.pi / exact(beta) * n / 500 for n in range(1, 500)]
     assert all(inside.state(t)[1] < 0 for t in times)
     assert any(smaller.state(t)[1] > 0 for t in times)
     with pytest.raises(ValueError, match="stops"):

@@ -24,10 +24,12 @@ from stickslip import (
     When,
     explain,
     feedback,
+    piecewise_linear,
     position,
     power,
     saturate,
     simulate,
+    sine,
     velocity,
 )
 from validation.forms import difference, random_scene
@@ -217,3 +219,35 @@ def test_a_changed_closure_is_called_again() -> None:
     gain[0] = 2.0
     assert abs(first - math.exp(-1.0)) < 1e-6
     assert abs(simulate(scene, (0.0, 1.0)).velocity("a")[-1] - math.exp(-2.0)) < 1e-6
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("clock", [TIME, position("clock")])
+@pytest.mark.parametrize("beside", [0, 1])
+def test_a_normal_force_that_is_a_function_ends_and_begins_again(
+    way: dict[str, Any], clock: Any, beside: int
+) -> None:
+    """N = 2 - 4 sin 3t: what rubs beside it goes on meanwhile, and all is as with a sine over time."""
+
+    def scene(normal: Any) -> Scene:
+        rubs = [
+            Body("rubs", inertia=1.0, velocity=1.0),
+            Contact("constant", "rubs", GROUND, DryFriction(0.3, 0.2), normal=1.0),
+        ]
+        return Scene(
+            Body("clock", inertia=1.0, velocity=1.0),
+            Body("pressed", inertia=1.0, velocity=1.0),
+            Contact("by function", "pressed", GROUND, DryFriction(0.3, 0.2), normal=normal),
+            Force("pressed", piecewise_linear([0.0, 1.0, 3.0], [0.0, 0.7, -2.0])),
+            *rubs[: 2 * beside],
+        )
+
+    exact = simulate(scene(sine(-4.0, 1.5 / math.pi, 0.0, 2.0)), (0.0, 3.0))
+    assert exact.stats["engine"] == "Taylor series"
+    found = simulate(scene(feedback(lambda t: 2.0 - 4.0 * math.sin(3.0 * t), clock)), (0.0, 3.0), **way)
+    stories = [[(event.contact, event.before, event.after) for event in run.events] for run in (found, exact)]
+    assert stories[0] == stories[1]
+    assert abs(found.velocity("pressed")[-1] - exact.velocity("pressed")[-1]) < 1e-7
+    np.testing.assert_allclose(
+        [event.t for event in found.events], [event.t for event in exact.events], atol=1e-6
+    )

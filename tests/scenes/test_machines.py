@@ -514,18 +514,6 @@ def test_a_freewheel_from_an_anisotropic_law(options: dict[str, Any], off: float
     np.testing.assert_allclose(at.velocity("m"), [0, 6 / math.pi, 6 / math.pi], atol=off)
 
 
-def test_drag_alone() -> None:
-    scene = Scene(
-        Body("m", inertia=2),
-        Contact("drag", "m", GROUND, DryFriction(0, 0, kinetic=lambda v: v * v), normal=0.4),
-        Force("m", step(0.1, 0, 10)),
-    )
-    result = simulate(scene, (0, 5))
-    assert result.velocity("m")[-1] == pytest.approx(5 * math.tanh(4.9), abs=1e-6)
-    slows = Scene(Body("m", inertia=2, velocity=20), scene.contacts[0])
-    assert simulate(slows, (0, 5)).velocity("m")[-1] == pytest.approx(0.9523809523809523, abs=1e-6)
-
-
 # -- files, words, pictures -------------------------------------------------------------------------------
 
 

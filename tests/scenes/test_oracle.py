@@ -117,6 +117,7 @@ def test_two_bodies_lock_and_share_a_load() -> None:
     assert found.friction(1.5) == pytest.approx([1.5], abs=1e-14)
 
 
+@pytest.mark.slow
 def test_a_curved_load_and_a_stribeck_curve_are_integrated() -> None:
     # friction 2 + exp(-|w|/0.5) from 3 N on: v' = -(2 + exp(-2 v)), so 2 v = ln((C exp(-4 t) - 1)/2)
     found = solve(block(0.0, velocity=1.0, vs=0.5, delta=1.0))

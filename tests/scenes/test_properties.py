@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given, note, settings
 from hypothesis import strategies as st
 
 from stickslip import (
@@ -38,7 +38,7 @@ SCENES = settings(
     suppress_health_check=[HealthCheck.too_slow],
     database=None,
 )
-FEWER = settings(SCENES, max_examples=20)
+FEWER = settings(SCENES, max_examples=16)
 seeds = st.integers(0, 10**9)
 
 
@@ -179,6 +179,15 @@ def limits(scene: Scene, result: Result) -> tuple[float, float]:
     return max(1e-3, *speeds), max([1e-3, *forces])
 
 
+def kinetic(law: DryFriction, w: np.ndarray, mode: np.ndarray) -> np.ndarray:
+    """The kinetic coefficients at relative velocities, 0 where the contact does not slip."""
+    forward, backward = ((law.mu_static, law.mu_coulomb), (law.mu_static_backward, law.mu_coulomb_backward))
+    static, coulomb = (np.where(mode < 0, *pair) for pair in zip(backward, forward, strict=True))
+    if law.stribeck_velocity is not None:
+        coulomb = coulomb + (static - coulomb) * np.exp(-((np.abs(w) / law.stribeck_velocity) ** 2))
+    return np.where(mode == 0, 0.0, coulomb)
+
+
 def check_laws(scene: Scene, result: Result) -> None:
     speed, force = limits(scene, result)
     for contact in scene.contacts:
@@ -191,7 +200,7 @@ def check_laws(scene: Scene, result: Result) -> None:
         assert np.all(np.abs(w[stuck]) <= 4e-16 * speed)
         assert np.all(np.abs(r[stuck]) <= result.breakaway(name)[stuck] + 1e-7 * force)
         # slipping ones resist with the kinetic force
-        mu = np.array([contact.law.mu_k(abs(x), int(m)) if m else 0.0 for x, m in zip(w, mode, strict=True)])
+        mu = kinetic(contact.law, w, mode)
         np.testing.assert_allclose(r[slips], (mode * mu * normal)[slips], rtol=0, atol=1e-7 * force)
         assert np.all((w * mode)[slips] >= -1e-7 * speed)
         np.testing.assert_allclose(r[normal == 0], 0.0, atol=1e-14 * force)
@@ -244,12 +253,9 @@ def test_a_scene_moves_as_its_laws_say(seed: int) -> None:
     whole = simulate(scene, (0.0, STOP))
     check_events(whole)
     _, points = within_steps(whole)
-    again = simulate(
-        scene, (0.0, STOP), t_eval=np.union1d(points, np.unique(whole.t)[:: 1 + whole.t.size // 150])
-    )
-    assert again.events == whole.events
-    check_momentum(scene, whole, again)
-    check_laws(scene, again)
+    some = whole.sample(np.union1d(points, np.unique(whole.t)[:: 1 + whole.t.size // 150]))
+    check_momentum(scene, whole, some)
+    check_laws(scene, some)
 
 
 @pytest.mark.slow
@@ -317,29 +323,28 @@ CHANGES: dict[str, tuple[Change, Callable[[Result, str], np.ndarray]]] = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", CHANGES)
 @FEWER
 @example(10590793)  # three contacts at their levels at once, whose forces on one body point both ways
 @given(seeds)
-def test_changed_scenes_move_accordingly(kind: str, seed: int) -> None:
-    change, velocity = CHANGES[kind]
+def test_changed_scenes_move_accordingly(seed: int) -> None:
     times = np.linspace(0.0, STOP, 101)
     # tight tolerances: what differs by roundoff may step differently
     options: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
     scene = make(seed)
     first = simulate(scene, (0.0, STOP), t_eval=times, **options)
-    changed = simulate(
-        make(seed, change), (change.shift, change.shift + STOP), t_eval=times + change.shift, **options
-    )
-
-    assert told(first, change.sign) == told(changed)
-    ours, theirs = ([e.t for e in result.events if e.cause != "open"] for result in (first, changed))
-    np.testing.assert_allclose(np.add(ours, change.shift), theirs, rtol=0, atol=1e-5)
     speed, _ = limits(scene, first)
-    for body in scene.bodies:
-        np.testing.assert_allclose(
-            velocity(changed, body.name), first.velocity(body.name), rtol=0, atol=1e-5 * speed
+    for kind, (change, velocity) in CHANGES.items():
+        note(kind)
+        changed = simulate(
+            make(seed, change), (change.shift, change.shift + STOP), t_eval=times + change.shift, **options
         )
+        assert told(first, change.sign) == told(changed)
+        ours, theirs = ([e.t for e in result.events if e.cause != "open"] for result in (first, changed))
+        np.testing.assert_allclose(np.add(ours, change.shift), theirs, rtol=0, atol=1e-5)
+        for body in scene.bodies:
+            np.testing.assert_allclose(
+                velocity(changed, body.name), first.velocity(body.name), rtol=0, atol=1e-5 * speed
+            )
 
 
 @pytest.mark.slow

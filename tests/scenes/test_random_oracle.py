@@ -80,6 +80,7 @@ def test_other_events_velocities_and_forces_are_noticed(monkeypatch: pytest.Monk
     assert difference("wheels", "contact-force", 3) > 1e-4
 
 
+@pytest.mark.slow
 def test_a_scene_in_doubt_is_compared_up_to_there_and_counted() -> None:
     number = next(n for n in range(20) if truth("loops", n).doubt and truth("loops", n).t.size)
     answer = truth("loops", number)
@@ -90,6 +91,7 @@ def test_a_scene_in_doubt_is_compared_up_to_there_and_counted() -> None:
     assert "events" in tried.remark and "no longer unique" in tried.remark
 
 
+@pytest.mark.slow
 def test_a_scene_without_loops_has_one_answer() -> None:
     for number in range(4):
         answer = truth("trees", number)

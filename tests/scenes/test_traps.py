@@ -660,7 +660,7 @@ def test_large_scenes_move_like_small_ones(monkeypatch: pytest.MonkeyPatch, kind
 @pytest.mark.slow
 def test_a_hundred_and_fifty_bodies() -> None:
     scene = chain(150, springs=False)
-    result = simulate(scene, (0.0, 0.2))
+    result = simulate(scene, (0.0, 0.1))
     assert result.success and len(result.events) > 5
     for contact in scene.contacts[::10]:
         stuck = result.mode(contact.name) == 0

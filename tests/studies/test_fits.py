@@ -117,7 +117,7 @@ def test_forces_are_data_too() -> None:
 @pytest.mark.slow
 def test_a_wrong_first_guess() -> None:
     bounds = {"c.law.mu_static": (0.5, 3.0), "c.law.mu_coulomb": (0.2, 2.0), "c.law.dwell": (0.1, 4.0)}
-    found = fit(pulled(0.7, 0.3, 3.0), bounds, measured(pulled(), 2), starts=8)
+    found = fit(pulled(0.7, 0.3, 3.0), bounds, measured(pulled(), 2), starts=4)
     assert np.abs(normalized(found)).max() < 3
     assert found.starts[0][1] < 250
 

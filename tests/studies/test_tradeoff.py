@@ -22,8 +22,7 @@ module = importlib.import_module("stickslip.studies.tradeoff")
 def benchmark():
     with pytest.MonkeyPatch.context() as patch:
         count_work(patch)
-        patch.setattr(module, "_REPEATS", 1)
-        return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=4.0)
+        return tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=2.0)
 
 
 @pytest.fixture
@@ -230,7 +229,7 @@ def test_errors_of_ones_own_get_the_reference(monkeypatch):
         seen.append(reference)
         return abs(result.events[-1].t - reference.events[-1].t)
 
-    found = tradeoff(sliding_block(stiffness=2.0), (0.0, 1.5), error=error, budget=4.0)
+    found = tradeoff(sliding_block(stiffness=2.0), (0.0, 1.5), error=error, budget=1.0)
     assert len({id(reference) for reference in seen}) == 1
     assert found.recommend(error=1e-6).error <= 1e-6
 
@@ -238,7 +237,7 @@ def test_errors_of_ones_own_get_the_reference(monkeypatch):
 @pytest.mark.slow
 def test_a_small_budget_leaves_out_the_costly_and_says_so(monkeypatch):
     count_work(monkeypatch)
-    found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=1.0)
+    found = tradeoff(flywheel_benchmark(), BENCHMARK_SPAN, budget=0.3)
     assert found.skipped and "left out" in str(found)
     measured = {r.name for r in found.work.rows}
     assert not measured & {skipped.call for skipped in found.skipped}
