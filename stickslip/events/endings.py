@@ -37,7 +37,7 @@ _SAME = 1e-12
 
 
 _AT_A_RATE = 1e3
-"""How much farther than what is left a velocity comes on its way that arrives at 0, and does not die away."""
+"""How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away."""
 
 
 class AtLimit(NamedTuple):
@@ -211,13 +211,14 @@ def arrives(
     rough: float | Array,
     uncertain: float = 0.0,
 ) -> Mask:
-    """Tell which velocities come to 0, but for what is `rough` or `uncertain`, at a rate that has brought them there.
+    """Tell which velocities come to 0, but for what is `rough`, at a rate that has brought them there from far more.
 
-    One that dies away is hardly nearer to 0 than its rate has brought it of late.
+    Those that are not as near, but within what is `uncertain`, have to come from far more than that.
     """
-    left = np.maximum(np.abs(w), rough)
+    size = np.abs(w)
+    left = np.where(size <= rough, rough, np.maximum(rough, uncertain))
     comes = (labels * rate < 0) & (np.abs(rate) * duration > _AT_A_RATE * left)
-    return np.asarray(comes & (np.abs(w) <= np.maximum(rough, uncertain)))
+    return np.asarray(comes & (size <= left))
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
