@@ -23,6 +23,9 @@ LOCAL = 0.1
 
 _STEPS_PER_PERIOD = 8
 
+_ROOT = 2
+"""The status of a solver that has been stopped by a guard."""
+
 _FIRST = 1e-3
 """Longest first step as a part of the time ahead."""
 
@@ -79,6 +82,9 @@ class Lookout:
         if self.end is None:
             # they are parts of arrays for many more steps
             return taus.copy(), points.copy()
+        if solution.status == _ROOT:
+            # the last one is no end of a step: it is where the solver would have the root that it was told of
+            taus, points = taus[:-1], points[:-1]
         before = int(taus.searchsorted(self.end[0]))
         return np.append(taus[:before], self.end[0]), np.concatenate([points[:before], self.end[1][None]])
 

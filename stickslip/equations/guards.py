@@ -97,6 +97,13 @@ class Guards(GuardsAtStart):
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
+    def still_at_rest(self, tau: float) -> Indices:
+        """Return the rows that leave rest at the start and have not left it by a local time, but for roundoff."""
+        if self.is_plain:
+            return np.empty(0, dtype=np.intp)
+        leaves = self.is_velocity & (self.order > 0) & (tau <= self._roundoff[0])
+        return np.asarray(self.row[leaves], dtype=np.intp)
+
     @cached_property
     def passing(self) -> Indices:
         """Guards of velocities that pass 0."""

@@ -65,6 +65,8 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros((2, m), dtype=bool)
     alone = None
+    # where a table ends at once, the sign of what has just begun to move is roundoff
+    touching[guards.still_at_rest(float(path.taus[-1]))] = True
     if relaxed_ones:
         touching[relaxed_ones] = fired[relaxed_ones] = True
     if path.touched is not None:

@@ -356,10 +356,11 @@ class Samples(PickledByFields):
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)
         if not trajectory.is_patchwork:
             self._act(forces)
-            pushed = self._piecewise(self.inputs)
+            pushed = self._piecewise(self.inputs) if system.piecewise.count else None
             self._hold(forces, pushed)
-            shows = system.piecewise.is_force.nonzero()[0]
-            forces[system.piecewise.row[shows]] = pushed[shows]
+            if pushed is not None:
+                shows = system.piecewise.is_force
+                forces[system.piecewise.row[shows]] = pushed[shows]
         return _for_reading(forces)
 
     def _act(self, forces: Array) -> None:
@@ -382,8 +383,6 @@ class Samples(PickledByFields):
         """Return the values of the piecewise-linear functions, a line each."""
         functions = self.system.piecewise
         found = np.zeros((functions.count, self.t.size))
-        if not functions.count:
-            return found
         for number, chosen in by_piece(self.piece_of):
             at = functions.places(self.trajectory.pieces[number].regions)
             found[:, chosen] = (
@@ -391,19 +390,20 @@ class Samples(PickledByFields):
             )
         return found
 
-    def _hold(self, forces: Array, pushed: Array) -> None:
+    def _hold(self, forces: Array, pushed: Array | None) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         system, q, sets = self.system, self.inputs, list(self.trajectory.by_held(self.piece_of))
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
-        if pushed.size:
+        if pushed is not None:
             pushes += system.piecewise.acts @ pushed
-        drives = system.drive_accelerations(q) if system.drives else None
+        drives = system.drive_accelerations(q)
+        is_even = not drives.any()
         for held, chosen in sets:
             rows = np.frombuffer(held, dtype=bool).nonzero()[0]
             balance = system.balance(held)
-            own, led = pushes[:, chosen], None if drives is None else drives[:, chosen]
+            own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
             if isinstance(chosen, slice):
                 forces[rows, chosen] = rest

@@ -30,16 +30,15 @@ class Steps:
         """Return the steps of some paths, at least one; polynomials with fewer terms than others are padded."""
         begins = np.concatenate([path.taus for path in paths])
         firsts = np.cumsum([0, *[path.taus.size for path in paths]])
-        lasts = firsts[1:] - 1
         lengths = np.zeros(begins.size)
         lengths[:-1] = begins[1:] - begins[:-1]
-        lengths[lasts] = 0.0
+        lengths[firsts[1:] - 1] = 0.0
         terms = max([1, *[path.coefficients.shape[1] for path in paths]])
         coefficients = np.zeros((begins.size, terms, paths[0].last.size))
         for path, first in zip(paths, firsts.tolist(), strict=False):
             steps, own, _ = path.coefficients.shape
             coefficients[first : first + steps, :own] = path.coefficients
-        coefficients[lasts, 0] = [path.last for path in paths]
+            coefficients[first + steps, 0] = path.last
         return cls(begins, lengths, firsts, coefficients, any(path.is_chebyshev for path in paths))
 
     @property

@@ -19,6 +19,9 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
 
+_TOGETHER = 1e-14
+"""Part of a time within which nothing can be told apart."""
+
 _MORE = 3
 """By how much more than the state's the order of a quantity is taken that is a function of it."""
 
@@ -59,17 +62,21 @@ class Borders:
         taus = path.taus[:-1, None] + np.diff(path.taus)[:, None] * nodes
         values = self._values(motion, path, taus.ravel()).reshape(len(regions), *taus.shape)
         self._sizes = np.maximum(self._sizes, np.abs(values).max(axis=(1, 2)))
-        first, left = math.inf, (0, 0)
-        for k, region in enumerate(regions):
-            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
-                if math.isfinite(border):
-                    tau = self._exit(motion, path, k, side, border, side * (border - values[k]))
-                    if tau < first:
-                        first, left = tau, (k, side)
+        exits = [
+            (self._exit(motion, path, k, side, border, side * (border - values[k])), k, side)
+            for k, region in enumerate(regions)
+            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True)
+            if math.isfinite(border)
+        ]
+        first = min((tau for tau, *_ in exits), default=math.inf)
         if first > path.taus[-1]:
             return path
-        k, side = left
-        self._loads.regions = (*regions[:k], regions[k] + side, *regions[k + 1 :])
+        # tables that are left together change together: between them no motion is one of the scene
+        following = list(regions)
+        for tau, k, side in exits:
+            if tau <= first + _TOGETHER * (abs(motion.t) + first):
+                following[k] = regions[k] + side
+        self._loads.regions = tuple(following)
         if first >= path.taus[-1]:
             return path
         return motion.until(path, first)

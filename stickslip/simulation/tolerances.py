@@ -79,8 +79,9 @@ def tolerances(
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
     each = np.full(system.size, atol)
-    if frequency > 0 and speed > 0:
-        each[system.n : system.first_bristle] = min(atol, rtol * speed / frequency)
+    if speed > 0:
+        time = min(stop - start, 1.0 / frequency if frequency else math.inf)
+        each[system.n : system.first_bristle] = min(atol, rtol * speed * time)
     for j, state in system.bristle_state.items():
         if system.pressed[j]:
             continue

@@ -11,6 +11,7 @@ import pytest
 import scipy
 
 from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
+from stickslip.engines.follow import Lookout
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.through_points import path_through, through_points
 
@@ -112,3 +113,20 @@ def test_a_step_of_nothing_between_long_ones_does_not_count(method: str) -> None
     path = path_through(motion, taus, points, (1e-13, 1e-15), method, False)
     t = np.linspace(0.0, 3.9, 200)
     np.testing.assert_allclose(path.at(t)[:, 0], t**2, rtol=0, atol=1e-13)
+
+
+def test_where_a_solver_places_a_root_that_it_is_told_of_is_no_end_of_a_step() -> None:
+    """As near to a point as 1e-19 s it would tell a slope of roundoff."""
+    values = {0.0: 1.0, 0.1: 1.0, 0.2: -1.0}
+    guards = SimpleNamespace(
+        smallest=lambda tau, y: values[tau], motion=SimpleNamespace(has_left=lambda tau, y: False)
+    )
+    lookout = Lookout(guards, SimpleNamespace(pressed=False), SimpleNamespace(guard_calls=0))  # type: ignore[arg-type]
+    for tau in values:
+        lookout.at(tau, np.array([tau]), np.array([tau]))
+    solution = SimpleNamespace(
+        t=np.array([0.0, 0.1, np.nextafter(0.1, 1.0)]), y=np.array([[0.0], [0.1], [0.1]]), status=2
+    )
+    taus, points = lookout.points_of(solution)
+    assert taus.tolist() == [0.0, 0.1, 0.2]
+    assert points.tolist() == [[0.0], [0.1], [0.2]]

@@ -335,3 +335,42 @@ def test_a_corner_and_a_stop_of_the_user_where_a_gear_leads_a_body(options: dict
     assert abs(stopped.t[-1] - math.sqrt(2.5)) < exact(stopped)
     assert abs(stopped.velocity("a")[-1] - 2 * 0.4 * math.sqrt(2.5)) < exact(stopped)
     assert abs(stopped.final_scene().bodies[0].velocity - 2 * 0.4 * math.sqrt(2.5)) < exact(stopped)
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("push", [0.0, 6.0])
+def test_a_table_of_the_velocity_has_its_corner_where_it_turns(way: dict[str, Any], push: float) -> None:
+    """Damped forward only, on a spring that is stronger than the friction: one event for each turn."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.05, 0.05), normal=push / 6.0),
+        Spring("m", GROUND, stiffness=3.0),
+        Force("m", -0.5 * saturate(velocity("m"), 0.0, math.inf)),
+    )
+    result = simulate(scene, (0.0, 3.5), **way)
+    assert [(int(event.before), int(event.after)) for event in result.events] == [(1, -1), (-1, 1)]
+    if not push:
+        # x'' + x' / 2 + 3 x = 0 up to the turn, x'' + 3 x = 0 from there
+        damped = math.sqrt(3.0 - 0.25**2)
+        first = math.atan2(damped, 0.25) / damped
+        found = [event.t for event in result.events]
+        np.testing.assert_allclose(found, [first, first + math.pi / math.sqrt(3.0)], atol=exact(result))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("law", [DryFriction(0.3, 0.2), DryFriction(0.3, 0.2, stribeck_velocity=0.3)])
+def test_tables_that_are_left_together(way: dict[str, Any], law: DryFriction) -> None:
+    """Two tables of the same velocity cancel: between their corners, which are one, the contact would be pressed."""
+    forward = saturate(velocity("m"), 0.0, math.inf)
+    twice = saturate(2.0 * velocity("m"), 0.0, math.inf)
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Body("rests", inertia=1.0),
+        Contact("c", "m", "rests", law, normal=twice - 2.0 * forward),
+        Force("m", sine(1.0, 0.5)),
+        Spring("m", GROUND, stiffness=3.0),
+    )
+    result = simulate(scene, (0.0, 5.0), **way)
+    story = [(int(event.before), int(event.after), event.cause) for event in result.events]
+    assert story == [(sign, -sign, "open") for sign in (1, -1, 1, -1)]
+    assert not result.velocity("rests").any()

@@ -23,6 +23,7 @@ from stickslip import (
     Scene,
     Signal,
     Spring,
+    Stop,
     piecewise_linear,
     simulate,
     sine,
@@ -517,3 +518,25 @@ def test_what_rests_goes_on_by_series_where_the_engine_is_chosen() -> None:
     )
     sticks = sticks[: breaks.size]
     np.testing.assert_allclose(breaks, sticks + (1.0 - chosen(sticks)[1]) / 0.2, rtol=0, atol=1e-14)
+
+
+def test_tolerances_mean_the_same_in_small_units_of_length() -> None:
+    """A block is pushed against a wall from which it rebounds; without springs nothing but the time tells how far."""
+
+    def run(length: float, time: float) -> Result:
+        speed, force = length / time, length / time**2
+        law = DryFriction(0.3, 0.2, stribeck_velocity=0.3 * speed)
+        scene = Scene(
+            Body("block", inertia=1.0, velocity=-0.5 * speed),
+            Contact("floor", "block", GROUND, law, normal=force),
+            Stop("wall", "block", GROUND, upper=0.25 * length, restitution=0.9),
+            Force("block", 0.7 * force),
+        )
+        return simulate(scene, (0.0, 3.0 * time), atol=1e-10 * speed)
+
+    base = run(1e-6, 1e-3)
+    for length, time in ((1e-3, 1e-6), (1e-6, 1e-6)):
+        other = run(length, time)
+        np.testing.assert_allclose(
+            np.array(times(other)) / time, np.array(times(base)) / 1e-3, rtol=1e-9, atol=0
+        )
