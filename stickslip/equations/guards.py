@@ -41,7 +41,8 @@ class Guards(GuardsAtStart):
         if system.drives:
             speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
         some = rows.velocities
-        size[some] = speeds[self.row[some]]
+        # what a solver has begun to move a moment ago has no speed yet
+        size[some] = np.maximum(speeds[self.row[some]], self.velocity_uncertainty)
         if rows.has_borders:
             size[self.is_border] = 0.0
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]

@@ -234,11 +234,7 @@ class GuardsAtStart(GuardValues):
         return self.motion.guard_magnitudes(self.rows, 3)
 
     def _with_time(self, sizes: Array, changes: Array | None = None) -> Array:
-        """Return what adds up with the roundoff of the time: it is one of all that changes."""
-        changes = sizes if changes is None else changes
-        late = _TIME / ROUNDOFF * abs(self.motion.t)
-        orders = np.arange(1.0, sizes.shape[0])[:, None]
-        return np.asarray(sizes[:-1] + late * orders * changes[1:])
+        return with_time(sizes, sizes if changes is None else changes, self.motion.t)
 
     @cached_property
     def scale(self) -> Array:
@@ -259,3 +255,13 @@ class GuardsAtStart(GuardValues):
         force = self.rows.turn * self.motion.first.z[0][self.rows.source]
         size = np.abs(force) + np.abs(self.first[0] - force)
         return np.asarray(np.where(self.is_normal, self.majorant[0], size) if self.rows.has_normals else size)
+
+
+def with_time(sizes: Array, changes: Array, t: float) -> Array:
+    """Return what adds up in Taylor coefficients, an order per row, with the roundoff of the time.
+
+    It is one of all that `changes`; the highest order is left out.
+    """
+    late = _TIME / ROUNDOFF * abs(t)
+    orders = np.arange(1.0, sizes.shape[0])[:, None]
+    return np.asarray(sizes[:-1] + late * orders * changes[1:])

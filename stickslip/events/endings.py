@@ -37,7 +37,7 @@ _SAME = 1e-12
 
 
 _AT_A_RATE = 1e3
-"""How much farther than what is roundoff a velocity comes on its way that arrives at 0, and does not die away."""
+"""How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away."""
 
 
 class AtLimit(NamedTuple):
@@ -196,15 +196,29 @@ def arrived(motion: Motion, path: Path, labels: Modes, uncertain: float) -> Mask
         acceleration = system.drive_accelerations(q)
         reached = np.abs(system.drive_velocities(q)) + np.abs(acceleration) * (motion.t + tau)
         rate, speeds = rate + system.D @ acceleration, speeds + system.abs_D @ reached
-    w, rough = system.relative_velocity(path.last, q), np.maximum(uncertain, ROUNDOFF * speeds)
-    found: Mask = (motion.equations.modes == OPEN) & arrives(w, rate, tau, labels, rough)
+    w = system.relative_velocity(path.last, q)
+    found: Mask = (motion.equations.modes == OPEN) & arrives(
+        w, rate, tau, labels, ROUNDOFF * speeds, uncertain
+    )
     return found
 
 
-def arrives(w: Array, rate: Array, duration: float | Array, labels: Modes, rough: float | Array) -> Mask:
-    """Tell which velocities come to 0 at a rate that has brought them there from far more than what is `rough`."""
-    comes = (labels * rate < 0) & (np.abs(rate) * duration > _AT_A_RATE * rough)
-    return np.asarray(comes & (np.abs(w) <= rough))
+def arrives(
+    w: Array,
+    rate: Array,
+    duration: float | Array,
+    labels: Modes,
+    rough: float | Array,
+    uncertain: float = 0.0,
+) -> Mask:
+    """Tell which velocities come to 0, but for what is `rough`, at a rate that has brought them there from far more.
+
+    Those that are not as near, but within what is `uncertain`, have to come from far more than that.
+    """
+    size = np.abs(w)
+    left = np.where(size <= rough, rough, np.maximum(rough, uncertain))
+    comes = (labels * rate < 0) & (np.abs(rate) * duration > _AT_A_RATE * left)
+    return np.asarray(comes & (size <= left))
 
 
 def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.search import Uncertainty
@@ -94,4 +94,5 @@ def _first_terms(motion: Motion, order: int, slow: float, uncertain: Array) -> t
 
 def _magnitudes(motion: Motion, order: int = 2) -> Array:
     """Return what adds up in the Taylor coefficients of the relative velocities."""
-    return np.array([z[: motion.system.m] for _, z in motion.magnitudes(order)])
+    sizes = np.array([z[: motion.system.m] for _, z in motion.magnitudes(order + 1)])
+    return with_time(sizes, sizes, motion.t)

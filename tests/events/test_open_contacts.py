@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stickslip import (
@@ -15,6 +16,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Mode,
     Result,
     Sampled,
     Scene,
@@ -432,3 +434,31 @@ def test_it_comes_to_rest_where_its_force_ends(after: float, formulation: str) -
     (event,) = (e for e in result.events if e.contact == "open")
     assert event.t == pytest.approx(1.0, abs=1e-12)
     assert int(event.after) == result.mode("open")[-1] == (0 if after == 0 else -1)
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize(
+    "way",
+    [{}, {"method": "BDF"}, {"method": "Adams"}, {"formulation": "multiplier"}, {"formulation": "merged"}],
+)
+def test_an_open_contact_shows_rest_and_what_ends_it_whatever_the_tolerance(
+    way: dict[str, Any], rtol: float
+) -> None:
+    """a stops after 0.5 / (0.3 * 7) s, and b rests beside it until 1 s, when c begins to take it along."""
+    dry = DryFriction(0.4, 0.3)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.5),
+        Body("b", inertia=2.0),
+        Body("c", inertia=1.5, velocity=1.0),
+        Contact("brake", "a", GROUND, dry, normal=7.0),
+        Contact("open", "b", "a", dry, normal=0.0),
+        Contact("clutch", "c", "b", dry, normal=piecewise_linear([0.0, 1.0, 2.0], [0.0, 0.0, 5.0])),
+    )
+    result = simulate(scene, (0.0, 1.5), rtol=rtol, atol=1e-2 * rtol, **way)
+    stop = 0.5 / 2.1
+    assert [(e.contact, e.before, e.after) for e in result.events] == [
+        ("brake", Mode.FORWARD, Mode.STUCK),
+        ("open", Mode.BACKWARD, Mode.STUCK),
+        ("open", Mode.STUCK, Mode.FORWARD),
+    ]
+    np.testing.assert_allclose([e.t for e in result.events], [stop, stop, 1.0], rtol=0, atol=10 * rtol)

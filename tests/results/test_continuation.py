@@ -54,9 +54,13 @@ def cut(scene: Scene, times: list[float], **options: Any) -> list[Result]:
     return parts
 
 
+@pytest.fixture(scope="module")
+def whole() -> Result:
+    return simulate(belt(), (0.0, 6.0))
+
+
 @pytest.mark.parametrize("number", range(8))
-def test_a_cut_run_has_the_same_events(number: int) -> None:
-    whole = simulate(belt(), (0.0, 6.0))
+def test_a_cut_run_has_the_same_events(number: int, whole: Result) -> None:
     assert len(whole.events) > 10
     times = [0.0, *np.sort(np.random.default_rng(number).uniform(0.0, 6.0, 4)).tolist(), 6.0]
     parts = cut(belt(), times)
