@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebint, chebvander
 from numpy.polynomial.polynomial import polyint
 
+from stickslip.equations.polynomials import powers
 from stickslip.model.arrays import Array, Indices
 
 _FEW = 400
@@ -119,7 +120,7 @@ def values(
 def _weights(s: Array, terms: int, is_chebyshev: bool, integrated: bool) -> Array:
     """Return how much each coefficient counts at places from 0 to 1, a line each."""
     highest = terms if integrated else terms - 1
-    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else powers(s, highest)
+    basis = chebyshev_values(2 * s - 1, highest) if is_chebyshev else powers(s, highest + 1)
     return np.asarray(basis @ _integrals(terms, is_chebyshev) if integrated else basis)
 
 
@@ -134,13 +135,6 @@ def _integrals(terms: int, is_chebyshev: bool) -> Array:
     """Return the coefficients of the integrals of the first polynomials, a column each."""
     each = np.eye(terms)
     return np.asarray(chebint(each, lbnd=-1, scl=0.5) if is_chebyshev else polyint(each))
-
-
-def powers(x: Array, order: int) -> Array:
-    """Return the powers of some numbers up to an order, one row each."""
-    found = np.ones((x.size, order + 1))
-    found[:, 1:] = x[:, None]
-    return found.cumprod(axis=1, out=found)
 
 
 def chebyshev_values(x: Array, order: int) -> Array:
