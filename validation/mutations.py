@@ -171,8 +171,8 @@ def _one_sided(rows: Any) -> None:
 
 
 def _straight(original: Any) -> Any:
-    def changed(coefficients: Any, step: Any, s: Any, *rest: Any) -> Any:
-        first, last = (original(coefficients, step, np.full_like(s, end), *rest) for end in (0.0, 1.0))
+    def changed(coefficients: Any, step: Any, s: Any, *rest: Any, **how: Any) -> Any:
+        first, last = (original(coefficients, step, np.full_like(s, end), *rest, **how) for end in (0.0, 1.0))
         return first + s[:, None] * (last - first)
 
     return changed
@@ -345,7 +345,7 @@ MUTATIONS = (
     Mutation(
         "straight-lines",
         "linear interpolation of outputs",
-        "stickslip.results.trajectory:values",
+        "stickslip.results.steps:values",
         _straight,
     ),
     Mutation(

@@ -14,6 +14,9 @@ import scipy
 from stickslip.equations.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
+_CANCELLED = 1e-14
+"""Part of what adds up in a sum below which it is roundoff."""
+
 Regions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
 
@@ -244,6 +247,12 @@ class Dependence:
             q[own] += slope * sizes + (0.0 if values is None else offset)
         if self.rows.size:
             q[self.rows] += self._normals.sizes(y, q)
+
+    def cancelled(self, q: Array, y: Array) -> Indices:
+        """Return the rows whose normal forces are sums that cancel, but for roundoff."""
+        own = self._normals.at(y, q)
+        sizes = self._normals.sizes(np.abs(y), np.abs(q)) + np.abs(q[self.rows] - own)
+        return np.asarray(self.rows[np.abs(q[self.rows]) <= _CANCELLED * sizes])
 
     def sizes_looked_up(self, y: Array, inputs: int) -> Array:
         """Return what states of some sizes add up to in what tables are looked up at, functions left out."""

@@ -17,6 +17,7 @@ from stickslip import (
     DryFriction,
     Force,
     Gear,
+    PreSlip,
     Sampled,
     Scene,
     SimulationError,
@@ -397,3 +398,24 @@ def test_what_hardly_leaves_a_corner_is_not_followed_in_steps_of_nothing(way: di
     result = simulate(scene, (0.0, 5.0), **way)
     assert len(result.events) == 19
     assert result.stats["restarts"] < 30
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("law", [DryFriction(0.3, 0.2), PreSlip(DryFriction(0.3, 0.2), 1e-2)])
+def test_a_normal_force_of_roundoff_is_none(way: dict[str, Any], law: Any) -> None:
+    """The normal force rises to 5.1 N and falls again; at the end its parts cancel, but for 9e-16 N."""
+    x, peak, (first, top, end) = position("clock"), 5.1, (0.3, 0.6, 1.3)
+    rises = peak / (top - first) * (saturate(x, first, top) - first)
+    falls = peak / (end - top) * (saturate(x, top, end) - top)
+    scene = Scene(
+        Body("clock", inertia=1.0, velocity=1.0),
+        Body("m", inertia=1.0, velocity=0.6),
+        Contact("c", "m", GROUND, law, normal=rises - falls),
+        Spring("m", GROUND, stiffness=3.0),
+    )
+    result = simulate(scene, (0.0, 5.0), **way)
+    assert result.normal("c")[-1] < 1e-14
+    story = [
+        (int(event.before), int(event.after), event.cause) for event in result.events if event.t > end + 0.01
+    ]
+    assert story == [(-1, 1, "open"), (1, -1, "open")]
