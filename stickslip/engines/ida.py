@@ -200,16 +200,23 @@ class _Residual:
         total = self.start.size
         self._rates = self._by_rates()
         if total <= _DENSE_LIMIT:
-            self._rates = self._rates.toarray()
-            self._constant = self._by_states(0.0, self._motion.y).toarray()
+            self._rates = dense(self._rates)
+            self._constant = dense(self._by_states(0.0, self._motion.y))
             return
-        by_states = abs(self._by_states(0.0, self._motion.y))
+        self._rates = scipy.sparse.csr_array(self._rates)
+        by_states = abs(scipy.sparse.csr_array(self._by_states(0.0, self._motion.y)))
         self.pattern, self._places = sparsity_pattern(
             by_states + abs(self._rates) + scipy.sparse.eye_array(total)
         )
 
     def _by_rates(self) -> Any:
+        """Return ``dR/du'``, dense or sparse as the scene is."""
         system, count = self._system, self.start.size - self._size
+        if not system.sparse:
+            ones, none = np.ones(self._size - system.n), np.zeros(count)
+            found = np.diag(np.concatenate([system.inertia, ones, none]))
+            found[self._size :, : system.n] = self._G
+            return found
         others = scipy.sparse.eye_array(self._size - system.n)
         top = scipy.sparse.block_diag([scipy.sparse.diags_array(system.inertia), others], format="csr")
         if not count:
@@ -222,6 +229,31 @@ class _Residual:
         )
 
     def _by_states(self, tau: float, y: Array) -> Any:
+        """Return ``dR/du``, dense or sparse as the scene is."""
+        return self._by_states_sparse(tau, y) if self._system.sparse else self._by_states_dense(tau, y)
+
+    def _by_states_dense(self, tau: float, y: Array) -> Array:
+        motion, system = self._motion, self._system
+        equations, n, size = motion.equations, system.n, self._size
+        forces = np.array(equations.C)
+        rows, places = equations.velocity_dependent, equations.bristle_places
+        if rows.size:
+            forces[:, :n] -= (system.GT[:, rows] * motion.law_slopes(tau, y)) @ system.G[rows]
+        if motion.dependence is not None:
+            forces[:, motion.dependence.columns] += self._of_dependence(tau, y)
+        if places.size:
+            w, normal, _, z = motion.law_arguments(tau, y)
+            law = equations.law
+            forces[:, places] -= system.GT[:, rows[law.bristles]] * law.by_bristle(w, normal, z)
+        found = np.zeros((self.start.size, self.start.size))
+        found[:n, :size], found[:n, size:] = -forces, self._G.T
+        if size > n:
+            found[n:size, :size] = -motion.jacobian(tau, y)[n:]
+        if self._null is not None:
+            found[size:, size:] = -self._null
+        return found
+
+    def _by_states_sparse(self, tau: float, y: Array) -> Any:
         motion, system = self._motion, self._system
         n, size, count = system.n, self._size, self.start.size - self._size
         forces = scipy.sparse.csr_array(motion.equations.C)
@@ -233,7 +265,9 @@ class _Residual:
             part = pushed @ scipy.sparse.diags_array(slopes) @ rows
             forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
         if motion.dependence is not None:
-            forces = forces + self._of_dependence(tau, y)
+            wide = np.zeros((n, size))
+            wide[:, motion.dependence.columns] = self._of_dependence(tau, y)
+            forces = forces + scipy.sparse.csr_array(wide)
         full = scipy.sparse.csr_array(motion.jacobian(tau, y))
         if motion.equations.bristle_places.size:
             places = motion.equations.bristle_places
@@ -259,22 +293,19 @@ class _Residual:
             [[top, pull], [scipy.sparse.csr_array((count, size)), null]], format="csr"
         )
 
-    def _of_dependence(self, tau: float, y: Array) -> Any:
-        """Return how the forces on the bodies change with the states by way of the inputs."""
-        motion, system, dependence = self._motion, self._system, self._motion.dependence
-        assert dependence is not None
+    def _of_dependence(self, tau: float, y: Array) -> Array:
+        """Return how the forces on the bodies change, by way of the inputs, with the states that these depend on."""
+        motion, system = self._motion, self._system
         slopes = motion.input_slopes(tau, y)
-        found = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
-        wide = np.zeros((system.n, system.size))
-        wide[:, dependence.columns] = found
-        return scipy.sparse.csr_array(wide)
+        found: Array = system.Q @ slopes[: system.inputs] - system.GT @ (motion.equations.friction @ slopes)
+        return found
 
     def jacobian(self, tau: float, u: Array, rate: Array, residual: Array, cj: float, out: Array) -> None:
         """Fill in ``dR/du + cj dR/du'``."""
         y = u[: self._size]
         if self.pattern is None:
             changes = self._motion.has_law or self._motion.dependence is not None
-            state = self._by_states(tau, y).toarray() if changes else self._constant
+            state = dense(self._by_states(tau, y)) if changes else self._constant
             out[:] = state + cj * self._rates
             return
         coo = scipy.sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
