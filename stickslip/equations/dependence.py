@@ -137,6 +137,10 @@ class Dependence:
         found = [self.arguments[k].at(y, q)[0] for k in self.tables]
         return np.array(found).reshape(len(found), *y.shape[1:])
 
+    def adds_up(self, q: Array, y: Array) -> Array:
+        """Return what adds up in what each table is looked up at; the inputs are filled."""
+        return np.array([self.arguments[k].sizes(np.abs(y), np.abs(q))[0] for k in self.tables])
+
     def region(self, number: int, x: float) -> int:
         """Return the region of a table in which `x` lies."""
         return int(np.searchsorted(self._corners[self.tables[number]], x, side="right"))

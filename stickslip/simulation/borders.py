@@ -40,6 +40,7 @@ class Borders:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
         q = self._system.filled(self._loads.after(t).at(t), y, t)
         regions = self._loads.regions
+        self._sizes = np.maximum(self._sizes, self._dependence.adds_up(q, y))
         found = []
         for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
             region = self._dependence.region(k, x) if regions is None else regions[k]

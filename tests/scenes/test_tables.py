@@ -419,3 +419,20 @@ def test_a_normal_force_of_roundoff_is_none(way: dict[str, Any], law: Any) -> No
         (int(event.before), int(event.after), event.cause) for event in result.events if event.t > end + 0.01
     ]
     assert story == [(-1, 1, "open"), (1, -1, "open")]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_corner_far_from_0_where_a_body_rests(way: dict[str, Any]) -> None:
+    """At 1000 m a position has the roundoff of 1000 m, whatever it is compared with."""
+    rubs = DryFriction(0.4, 0.2, stribeck_velocity=0.3)
+    x = position("rests") - 1000.0
+    scene = Scene(
+        Body("rests", inertia=1.0, position=1000.0),
+        Body("moves", inertia=1.3, velocity=1.0, position=1000.0),
+        Contact("floor", "moves", GROUND, rubs, normal=3.0),
+        Contact("held", "rests", GROUND, rubs, normal=10.0),
+        Spring("rests", "moves", stiffness=3.0),
+        Force("moves", table(x, [-1.0, 0.0, 1.0], [1.0, 0.0, -2.0]) + sine(2.0, 0.7)),
+    )
+    result = simulate(scene, (0.0, 5.0), **way)
+    assert result.stats["restarts"] < 40
