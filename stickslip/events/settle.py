@@ -189,7 +189,9 @@ def _settled(
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
     moved = beyond > 0 and now.labels is not None
-    crossed = now.fired & ((now.labels != 0) | ~closed) if moved else np.zeros(system.m, dtype=bool)
+    crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
+    if moved and now.arrived is not None:
+        crossed |= now.arrived
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:

@@ -246,9 +246,9 @@ class Run:
             y = np.concatenate([y[: system.first_block], held])
         if self._borders is not None:
             self._borders.place(y, t)
-        labels, fired, regions = np.where(stops, 0, before), at.fired | stops, motion.equations.regions
+        labels, regions = np.where(stops, 0, before), motion.equations.regions
         situation = Situation(
-            t, y, labels, since, touching, fired, path.largest, regions, jump.sides, path.touched
+            t, y, labels, since, touching, at.fired, path.largest, regions, jump.sides, path.touched, stops
         )
         return situation, jump
 
