@@ -188,10 +188,7 @@ def _settled(
     regions = functions.at(y, q, now.regions)
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
-    moved = beyond > 0 and now.labels is not None
-    crossed = now.fired & (now.labels != 0) if moved else np.zeros(system.m, dtype=bool)
-    if moved and now.arrived is not None:
-        crossed |= now.arrived
+    crossed = now.crossed if beyond else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
