@@ -265,7 +265,7 @@ class Dependence:
             steepest = np.abs(self._lines[k][:, 1]).max() if k in self._lines else 0.0
             slopes.append(np.full((node.width, len(node.arguments)), steepest))
         self.add_sizes(q, y, slopes, None)
-        return np.array([self.arguments[k].sizes(y, q)[0] for k in self.tables])
+        return self.adds_up(q, y)
 
     def slopes(
         self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None

@@ -136,7 +136,7 @@ class Stretch:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
     `value` and `slope` are the straight part, `bent` the entries that are not straight, and `regions` those of tables
-    in which motions begin, `beside` which by so much they may be looked up.
+    in which motions begin; `beside` these they may be looked up by so much.
     """
 
     def __init__(
