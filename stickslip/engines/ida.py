@@ -170,24 +170,20 @@ class _Residual:
         squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
         self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
 
-    def _forces(self, tau: float, y: Array) -> Array:
-        """Return all forces on the bodies but those of the held rows."""
-        motion, system = self._motion, self._system
-        q = motion.inputs(tau, y)
-        friction = motion.equations.friction @ q
-        if motion.has_law:
-            friction[motion.equations.velocity_dependent] = motion.law_forces(tau, y)
-        equations = motion.equations
-        return np.asarray(equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction)
-
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in the balance, the other states' rates, and the constraint."""
-        motion, system = self._motion, self._system
+        motion, system, equations = self._motion, self._system, self._motion.equations
         n, size = system.n, self._size
         y, force = u[:size], u[size:]
-        out[:n] = system.inertia * rate[:n] - self._forces(tau, y) + self._G.T @ force
+        q = motion.inputs(tau, y)
+        known = None if motion.is_on_lines else q
+        friction = equations.friction @ q
+        if motion.has_law:
+            friction[equations.velocity_dependent] = motion.law_forces(tau, y, known)
+        pushes = equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction
+        out[:n] = system.inertia * rate[:n] - pushes + self._G.T @ force
         if size > n:
-            out[n:size] = rate[n:size] - motion.rate(tau, y)[n:]
+            out[n:size] = rate[n:size] - motion.rate_beside_velocities(tau, y, known)
         if force.size:
             out[size:] = self._G @ rate[:n]
             if system.drives:

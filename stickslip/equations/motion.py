@@ -175,9 +175,9 @@ class Motion(Inputs):
         """Whether the motion is small and its inputs are lines."""
         return self._lines is not None
 
-    def law_forces(self, tau: float | Array, y: Array) -> Array:
-        """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self.law_arguments(tau, y))
+    def law_forces(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
+        """Return the friction forces that depend on velocity; the inputs `q` need not be given."""
+        return self.equations.law.forces(*self.law_arguments(tau, y, q))
 
     def law_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of the friction forces that depend on velocity with respect to it."""
@@ -231,6 +231,18 @@ class Motion(Inputs):
             found += tau * lines.response_slope[:size]
         if self.has_law:
             found += equations.K @ equations.law.forces(*self.law_arguments(tau, y))
+        return found
+
+    def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
+        """Return how fast states change that are no velocities: no friction force reaches them at once.
+
+        The inputs `q` need not be given.
+        """
+        equations, size, n = self.equations, self.system.size, self.system.n
+        found = self._linear(tau, y, q)[n:size]
+        if equations.bristle_places.size:
+            w, normal, _, z = self.law_arguments(tau, y, q)
+            found[equations.bristle_places - n] = equations.law.bristle_rates(w, normal, z)
         return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
