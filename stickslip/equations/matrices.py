@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
 
 
 class Triplets:
@@ -23,6 +23,13 @@ class Triplets:
             self.rows.append(row)
             self.columns.append(column)
             self.values.append(value)
+
+    def extend(self, rows: Indices, columns: Indices, values: Array) -> None:
+        """Enter many values."""
+        some = values.nonzero()[0]
+        self.rows += rows[some].tolist()
+        self.columns += columns[some].tolist()
+        self.values += values[some].tolist()
 
 
 def dense(matrix: Any) -> Array:
