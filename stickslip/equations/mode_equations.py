@@ -195,7 +195,9 @@ class ModeEquations:
         size, total = system.size, system.inputs + system.dwelling.size
         self._AE, self._BH = self._of_states(np.eye(size)), self._of_inputs(np.eye(total))
         some = self.velocity_dependent
-        self._KL = self._of_friction(np.eye(system.m)[:, some]) if some.size else np.zeros((size + self.rows, 0))
+        self._KL = (
+            self._of_friction(np.eye(system.m)[:, some]) if some.size else np.zeros((size + self.rows, 0))
+        )
         (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
             (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
         )
