@@ -180,7 +180,7 @@ def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> 
 
 
 def test_an_impact_at_the_very_start_is_in_the_ledger() -> None:
-    """A ball on a table that rises: the table gives the impulse its velocity, the impact takes 3/4 of the relative one."""
+    """A ball on a table that rises: the table does work with the impulse, the impact takes 3/4 of what is relative."""
     table = Drive("table", velocity=0.5)
     stop = Stop("contact", "ball", "table", lower=0.0, restitution=0.5)
     ledger = simulate(Scene(Body("ball", inertia=1.0, velocity=-2.0), table, stop), (0.0, 1.0)).energy()

@@ -459,9 +459,7 @@ def test_stops_and_gaps_against_differences(kind: str) -> None:
 
 def test_the_force_of_a_gap() -> None:
     """A body that dips into an elastic limit of 25 N/m at 1 m/s: the force is 5 sin 5t N, the work 1/2 sin² 5t J."""
-    scene = Scene(
-        Body("m", inertia=1.0, velocity=1.0), Gap("buffer", "m", GROUND, upper=0.0, stiffness=25.0)
-    )
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Gap("buffer", "m", GROUND, upper=0.0, stiffness=25.0))
     found, angle = sensitivities(scene, (0.0, 0.2), ["m.velocity", "buffer.stiffness"]), 1.0
     by_stiffness = 0.02 * (5 * math.sin(angle) + 5 * math.cos(angle))
     assert found.force("buffer") == pytest.approx([5 * math.sin(angle), by_stiffness])
