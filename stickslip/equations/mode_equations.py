@@ -112,15 +112,25 @@ class ModeEquations:
         """Forces from states and inputs, with the functions as they are in their regions; borders of these."""
         system, functions = self.system, self.system.piecewise
         self.C, self.Q = system.C, system.Q
-        self.borders = np.empty(0, dtype=np.intp)
+        self.borders = self.elastic = np.empty(0, dtype=np.intp)
         if not functions.count:
             return
         at = functions.places(self.regions)
+        self.elastic = functions.row[functions.is_force]
+        elastic_at = at[functions.is_force]
+        self._elastic_y, self._elastic_q = functions.value_y[elastic_at], functions.value_q[elastic_at]
         self.C = self.C + functions.acts @ functions.value_y[at]
         self.Q = self.Q + functions.acts @ functions.value_q[at]
         self.borders = functions.borders_of(self.regions)
         self._border_y = functions.border_y[self.borders]
         self._border_q = functions.border_q[self.borders]
+
+    def elastic_forces(self, y: Array, q: Array) -> Array:
+        """Return the forces of the gaps, which are the rows `elastic`."""
+        if not self.elastic.size:
+            return np.zeros((0, *y.shape[1:]))
+        found: Array = self._elastic_y @ y + self._elastic_q @ q[: self.system.inputs]
+        return found
 
     @cached_property
     def _link_sizes(self) -> tuple[Any, Any]:
