@@ -76,7 +76,8 @@ class GuardRows:
         holds = system.is_friction[lower].astype(float)
         own = first + np.arange(top.size)
         edge = first + top.size + np.arange(borders.size)
-        closed = np.where(np.isin(pressed, equations.open), -1, 1)
+        closed = np.ones(m)
+        closed[equations.open] = -1
         mu_s, rises = system.mu_s, system.rise
         # row, source, turn, mu, rise, constant, direction, kind
         parts: list[tuple[Any, ...]] = [
@@ -87,9 +88,10 @@ class GuardRows:
             (pre, pre, 1, 0, 0, banded, -1, 0),
             (top, own, 1 - 2 * side, -mu_s[side, top], -rises[side, top], 0, 0, 1),
             (-np.ones(borders.size), edge, 1, 0, 0, 0, 0, 2),
-            (pressed, 0, 0, closed, 0, 0, 0, 3),
+            (pressed, 0, 0, closed[pressed], 0, 0, 0, 3),
             (loose, loose, signs, 0, 0, 0, 0, 0),
         ]
+        parts = [part for part in parts if part[0].size]
         ends = list(accumulate((part[0].size for part in parts), initial=0))
 
         def column(k: int, dtype: type = float) -> Array:
@@ -188,14 +190,15 @@ class GuardRows:
             columns = size + (order + 1) * width
             found = None
             if is_quickly_made(system, columns, self.size * (order + 1)):
-                found = np.zeros((order + 1, self.size, columns))
-                y = np.eye(size, columns)
-                for k in range(order + 1):
-                    q = np.eye(width, columns, size + k * width)
+                y, watched = np.eye(size, columns), []
+                given = [np.eye(width, columns, size + k * width) for k in range(order + 1)]
+                for k, q in enumerate(given):
                     rate, z = equations.magnitudes(y, q)
-                    found[k] = self.majorants(z, q)
+                    watched.append(z)
                     y = rate / (k + 1)
-                found = found.reshape(-1, columns)
+                side_by_side = self.majorants(np.hstack(watched), np.hstack(given))
+                in_orders = side_by_side.reshape(self.size, order + 1, columns).transpose(1, 0, 2)
+                found = in_orders.reshape(-1, columns)
             self._sizes[order] = found
         return self._sizes[order]
 

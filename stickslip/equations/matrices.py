@@ -29,6 +29,13 @@ class Triplets:
             self.columns.append(column)
             self.values.append(value)
 
+    def extend(self, rows: Indices, columns: Indices, values: Array) -> None:
+        """Enter many values."""
+        some = values.nonzero()[0]
+        self.rows += rows[some].tolist()
+        self.columns += columns[some].tolist()
+        self.values += values[some].tolist()
+
 
 def dense(matrix: Any) -> Array:
     """Return a matrix as a dense array."""

@@ -213,7 +213,9 @@ class Motion(Inputs):
         """Return the forces of all rows, one column per time where `tau` is an array."""
         equations, size, m = self.equations, self.system.size, self.system.m
         found = self.both(tau, y)[size:]
-        forces: Array = equations.friction @ self.inputs(tau, y)
+        q = self.inputs(tau, y)
+        forces: Array = equations.friction @ q
+        forces[equations.elastic] = equations.elastic_forces(y, q)
         if self.has_law:
             forces[equations.velocity_dependent] = self.law_forces(tau, y)
         forces[equations.held] = found[m : m + equations.held.size]

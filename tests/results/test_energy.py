@@ -18,6 +18,8 @@ from stickslip import (
     PreSlip,
     Scene,
     Spring,
+    Stop,
+    join,
     simulate,
     sine,
     triangle,
@@ -175,3 +177,29 @@ def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> 
     np.testing.assert_allclose(ledger.drives, speed**2 - 3.0 * way, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ledger.kinetic, speed**2, rtol=0, atol=1e-12)
     assert ledger.relative_error < 1e-12
+
+
+def test_an_impact_at_the_very_start_is_in_the_ledger() -> None:
+    """A ball on a table that rises: the table does work with the impulse, the impact takes 3/4 of what is relative."""
+    table = Drive("table", velocity=0.5)
+    stop = Stop("contact", "ball", "table", lower=0.0, restitution=0.5)
+    ledger = simulate(Scene(Body("ball", inertia=1.0, velocity=-2.0), table, stop), (0.0, 1.0)).energy()
+    # from -2.5 m/s to 1.25 m/s beside the table
+    assert ledger.impacts["contact"] == pytest.approx(0.5 * 2.5**2 * 0.75)
+    assert ledger.drives == pytest.approx(3.75 * 0.5)
+    assert ledger.begun == pytest.approx(2.0) and "at the start 2 stored" in str(ledger)
+    assert np.abs(ledger.error).max() < 1e-14
+
+
+def test_an_impact_between_two_runs_is_no_change_from_outside() -> None:
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+        Force("ball", -9.81),
+    )
+    whole = simulate(scene, (0.0, 1.0))
+    first = simulate(scene, (0.0, whole.events[0].t))
+    both = join([first, simulate(first.final_scene(), (first.t[-1], 1.0))])
+    assert [event.cause for event in both.events] == ["impact", "impact"]
+    assert not both.energy().changes.any()
+    assert both.energy().impacts["floor"][-1] == pytest.approx(whole.energy().impacts["floor"][-1], rel=1e-12)
