@@ -13,7 +13,7 @@ from stickslip.equations.floats import LawInFloats, lines, rates_of, remembered
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads import Stretch
-from stickslip.equations.matrices import dense
+from stickslip.equations.matrices import assembled, dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.equations.taylor import TaylorMap
@@ -325,18 +325,12 @@ class Motion(Inputs):
         size, count, n = system.size, places.size, system.n
         units = np.zeros((equations.velocity_dependent.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed, rows = equations.push(units)[:size], (system.G @ equations.balance.T)[some]
-        by_bristle = law.by_bristle(w, normal, z)
-        if isinstance(matrix, np.ndarray):
-            matrix[places, :n] += by_w[:, None] * dense(rows)
-            matrix[places, places] += by_z
-            matrix[:, places] += pushed * by_bristle
-            return matrix
-        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
-        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
-        extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
-        extra = extra + scipy.sparse.csr_array(pushed) @ scipy.sparse.diags_array(by_bristle) @ own.T
-        return scipy.sparse.csr_array(matrix + extra)
+        pushed, every = equations.push(units)[:size], slice(size)
+        lines = np.zeros((count, size))
+        lines[:, :n] = by_w[:, None] * dense((system.G @ equations.balance.T)[some])
+        lines[np.arange(count), places] += by_z
+        by_bristle = pushed * law.by_bristle(w, normal, z)
+        return assembled(size, [(every, every, matrix), (places, every, lines), (every, places, by_bristle)])
 
     # -- series ----------------------------------------------------------------------------------------------
 
