@@ -87,7 +87,9 @@ def truth_of(
     )
 
 
-def scene_with(data: Mapping[str, Any], rows: Iterable[Any], springs: Iterable[Any], order: int) -> Scene:
+def scene_with(
+    data: Mapping[str, Any], rows: Iterable[Any], springs: Iterable[Any], order: int | None = None
+) -> Scene:
     """Return a scene of bodies, drives and forces as plain data, its elements in another order for each number."""
     elements: list[Any] = [
         Body(**body)
@@ -96,8 +98,9 @@ def scene_with(data: Mapping[str, Any], rows: Iterable[Any], springs: Iterable[A
         for body in data["bodies"]
     ]
     elements += [*rows, *springs]
-    elements += [Force(force["body"], signal_of(force["load"])) for force in data["forces"]]
-    Random(order).shuffle(elements)
+    elements += [Force(force["body"], signal_of(force["load"])) for force in data.get("forces", ())]
+    if order is not None:
+        Random(order).shuffle(elements)
     return Scene(*elements)
 
 

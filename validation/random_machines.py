@@ -51,10 +51,10 @@ def truth(family: str, number: int) -> Truth:
     return truth_of(found, data, found.machine.breaks, BEFORE, POINTS)
 
 
-def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
-    """Return a scene of plain data, its elements in another order for each number."""
+def scene_of(data: Mapping[str, Any], order: int | None = 0) -> Scene:
+    """Return a scene of plain data, its elements in another order for each number, as they stand for None."""
     springs = []
-    for s in data["springs"]:
+    for s in data.get("springs", ()):
         a, b, radii = _ends(s["on"])
         springs.append(spring_of(s, a, b, **radii))
     return scene_with(data, map(_element, data["rows"]), springs, order)

@@ -57,9 +57,9 @@ def truth(family: str, number: int) -> Truth:
     return truth_of(found, data, found.system.breaks, BEFORE, POINTS)
 
 
-def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
-    """Return a scene of plain data, its elements in another order for each number."""
-    springs = [spring_of(s, s["a"], s["b"]) for s in data["springs"]]
+def scene_of(data: Mapping[str, Any], order: int | None = 0) -> Scene:
+    """Return a scene of plain data, its elements in another order for each number, as they stand for None."""
+    springs = [spring_of(s, s["a"], s["b"]) for s in data.get("springs", ())]
     return scene_with(data, map(_contact, data["contacts"]), springs, order)
 
 

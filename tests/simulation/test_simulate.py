@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from references import FOLDER, NAMES, load
 
 from stickslip import (
     GROUND,
@@ -30,6 +28,7 @@ from stickslip import (
     step,
     triangle,
 )
+from validation.exact import REFERENCES, reference
 
 METHODS = ("BDF", "Adams")
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
@@ -47,46 +46,45 @@ def times(result: Result) -> list[float]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference(name: str, method: str) -> None:
-    reference = load(name)
-    answer = json.loads((FOLDER / f"{name}.json").read_text())["answer"]
-    result = simulate(reference.scene, (0.0, reference.stop), method=method, t_eval=reference.t, **TIGHT)
-    assert changes(result) == [event[1:] for event in reference.events]
-    exact = [event[0] for event in reference.events]
-    np.testing.assert_allclose(times(result), exact, rtol=0, atol=1e-7 * reference.stop)
-    velocities = np.array([result.velocity(body) for body in reference.bodies])
-    scale = max(1.0, float(np.abs(reference.v).max()))
-    np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-6 * scale)
-    positions = np.array([result.position(body) for body in reference.bodies])
-    x = np.array(answer["x"])
-    if reference.scene.springs and any(s.stiffness for s in reference.scene.springs):
-        np.testing.assert_allclose(positions.T, x, rtol=0, atol=1e-6 * max(1.0, float(np.abs(x).max())))
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), method=method, t_eval=story.t, **TIGHT)
+    assert changes(result) == [event[1:] for event in story.events]
+    exact = [event[0] for event in story.events]
+    np.testing.assert_allclose(times(result), exact, rtol=0, atol=1e-7 * story.stop)
+    velocities = np.array([result.velocity(body) for body in story.bodies])
+    scale = max(1.0, float(np.abs(story.velocities).max()))
+    np.testing.assert_allclose(velocities.T, story.velocities, rtol=0, atol=1e-6 * scale)
+    positions = np.array([result.position(body) for body in story.bodies])
+    if story.scene.springs:
+        scale = max(1.0, float(np.abs(story.positions).max()))
+        np.testing.assert_allclose(positions.T, story.positions, rtol=0, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference_by_series_is_exact(name: str) -> None:
     """The default engine leaves nothing but roundoff, with springs and without."""
-    reference = load(name)
-    result = simulate(reference.scene, (0.0, reference.stop), t_eval=reference.t)
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), t_eval=story.t)
     assert result.stats["engine"] == "Taylor series"
-    exact = [event[0] for event in reference.events]
-    np.testing.assert_allclose(times(result), exact, rtol=0, atol=3e-14 * max(1.0, reference.stop))
-    velocities = np.array([result.velocity(body) for body in reference.bodies])
-    np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-13)
+    exact = [event[0] for event in story.events]
+    np.testing.assert_allclose(times(result), exact, rtol=0, atol=3e-14 * max(1.0, story.stop))
+    velocities = np.array([result.velocity(body) for body in story.bodies])
+    np.testing.assert_allclose(velocities.T, story.velocities, rtol=0, atol=1e-13)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pulled-block", "two-blocks", "wave", "flywheels-4-viscous"])
 def test_tolerances_buy_accuracy(name: str) -> None:
-    reference = load(name)
-    exact = np.array([event[0] for event in reference.events])
+    story = reference(name)
+    exact = np.array([event[0] for event in story.events])
     errors = []
     for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
-        result = simulate(reference.scene, (0.0, reference.stop), method="BDF", rtol=rtol, atol=rtol * 1e-2)
-        assert changes(result) == [event[1:] for event in reference.events]
+        result = simulate(story.scene, (0.0, story.stop), method="BDF", rtol=rtol, atol=rtol * 1e-2)
+        assert changes(result) == [event[1:] for event in story.events]
         errors.append(float(np.abs(np.array(times(result)) - exact).max()))
-    assert errors[3] < 1e-8 * reference.stop
+    assert errors[3] < 1e-8 * story.stop
     assert errors[1] < errors[0] and errors[3] < errors[1]
 
 
@@ -399,7 +397,7 @@ def test_restarts_are_events_and_breaks() -> None:
 OUTPUTS = {
     "benchmark": (benchmark(), 1.0),
     "clutches": (clutches(), 1.5),
-    "pulled block": (load("pulled-block-dwell").scene, 40.0),
+    "pulled block": (reference("pulled-block-dwell").scene, 40.0),
 }
 
 
