@@ -24,7 +24,7 @@ from stickslip import (
     sine,
 )
 from validation.oracle import Event
-from validation.rows import Array, Tried, Wrong, require
+from validation.rows import Array, Tried, Wrong, changes, require, story
 from validation.tried import try_each
 
 AT_THE_END = 2e-7
@@ -139,11 +139,11 @@ def compare_events(right: Truth, result: Result, tolerance: float) -> None:
         If a row has other events, or one is late by more than `tolerance` as a part of the span.
     """
     last = right.stop * (1 - AT_THE_END)
-    found = [(e.t, e.contact, int(e.before), int(e.after)) for e in result.events if e.t < last]
+    found = [event for event in changes(result, opened=True) if event[0] < last]
     for name in sorted({event[1] for event in [*right.events, *found]}):
         wanted = [event for event in right.events if event[1] == name]
         have = [event for event in found if event[1] == name]
-        told = f"{name} has {_story(have)} instead of {_story(wanted)}"
+        told = f"{name} has {story(have)} instead of {story(wanted)}"
         require([e[2:] for e in have] == [e[2:] for e in wanted], told)
         for a, b in zip(have, wanted, strict=True):
             late = abs(a[0] - b[0]) / right.stop
@@ -172,10 +172,6 @@ def compare_forces(right: Truth, result: Result, bound: float, least: float) -> 
         wrong = ~(np.abs(found - wanted) <= bound * largest) & ~np.isnan(wanted)
         for k in wrong.nonzero()[0].tolist():
             raise Wrong(f"{name}: force {found[k]:.9g} instead of {wanted[k]:.9g} at t = {right.t[k]:.6g} s")
-
-
-def _story(events: list[Event]) -> str:
-    return "[" + ", ".join(f"{t:.9g} s {before:+d}>{after:+d}" for t, _, before, after in events[:6]) + "]"
 
 
 def over_family(

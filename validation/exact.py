@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -66,9 +66,13 @@ class Story:
     velocities: Array
     positions: Array | None = None
 
+    def seen(self, result: Result) -> Array:
+        """Return the velocities of a run as those of the story stand."""
+        return np.array([result.velocity(body) for body in self.bodies]).T
 
-def _plain(motion: analytic.Motion) -> list[Change]:
-    return [(float(e.time), e.contact, e.before, e.after) for e in motion.events]
+
+def _plain(events: Iterable[analytic.Event]) -> list[Change]:
+    return [(float(e.time), e.contact, e.before, e.after) for e in events]
 
 
 def _grid(stop: float, velocity: Callable[[float], Any], count: int = 201) -> tuple[Array, Array]:
@@ -90,7 +94,7 @@ def two_flywheels() -> Story:
         benchmark.flywheel_benchmark(),
         4.0,
         ("wheel1", "wheel2"),
-        _plain(motion),
+        _plain(motion.events),
         *grid,
     )
 
@@ -100,22 +104,27 @@ def four_flywheels() -> Story:
     """Four flywheels in a row, braked once (Breedveld 2000, fig. 9)."""
     motion = analytic.four_flywheels()
     grid, names = _grid(4.0, motion.velocity), ("w1", "w2", "w3", "w4")
-    return Story("Four flywheels in a row", benchmark.four_flywheels(), 4.0, names, _plain(motion), *grid)
+    return Story(
+        "Four flywheels in a row", benchmark.four_flywheels(), 4.0, names, _plain(motion.events), *grid
+    )
+
+
+def pulled(static: float = 1.5) -> Scene:
+    """Return a block that a spring pulls over the floor; its Coulomb coefficient is 1."""
+    return Scene(
+        Body("block", inertia=1.0),
+        Drive("plate", velocity=0.1),
+        Contact("floor", "block", GROUND, DryFriction(static, 1.0), normal=1.0),
+        Spring("block", "plate", stiffness=2.0),
+    )
 
 
 @cache
 def pulled_block() -> Story:
     """A block on the floor, pulled by a spring whose end moves steadily: stick-slip."""
-    scene = Scene(
-        Body("block", inertia=1.0),
-        Drive("plate", velocity=0.1),
-        Contact("floor", "block", GROUND, DryFriction(1.5, 1.0), normal=1.0),
-        Spring("block", "plate", stiffness=2.0),
-    )
     motion = analytic.pulled_block(1, 2, 0.1, normal=1, mu_static=1.5, mu_coulomb=1)
-    events = [(float(e.time), e.contact, e.before, e.after) for e in motion.events(40)]
     t, v = _grid(40.0, lambda s: motion.state(s)[1:])
-    return Story("A block pulled by a spring", scene, 40.0, ("block",), events, t, v)
+    return Story("A block pulled by a spring", pulled(), 40.0, ("block",), _plain(motion.events(40)), t, v)
 
 
 @cache
@@ -133,7 +142,7 @@ def told(story: Callable[[], Story], formulation: str) -> Answer:
     s = story()
     result = simulate(s.scene, (0.0, s.stop), **asked(formulation), t_eval=s.t, **TIGHT)
     times = event_error(changes(result), s.events, s.stop)
-    velocities = worst(np.array([result.velocity(body) for body in s.bodies]).T, s.velocities)
+    velocities = worst(s.seen(result), s.velocities)
     return max(times, velocities), f"{len(s.events)} events, times {times:.1e}, velocities {velocities:.1e}"
 
 
