@@ -25,10 +25,10 @@ from stickslip import (
     piecewise_linear,
     simulate,
     sine,
-    step,
     triangle,
 )
 from validation.exact import REFERENCES, reference
+from validation.published import CLUTCH_EVENTS, CLUTCH_SPEEDS, coupled_clutches
 
 METHODS = ("BDF", "Adams")
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
@@ -89,46 +89,21 @@ def test_tolerances_buy_accuracy(name: str) -> None:
 # Coupled clutches of the Modelica Standard Library
 
 
-def clutches() -> Scene:
-    law = DryFriction(mu_static=0.55, mu_coulomb=0.5)
-    bodies = [Body(f"w{i}", inertia=1.0, velocity=10.0 if i == 1 else 0.0) for i in (1, 2, 3, 4)]
-    return Scene(
-        *bodies,
-        Force("w1", sine(10.0, 5.0)),
-        Contact("c1", "w1", "w2", law, normal=sine(20.0, 0.2, phase=math.pi / 2)),
-        Contact("c2", "w2", "w3", law, normal=20.0 * step(0.4)),
-        Contact("c3", "w3", "w4", law, normal=20.0 * step(0.9)),
-    )
-
-
-CLUTCHES = [
-    ("c2", 0.7096214746937467, 1, 0),
-    ("c1", 0.791662359154816, 1, 0),
-    ("c1", 0.8311085061376532, 0, 1),
-    ("c1", 0.9068501927978797, 1, 0),
-    ("c1", 1.000295859894639, 0, 1),
-    ("c3", 1.143967492473166, 1, 0),
-]
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_coupled_clutches(method: str) -> None:
-    result = simulate(clutches(), (0.0, 1.5), method=method, **TIGHT)
+    result = simulate(coupled_clutches(), (0.0, 1.5), method=method, **TIGHT)
     closed = [e for e in result.events if e.cause != "open"]
-    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [
-        (c, a, b) for c, _, a, b in CLUTCHES
-    ]
-    np.testing.assert_allclose([e.t for e in closed], [t for _, t, _, _ in CLUTCHES], rtol=0, atol=1.5e-7)
-    assert result.velocity("w1")[-1] == pytest.approx(3.2470582724188, abs=1e-6)
-    for body in ("w2", "w3", "w4"):
-        assert result.velocity(body)[-1] == pytest.approx(2.4631871666496, abs=1e-6)
+    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [e[1:] for e in CLUTCH_EVENTS]
+    np.testing.assert_allclose([e.t for e in closed], [e[0] for e in CLUTCH_EVENTS], rtol=0, atol=1.5e-7)
+    for i, speed in enumerate(CLUTCH_SPEEDS, 1):
+        assert result.velocity(f"J{i}")[-1] == pytest.approx(speed, abs=1e-6)
     open_ = result.t > 1.25 + 1e-9
-    assert np.all(result.force("c1")[open_] == 0) and np.all(result.normal("c1")[open_] == 0)
+    assert np.all(result.force("clutch1")[open_] == 0) and np.all(result.normal("clutch1")[open_] == 0)
 
 
 def test_coupled_clutches_stick_exactly_and_hold_within_their_levels() -> None:
-    result = simulate(clutches(), (0.0, 1.5), **TIGHT)
-    for name in ("c1", "c2", "c3"):
+    result = simulate(coupled_clutches(), (0.0, 1.5), **TIGHT)
+    for name in ("clutch1", "clutch2", "clutch3"):
         stuck = (result.mode(name) == 0) & (result.normal(name) > 0)
         assert stuck.any()
         assert np.all(result.relative_velocity(name)[stuck] == 0)
@@ -394,7 +369,7 @@ def test_restarts_are_events_and_breaks() -> None:
 
 OUTPUTS = {
     "benchmark": (benchmark(), 1.0),
-    "clutches": (clutches(), 1.5),
+    "clutches": (coupled_clutches(), 1.5),
     "pulled block": (reference("pulled-block-dwell").scene, 40.0),
 }
 
