@@ -66,6 +66,11 @@ class Balance:
             self.parting, self.loop = part.parting, part.loop
         self._finish()
 
+    @property
+    def has_loops(self) -> bool:
+        """Whether the forces of some rows are not unique."""
+        return bool(self.loop.max(initial=-1) >= 0)
+
     def _finish(self) -> None:
         T: Any = self.T
         self.led_by_bodies, self.led_by_drives = T[self.dependent], self.U[self.dependent]

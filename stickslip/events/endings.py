@@ -9,7 +9,6 @@ import numpy as np
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Loads
-from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -146,7 +145,7 @@ def jumped(
     size = np.abs(before) + np.abs(after)
     jump = np.where(np.abs(after - before) > _SAME * size, after - before, 0.0)
     sides, new = at_stops(system, y, q, labels, path.largest, crossed)
-    w = system.G @ y[:n] + system.D @ before
+    w = system.relative(y[:n], before)
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):
         sides[new & (sides * w < -margin)] = 0
@@ -156,12 +155,12 @@ def jumped(
     if hit.any() and not is_exact:
         margin = max(margin, _slowest_flight(motion, path, q, hit))
     found = struck(system, y[:n], before, after, sides, hit)
-    change = np.abs(system.G @ (found.v - y[:n]) + system.D @ jump)
+    change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
     y = y.copy()
     y[:n] = found.v
     # rebounds slower than the margin do not happen
-    sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
+    sides[sides * system.relative(found.v, after) < -margin] = 0
     return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found)
 
 
@@ -394,10 +393,8 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     if sign * _acceleration(motion, tau, y, row) > 0:
         return False
     equal = _brought_to_rest(motion, tau, y, row)
-    pull = dense(system.G[[row]])[0]
-    total = float(pull @ equations.balance.accelerations(pull))
     q = motion.inputs(tau, y)
-    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
+    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * equations.mobility(row)
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
