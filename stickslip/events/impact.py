@@ -22,7 +22,7 @@ from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_SAME = 1e-12
+SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
 _RANK = 1e-12
@@ -58,7 +58,7 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, 
     lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
     """
     speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
-    least = _SAME * speed * system.largest_lever
+    least = SAME * speed * system.largest_lever
     turn = np.where(system.is_one_way, 1, sides).astype(float)
     w = system.relative(v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
