@@ -104,7 +104,9 @@ def main() -> None:
     """Print the table."""
     print("CPU times in s; reading means velocity and position of every body and drive, and of every contact")
     print(", ".join(_OF_CONTACTS))
-    print("its ratios are those to the simulation of a scene that was built just now, and of the same once more")
+    print(
+        "its ratios are those to the simulation of a scene that was built just now, and of the same once more"
+    )
     print(
         f"{'scene':8}{'bodies':>7}{'span':>7}{'events':>8}{'times':>8}"
         f"{'first':>10}{'again':>10}{'read':>9}{'ratios':>14}{'plot':>8}"

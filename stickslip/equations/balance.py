@@ -266,7 +266,8 @@ class _Component:
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
-        reduced, drives, combine = np.split(work[:done], [n, n + D.shape[1]], axis=1)
+        last = n + D.shape[1]
+        reduced, drives, combine = work[:done, :n], work[:done, n:last], work[:done, last:]
         self.T = np.eye(n)
         self.T[self.dependent] = -reduced
         self.T[:, self.dependent] = 0.0
@@ -276,7 +277,7 @@ class _Component:
         self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
-            self._least_norm(inertia, D, work[done:, n + D.shape[1] :], scale)
+            self._least_norm(inertia, D, work[done:, last:], scale)
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
