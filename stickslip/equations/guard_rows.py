@@ -89,7 +89,7 @@ class GuardRows:
         ends = list(accumulate((rows.size for rows, _ in kinds if rows.size), initial=0))
 
         def column(k: int, dtype: type = float) -> Array:
-            found = np.empty(ends[-1], dtype)
+            found: Array = np.empty(ends[-1], dtype)
             for part, (first, last) in zip(parts, pairwise(ends), strict=True):
                 found[first:last] = part[k]
             return found
