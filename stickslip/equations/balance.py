@@ -123,7 +123,8 @@ class Balance:
                 own = part.dependent
                 i, j, forces = part.S
                 S.add((rows[i], first + j, forces))
-                self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
+                if part.loop is not None:
+                    self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
                 if part.parting is not None:
                     parting.block(rows, np.arange(d), part.parting)
             first += own.size
@@ -218,7 +219,7 @@ class Components:
             (bodies[k], drive, found.U[k, drive]),
             (row, place, found.S[row, place]),
             bodies[found.dependent],
-            found.loop,
+            found.loop if (found.loop >= 0).any() else None,
             found.parting,
         )
 
@@ -235,13 +236,16 @@ class Among(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """A connected component of held rows: entries of T and U, and of S for its rows and dependent bodies."""
+    """A connected component of held rows: entries of T and U, and of S for its rows and dependent bodies.
+
+    `loop` is None where all forces are unique.
+    """
 
     T: tuple[Indices, Indices, Array]
     U: tuple[Indices, Indices, Array]
     S: tuple[Indices, Indices, Array]
     dependent: Indices
-    loop: Indices
+    loop: Indices | None
     parting: Array | None
 
 
