@@ -460,17 +460,17 @@ class ModeEquations:
     @cached_property
     def _led_velocities(self) -> Array:
         """The relative velocities of the velocity-dependent rows from the states, led ones among them."""
-        system = self.system
-        found = np.zeros((self.velocity_dependent.size, system.size))
-        found[:, : system.n] = (system.G @ self.balance.T)[self.velocity_dependent]
-        return found
+        return self._from_states(self.system.G @ self.balance.T)
 
     @cached_property
     def law_velocities(self) -> Array:
         """The relative velocities of the velocity-dependent rows from the states of a small scene, without drives."""
-        system = self.system
-        found = np.zeros((self.velocity_dependent.size, system.size))
-        found[:, : system.n] = system.G[self.velocity_dependent]
+        return self._from_states(self.system.G)
+
+    def _from_states(self, from_velocities: Array) -> Array:
+        """Return the lines of the velocity-dependent rows, with all states in place of the velocities."""
+        found = np.zeros((self.velocity_dependent.size, self.system.size))
+        found[:, : self.system.n] = from_velocities[self.velocity_dependent]
         return found
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:
