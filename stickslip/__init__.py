@@ -42,7 +42,8 @@ from stickslip.results.outcome import Event
 from stickslip.results.output import output
 from stickslip.simulation.explain import explain
 from stickslip.simulation.joined import Joined, join
-from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted, load
+from stickslip.simulation.load import load
+from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.showing import let_scenes_show_themselves as _let_scenes_show_themselves
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.cycles.branches import Branch

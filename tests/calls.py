@@ -249,9 +249,9 @@ def _calls() -> list[Call]:
             Call(read.fit_for_plot, {"points": 0}),
             Call(read.to_csv, {"path": "run.csv", "units": True}, {"units": {"none"}}),
             Call(read.report, {"path": "run.html", "title": "run"}, draws=True),
+            Call(read.save, {"path": "run.npz"}),
         ]
     runs += [
-        Call(RESULT.save, {"path": "run.npz"}),
         Call(load, {"path": "kept.npz", "scene": SCENE}, {"scene": {"none"}}),
         *(Call(getattr(output, name), {"result": RESULT}) for name in ("columns", "column_units", "summary")),
         Call(output.to_frame, {"result": RESULT}),

@@ -89,8 +89,8 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: load(RESULT), "load: path must be a text or a pathlib.Path, got Result("),
     (lambda: load(__file__), "was not written by stickslip's save"),
     (
-        lambda: output.save(JOINED, "run.npz"),
-        "save: expected a Result, got Joined; of runs in a row save each",
+        lambda: output.save(SCENE, "run.npz"),
+        "save: expected a Result, got Scene; simulate(scene, t_span) returns one",
     ),
     (
         lambda: output.to_csv(SCENE, "run.csv"),

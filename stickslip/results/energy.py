@@ -79,6 +79,11 @@ class EnergyLedger:
         return balance - balance[:1]
 
     @property
+    def begun(self) -> float:
+        """What was stored at the start, before all work and heat."""
+        return float(self.stored[0] + self.heat[0] - self.work[0] - self.changes[0])
+
+    @property
     def relative_error(self) -> float:
         """The largest balance error over the largest energy in the ledger, 0 where nothing ever moves."""
         largest = self._largest
@@ -103,7 +108,7 @@ class EnergyLedger:
         rows.append(("balance error", self.error[-1]))
         wide = max(len(name) for name, _ in rows)
         # velocities of roundoff at the start would store some 1e-56 J
-        stored = self.stored[0] if self.stored[0] > 1e-16 * self._largest else 0.0
+        stored = self.begun if self.begun > 1e-15 * self._largest else 0.0
         lines = [f"energy in J at {self.t[-1]:g} s (at the start {stored:.9g} stored)"]
         return "\n".join([*lines, *(f"  {name.ljust(wide)}  {value: .9g}" for name, value in rows)])
 
@@ -144,7 +149,7 @@ def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> 
         names = dict.fromkeys(name for ledger in ledgers for name in getattr(ledger, kind))
         return {name: counted(lambda ledger, name=name: getattr(ledger, kind).get(name)) for name in names}  # type: ignore[misc]
 
-    jumps = [0.0] + [float(end.stored[0] - before.stored[-1]) for before, end in pairwise(ends)]
+    jumps = [0.0] + [float(after.begun - before.stored[-1]) for before, after in pairwise(ends)]
     return EnergyLedger(
         np.concatenate([ledger.t for ledger in ledgers]),
         np.concatenate([ledger.kinetic for ledger in ledgers]),
@@ -192,12 +197,12 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
     taken = np.zeros((rows.size, given.size))
     struck: list[int] = []
     if not (system.is_friction | system.is_gap).all():
-        # impulses at the very start come before all that is counted
-        struck = [k for k, piece in enumerate(trajectory.pieces) if k and piece.impulses is not None]
+        struck = [k for k, piece in enumerate(trajectory.pieces) if piece.impulses is not None]
     if struck:
         numbers = np.array(struck, dtype=np.intp)
-        ends = np.array([trajectory.pieces[k - 1].end for k in struck])
-        before = Samples.at_local(trajectory, numbers - 1, ends)
+        first = numbers == 0
+        ends = np.array([trajectory.pieces[k - 1].end if k else 0.0 for k in struck])
+        before = Samples.at_local(trajectory, np.maximum(numbers - 1, 0), ends)
         after = Samples.at_local(trajectory, numbers, np.zeros(numbers.size))
         pieces = [trajectory.pieces[k] for k in struck]
         impulses = np.array([piece.impulses for piece in pieces], dtype=float).T
@@ -207,8 +212,10 @@ def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
             moved = 0.5 * (before.drive_velocities + after.drive_velocities)
             middle = 0.5 * (before.relative_velocities + after.relative_velocities)
             given[numbers] = ((system.D.T @ impulses) * moved).sum(axis=0)
-            # where one impact follows another at the same instant, drives have their new velocity in the second
-            given[numbers] += lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
+            # where one impact follows another at the same instant, drives have their new velocity in the second;
+            # at the very start they have no other
+            second = lost[rows].sum(axis=0) - (impulses * middle)[rows].sum(axis=0)
+            given[numbers] += np.where(first, 0.0, second)
     total = np.cumsum(taken, axis=1)[:, samples.piece_of]
     by_name = {system.rows[j].name: line for j, line in zip(rows.tolist(), total, strict=True)}
     return np.cumsum(given)[samples.piece_of], by_name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
-from stickslip.model.checks import file_path
+from stickslip.model.checks import file_path, in_order
 from stickslip.model.modes import Mode
 from stickslip.model.quantities import position
 from stickslip.model.scene import Scene
 from stickslip.results.outcome import Event, Outcome, Target
 from stickslip.results.patchwork import Patchwork
+from stickslip.results.readable import Readable, check_result
 from stickslip.results.samples import Samples
 from stickslip.results.tables import how_it_ended
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
@@ -28,15 +29,16 @@ _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 
 
-def save(result: Outcome, path: Target) -> None:
+def save(result: Readable, path: Target) -> None:
     """Write a result as npz, from which `read` brings back all of it.
 
     Beside what `read` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
-    contact), so that it can be read without this package.
+    contact), so that it can be read without this package. Of runs in a row it holds these of each, as ``run.0.t``
+    and so on.
 
     Parameters
     ----------
-    result : Outcome
+    result : Result or Joined
         Signals and laws made of code are not written; `read` then asks for the scene.
     path : path
         Written as it stands, whatever its suffix.
@@ -46,11 +48,19 @@ def save(result: Outcome, path: Target) -> None:
     OSError
         If the file cannot be written.
     """
-    if not hasattr(result, "samples"):
-        raise TypeError(
-            f"save: expected a Result, got {type(result).__name__}; of runs in a row save each of `runs`"
-        )
-    target, samples = file_path(path, "save"), result.samples
+    check_result(result, "save")
+    target, each = file_path(path, "save"), [_arrays(run) for run in result.runs]
+    arrays = each[0]
+    if not hasattr(result, "samples"):  # runs in a row
+        arrays = {f"run.{k}.{name}": array for k, run in enumerate(each) for name, array in run.items()}
+        arrays["runs"] = np.array(len(each))
+    with target.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _arrays(result: Outcome) -> dict[str, Any]:
+    """Return all of one run as arrays by name."""
+    samples = result.samples
     system, parts = samples.system, samples.trajectory.parts
     pieces = [part for part in parts if isinstance(part, Piece)]
     arrays: dict[str, Any] = {"t": samples.t, "y": samples.y, "piece_of": samples.piece_of}
@@ -77,8 +87,7 @@ def save(result: Outcome, path: Target) -> None:
     about["positions"] = [moving[i] for i in system.placed] if system.watched else []
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
-    with target.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    return arrays
 
 
 @dataclass(frozen=True)
@@ -93,22 +102,43 @@ class Kept:
     stats: dict[str, Any]
 
 
-def read(path: Target, scene: Scene | None = None) -> Kept:
-    """Return what `save` wrote.
+def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Kept | list[Kept]:
+    """Return what `save` wrote; of runs in a row a list.
 
-    Where signals or laws of the scene are code that no file holds, it has to be given.
+    Where signals or laws of the scene are code that no file holds, it has to be given; of runs in a row that of each.
     """
     try:
         with np.load(file_path(path, "load"), allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
-        about = json.loads(str(data["about"]))
-        known = about["format"]
+        in_a_row = "runs" in data
+        runs = [_under(f"run.{k}.", data) for k in range(int(data["runs"]))] if in_a_row else [data]
+        abouts = [json.loads(str(run["about"])) for run in runs]
+        formats = {about["format"] for about in abouts}
     except (AttributeError, KeyError, ValueError, EOFError):
         raise ValueError(f"load: {path} was not written by stickslip's save, or only in part") from None
-    if known != _FORMAT:
+    for known in formats - {_FORMAT}:
         raise ValueError(
             f"load: {path} has format {known}, this version reads {_FORMAT}; update stickslip or simulate again"
         )
+    if not in_a_row:
+        return _kept(data, abouts[0], scene, path)
+    scenes: Sequence[Any] = (
+        [None] * len(runs) if scene is None else in_order(scene, "load: scene", "Scene(...)")
+    )
+    if len(scenes) != len(runs):
+        raise ValueError(
+            f"load: {path} holds {len(runs)} runs in a row; give the scene of each, got {len(scenes)}"
+        )
+    return [_kept(run, about, one, path) for run, about, one in zip(runs, abouts, scenes, strict=True)]
+
+
+def _under(prefix: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arrays whose names begin so, under the rest of their names."""
+    return {name.removeprefix(prefix): data[name] for name in data if name.startswith(prefix)}
+
+
+def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: Target) -> Kept:
+    """Return what the arrays of one run hold."""
     start, stop = about["span"]
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}
@@ -117,8 +147,7 @@ def read(path: Target, scene: Scene | None = None) -> Kept:
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
     for k in about.get("patchworks", []):
-        own = {name.split(".", 2)[2]: data[name] for name in data if name.startswith(f"patchwork.{k}.")}
-        parts.insert(k, Patchwork.from_arrays(system, own))
+        parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
     trajectory = Trajectory(system, (start, stop, about["stepped"]), Pieces.of(parts))
     samples = Samples(trajectory, data["t"], data["y"], data["piece_of"].astype(np.intp))
     events = [_event_from_dict(row) for row in about["events"]]
@@ -164,7 +193,7 @@ def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:
         return None
 
 
-def _scene_of(about: Mapping[str, Any], scene: Scene | None, path: Target) -> Scene:
+def _scene_of(about: Mapping[str, Any], scene: Any, path: Target) -> Scene:
     if scene is not None:
         if not isinstance(scene, Scene):
             raise TypeError(f"load: scene must be a Scene, got {type(scene).__name__}")

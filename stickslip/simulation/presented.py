@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from stickslip.model.checks import file_path
 from stickslip.model.modes import Mode
-from stickslip.results import shares, tables
+from stickslip.results import files, shares, tables
 from stickslip.results.energy import EnergyLedger, energy
 from stickslip.results.explanations import explain_result
 from stickslip.results.outcome import Target
@@ -51,6 +51,16 @@ class Presented(Readable):
     def explain(self) -> str:
         """Return in words what was assembled, which guards were watched, and why each event happened."""
         return explain_result(self)
+
+    def save(self, path: Target) -> None:
+        """Write all of the result to an npz file, without loss; `stickslip.load` reads it.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        files.save(self, path)
 
     def to_csv(self, path: Target, *, units: bool | None = None) -> None:
         """Write motion, forces, modes, powers and energies as a table, a line per time.

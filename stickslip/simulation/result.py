@@ -14,9 +14,8 @@ from stickslip.model.arrays import Array
 from stickslip.model.checks import whole
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
-from stickslip.results import files
 from stickslip.results.continuation import final_scene
-from stickslip.results.outcome import Event, Target
+from stickslip.results.outcome import Event
 from stickslip.results.readable import times_within
 from stickslip.results.samples import Samples
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
@@ -210,47 +209,7 @@ class Result(Presented):
         """
         return final_scene(self.trajectory)
 
-    def save(self, path: Target) -> None:
-        """Write all of the result to an npz file, without loss; `stickslip.load` reads it.
-
-        Raises
-        ------
-        OSError
-            If the file cannot be written.
-        """
-        files.save(self, path)
-
     def __str__(self) -> str:
         lines = [self.message, *map(str, self.events)]
         lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))
         return "\n".join(lines)
-
-
-def load(path: Target, scene: Scene | None = None) -> Result:
-    """Return the result that `Result.save` wrote: the same numbers, and `result(t)` between them.
-
-    Parameters
-    ----------
-    path : path
-    scene : Scene, optional
-        The simulated scene, where its signals or laws are code that no file holds.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If it is not such a file, or the scene is missing or another one.
-    """
-    kept = files.read(path, scene)
-    trajectory = kept.samples.trajectory
-    return Result(
-        trajectory.system.scene,
-        kept.events,
-        kept.success,
-        kept.status,
-        kept.message,
-        dict(kept.stats),
-        trajectory,
-        kept.samples,
-    )

@@ -22,7 +22,7 @@ from stickslip.events.endings import (
     shown_at_end,
     until_rest,
 )
-from stickslip.events.impact import struck
+from stickslip.events.impact import Struck, struck
 from stickslip.events.search import Situation
 from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
 from stickslip.model.arrays import Array, Mask, Modes
@@ -88,16 +88,16 @@ class Run:
             self._borders.place(y, self.t)
         since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        hit, sides = self._stops_at_start(y)
+        hit, sides, impact = self._stops_at_start(y)
         situation = Situation(self.t, y, None, since, nothing, nothing, sides=sides)
-        self.now = self._settled(situation)
+        self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
 
-    def _stops_at_start(self, y: Array) -> tuple[Mask, Modes]:
+    def _stops_at_start(self, y: Array) -> tuple[Mask, Modes, Struck | None]:
         """Let stops rebound, in place, that start at a limit and go on into it.
 
-        Returns which do, and at which limits stops rest then.
+        Returns which do, at which limits stops rest then, and what the impact did.
         """
         system, q = self.system, self.loads.after(self.t).at(self.t)
         sides, _ = at_stops(system, y, q)
@@ -105,10 +105,11 @@ class Run:
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
         rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
-        if hit.any():
-            y[: system.n] = struck(system, y[: system.n], u, u, sides, hit).v
+        impact = struck(system, y[: system.n], u, u, sides, hit) if hit.any() else None
+        if impact is not None:
+            y[: system.n] = impact.v
         sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0
-        return hit, sides
+        return hit, sides, impact
 
     def advance(self) -> None:
         """Follow the motion to its end, keep it, and settle the next one."""

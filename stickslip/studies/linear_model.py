@@ -290,6 +290,7 @@ def _response(motion: Motion, dy: Array, dq: Array) -> _Response:
     found = equations.apply(dy) + equations.respond(dq)
     rows, relative = equations.velocity_dependent, found[size : size + m]
     forces = np.asarray(equations.friction @ dq)
+    forces[equations.elastic] = equations.elastic_forces(dy, dq)
     if rows.size:
         law, terms = equations.law, motion.law_arguments(0.0, motion.y)
         w, normal, _, z = terms

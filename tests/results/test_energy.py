@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import NAMES, load
 
 from stickslip import (
     GROUND,
@@ -18,20 +17,23 @@ from stickslip import (
     PreSlip,
     Scene,
     Spring,
+    Stop,
+    join,
     simulate,
     sine,
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
 from stickslip.results.energy import energy
+from validation.exact import REFERENCES, reference
 
 DRY = DryFriction(0.2, 0.1)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference_scenes_balance(name):
-    reference = load(name)
-    result = simulate(reference.scene, (0.0, reference.stop), rtol=1e-11, atol=1e-13)
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), rtol=1e-11, atol=1e-13)
     ledger = energy(result)
     assert ledger.relative_error < 1e-9
     assert ledger.error.shape == result.t.shape
@@ -40,8 +42,8 @@ def test_reference_scenes_balance(name):
 
 @pytest.mark.parametrize("name", ["flywheels-2", "flywheels-4", "star"])
 def test_motion_without_springs_and_dampers_balances_to_roundoff(name):
-    reference = load(name)
-    assert energy(simulate(reference.scene, (0.0, reference.stop))).relative_error < 1e-14
+    story = reference(name)
+    assert energy(simulate(story.scene, (0.0, story.stop))).relative_error < 1e-14
 
 
 def test_a_sliding_block_turns_its_energy_to_heat():
@@ -112,7 +114,7 @@ def test_a_damper_takes_what_the_relative_speed_had():
 
 
 def test_requested_times_and_computed_points_give_the_same_ledger():
-    scene = load("two-blocks").scene
+    scene = reference("two-blocks").scene
     times = np.linspace(0.0, 20.0, 7)
     few = energy(simulate(scene, (0.0, 20.0), t_eval=times))
     all_points = simulate(scene, (0.0, 20.0))
@@ -130,9 +132,9 @@ def test_regularized_contacts_balance():
 
 
 def test_fixed_steps_show_their_error():
-    reference = load("pulled-block")
+    story = reference("pulled-block")
     errors = [
-        energy(simulate(reference.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
+        energy(simulate(story.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
         for step in (0.02, 0.01)
     ]
     assert 1e-5 < errors[1] < errors[0] < 0.1
@@ -175,3 +177,29 @@ def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> 
     np.testing.assert_allclose(ledger.drives, speed**2 - 3.0 * way, rtol=0, atol=1e-12)
     np.testing.assert_allclose(ledger.kinetic, speed**2, rtol=0, atol=1e-12)
     assert ledger.relative_error < 1e-12
+
+
+def test_an_impact_at_the_very_start_is_in_the_ledger() -> None:
+    """A ball on a table that rises: the table does work with the impulse, the impact takes 3/4 of what is relative."""
+    table = Drive("table", velocity=0.5)
+    stop = Stop("contact", "ball", "table", lower=0.0, restitution=0.5)
+    ledger = simulate(Scene(Body("ball", inertia=1.0, velocity=-2.0), table, stop), (0.0, 1.0)).energy()
+    # from -2.5 m/s to 1.25 m/s beside the table
+    assert ledger.impacts["contact"] == pytest.approx(0.5 * 2.5**2 * 0.75)
+    assert ledger.drives == pytest.approx(3.75 * 0.5)
+    assert ledger.begun == pytest.approx(2.0) and "at the start 2 stored" in str(ledger)
+    assert np.abs(ledger.error).max() < 1e-14
+
+
+def test_an_impact_between_two_runs_is_no_change_from_outside() -> None:
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+        Force("ball", -9.81),
+    )
+    whole = simulate(scene, (0.0, 1.0))
+    first = simulate(scene, (0.0, whole.events[0].t))
+    both = join([first, simulate(first.final_scene(), (first.t[-1], 1.0))])
+    assert [event.cause for event in both.events] == ["impact", "impact"]
+    assert not both.energy().changes.any()
+    assert both.energy().impacts["floor"][-1] == pytest.approx(whole.energy().impacts["floor"][-1], rel=1e-12)

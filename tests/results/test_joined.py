@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import stickslip
 from stickslip import (
     GROUND,
     Block,
@@ -21,6 +22,8 @@ from stickslip import (
     Result,
     Scene,
     join,
+    output,
+    signal,
     simulate,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark
@@ -201,3 +204,37 @@ def test_another_law_in_the_next_run_may_change_a_mode() -> None:
         "between two runs",
     )
     assert second.velocity("block")[-1] == pytest.approx(0.25, abs=1e-12)
+
+
+def test_a_file_brings_all_runs_back(changed: Joined, tmp_path: Path) -> None:
+    changed.save(tmp_path / "runs.npz")
+    again = stickslip.load(tmp_path / "runs.npz")
+    assert isinstance(again, Joined)
+    assert [run.scene for run in again.runs] == [run.scene for run in changed.runs]
+    assert again.events == changed.events and str(again) == str(changed)
+    assert again.explain() == changed.explain() and str(again.energy()) == str(changed.energy())
+    for one in (changed, changed.sample(21)):
+        same = again if one is changed else again.sample(21)
+        found, expected = output.columns(same), output.columns(one)
+        assert list(found) == list(expected)
+        assert all(np.array_equal(found[name], expected[name], equal_nan=True) for name in expected)
+
+
+def test_one_run_in_a_row_stays_one(runs: tuple[Result, Joined], tmp_path: Path) -> None:
+    join([runs[0]]).save(tmp_path / "one.npz")
+    again = stickslip.load(tmp_path / "one.npz")
+    assert isinstance(again, Joined) and again.events == runs[0].events
+
+
+def test_scenes_made_of_code_are_given_for_each_run(tmp_path: Path) -> None:
+    first = Scene(Body("a", inertia=1.0), Force("a", signal(lambda t: t * t, period=1.0)))
+    one = simulate(first, (0.0, 1.0))
+    second = one.final_scene()
+    both = join([one, simulate(second, (1.0, 2.0))])
+    both.save(tmp_path / "runs.npz")
+    with pytest.raises(ValueError, match="holds code"):
+        stickslip.load(tmp_path / "runs.npz")
+    with pytest.raises(ValueError, match="holds 2 runs in a row; give the scene of each, got 1"):
+        stickslip.load(tmp_path / "runs.npz", [first])
+    again = stickslip.load(tmp_path / "runs.npz", [first, second])
+    assert np.array_equal(again.position("a"), both.position("a"))

@@ -282,6 +282,15 @@ def test_at_a_corner_there_are_two_models() -> None:
     assert beside.frequencies == pytest.approx([1.0])
 
 
+def test_the_force_of_a_gap_is_an_output() -> None:
+    """Its stretch at a body of radius 0.5 m; within its limits it has none."""
+    gap = Gap("g", "m", GROUND, upper=1.0, lower=-1.0, stiffness=20.0, damping=0.3, radius_a=0.5)
+    for place, stiffness, damping in ((2.5, 10.0, 0.15), (0.0, 0.0, 0.0), (-2.5, 10.0, 0.15)):
+        model = linearize(Scene(Body("m", inertia=2.0, position=place), gap)).select(outputs=["force(g)"])
+        assert model.states == ("velocity(m)", "position(m)")
+        assert np.allclose(model.C, [[damping, stiffness]]) and not model.D.any()
+
+
 def test_bad_arguments_are_refused() -> None:
     with pytest.raises(TypeError, match="must be a Scene"):
         linearize(1)  # type: ignore[arg-type]

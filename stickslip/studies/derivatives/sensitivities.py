@@ -94,7 +94,7 @@ class Sensitivities:
     def heat(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the heat of a contact from the start to fixed times, by default to the end.
 
-        ``heat = integral of r w dt``, in J.
+        ``heat = integral of r w dt``, in J; of a gap with what it stores.
 
         Raises
         ------
