@@ -7,18 +7,9 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from stickslip import (
-    GROUND,
-    Body,
-    Contact,
-    DryFriction,
-    Force,
-    Scene,
-    Signal,
-    simulate,
-)
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, Signal, simulate
 from validation import analytic
-from validation.rows import Answer, Row, event_error, worst
+from validation.rows import Answer, Row, changes, event_error, worst
 
 extreme_row = partial(Row, "Extremes")
 mp = analytic.mp
@@ -44,8 +35,7 @@ def told(
     """Compare a block's events (over the span) and its velocities at some times (over the largest)."""
     t = sorted(speeds)
     result = simulate(scene, (0.0, stop), t_eval=t, **options)
-    found = [(e.t, e.contact, int(e.before), int(e.after)) for e in result.events]
-    times = event_error(found, events, stop)
+    times = event_error(changes(result, opened=True), events, stop)
     return max(times, worst(result.velocity("block"), [speeds[s] for s in t]))
 
 

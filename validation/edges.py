@@ -21,10 +21,9 @@ from stickslip import (
     piecewise_linear,
     simulate,
 )
-from validation.rows import FORMULATIONS, Row, Tried, changes, event_error
+from validation.rows import FORMULATIONS, Change, Row, Tried, changes, event_error
 from validation.tried import try_each
 
-Change = tuple[float, str, int, int]
 METHODS = tuple((f, m) for f in FORMULATIONS for m in ("BDF", "Adams") if (f, m) != ("multiplier", "Adams"))
 OPTIONS: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
 BOUND, PATIENCE = 1e-7, 20.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -23,12 +23,12 @@ from stickslip import (
     Result,
     Scene,
     Spring,
-    piecewise_linear,
+    benchmark,
     simulate,
     sine,
-    triangle,
 )
 from validation import analytic
+from validation.random_oracle import scene_of
 from validation.rows import (
     FORMULATIONS,
     Answer,
@@ -52,7 +52,10 @@ exact_row = partial(Row, "Closed forms")
 
 @dataclass(frozen=True)
 class Story:
-    """A scene whose motion is known: events, and velocities (a row per time) of `bodies` at the times `t`."""
+    """A scene whose motion is known: events, and velocities of `bodies` at the times `t`, a line per time.
+
+    Positions, too, where they are known.
+    """
 
     title: str
     scene: Scene
@@ -61,10 +64,15 @@ class Story:
     events: list[Change]
     t: Array
     velocities: Array
+    positions: Array | None = None
+
+    def seen(self, result: Result) -> Array:
+        """Return the velocities of a run as those of the story stand."""
+        return np.array([result.velocity(body) for body in self.bodies]).T
 
 
-def _plain(motion: analytic.Motion) -> list[Change]:
-    return [(float(e.time), e.contact, e.before, e.after) for e in motion.events]
+def _plain(events: Iterable[analytic.Event]) -> list[Change]:
+    return [(float(e.time), e.contact, e.before, e.after) for e in events]
 
 
 def _grid(stop: float, velocity: Callable[[float], Any], count: int = 201) -> tuple[Array, Array]:
@@ -75,81 +83,58 @@ def _grid(stop: float, velocity: Callable[[float], Any], count: int = 201) -> tu
 
 # Stories
 
-DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1, dwell=0.1)
-
 
 @cache
 def two_flywheels() -> Story:
     """The benchmark of Breedveld (2000), table 1."""
-    pulses = triangle(0.05, 0.10, 0.15, slope=3000.0) + triangle(0.4, 0.5, 0.6, slope=3000.0)
-    scene = Scene(
-        Body("wheel1", inertia=1.0, velocity=1.0),
-        Body("wheel2", inertia=10.0, velocity=1.01),
-        Contact("interface", "wheel1", "wheel2", DRY, normal=100.0),
-        Contact("brake", "wheel1", GROUND, DRY, normal=pulses),
-    )
     motion = analytic.two_flywheels()
     grid = _grid(4.0, motion.velocity, 401)
-    return Story("Two flywheels and a brake", scene, 4.0, ("wheel1", "wheel2"), _plain(motion), *grid)
+    return Story(
+        "Two flywheels and a brake",
+        benchmark.flywheel_benchmark(),
+        4.0,
+        ("wheel1", "wheel2"),
+        _plain(motion.events),
+        *grid,
+    )
 
 
 @cache
 def four_flywheels() -> Story:
     """Four flywheels in a row, braked once (Breedveld 2000, fig. 9)."""
-    scene = Scene(
-        *(Body(f"w{i}", inertia=float(i), velocity=0.99 + 0.01 * i) for i in (1, 2, 3, 4)),
-        *(
-            Contact(f"c{i}{i + 1}", f"w{i}", f"w{i + 1}", DRY, normal=n)
-            for i, n in ((1, 100.0), (2, 60.0), (3, 30.0))
-        ),
-        Contact("brake", "w1", GROUND, DRY, normal=triangle(0.4, 0.5, 0.6, slope=3000.0)),
-    )
     motion = analytic.four_flywheels()
-    grid = _grid(4.0, motion.velocity)
-    return Story("Four flywheels in a row", scene, 4.0, ("w1", "w2", "w3", "w4"), _plain(motion), *grid)
+    grid, names = _grid(4.0, motion.velocity), ("w1", "w2", "w3", "w4")
+    return Story(
+        "Four flywheels in a row", benchmark.four_flywheels(), 4.0, names, _plain(motion.events), *grid
+    )
+
+
+def pulled(static: float = 1.5) -> Scene:
+    """Return a block that a spring pulls over the floor; its Coulomb coefficient is 1."""
+    return Scene(
+        Body("block", inertia=1.0),
+        Drive("plate", velocity=0.1),
+        Contact("floor", "block", GROUND, DryFriction(static, 1.0), normal=1.0),
+        Spring("block", "plate", stiffness=2.0),
+    )
 
 
 @cache
 def pulled_block() -> Story:
     """A block on the floor, pulled by a spring whose end moves steadily: stick-slip."""
-    scene = Scene(
-        Body("block", inertia=1.0),
-        Drive("plate", velocity=0.1),
-        Contact("floor", "block", GROUND, DryFriction(1.5, 1.0), normal=1.0),
-        Spring("block", "plate", stiffness=2.0),
-    )
     motion = analytic.pulled_block(1, 2, 0.1, normal=1, mu_static=1.5, mu_coulomb=1)
-    events = [(float(e.time), e.contact, e.before, e.after) for e in motion.events(40)]
     t, v = _grid(40.0, lambda s: motion.state(s)[1:])
-    return Story("A block pulled by a spring", scene, 40.0, ("block",), events, t, v)
+    return Story("A block pulled by a spring", pulled(), 40.0, ("block",), _plain(motion.events(40)), t, v)
 
 
 @cache
 def reference(name: str) -> Story:
     """A scene of tests/reference with its answer."""
     data = json.loads((FOLDER / f"{name}.json").read_text())
-    scene, answer = data["scene"], data["answer"]
-
-    def load(value: Any) -> Any:
-        return piecewise_linear(*zip(*value, strict=True)) if isinstance(value, list) else value
-
-    elements: list[Any] = []
-    for b in scene["bodies"]:
-        drive = b["inertia"] is None
-        numbers = {key: b[key] for key in ("inertia", "velocity", "position") if b.get(key) is not None}
-        elements.append(
-            Drive(b["name"], velocity=load(b["velocity"])) if drive else Body(b["name"], **numbers)
-        )
-    for c in scene["contacts"]:
-        law = DryFriction(c["mu_s"], c["mu_c"], dwell=c["tau"])
-        elements.append(Contact(c["name"], c["a"], c["b"], law, normal=load(c["normal"])))
-    for s in scene.get("springs", []):
-        rest = s.get("rest", 0.0)
-        elements.append(Spring(s["a"], s["b"], stiffness=s["k"], damping=s["c"], rest=rest))
-    elements += [Force(f["body"], load(f["load"])) for f in scene.get("forces", [])]
+    answer, stop = data["answer"], float(data["scene"]["t_end"])
     events = [tuple(event) for event in answer["events"]]
-    names, t, v = tuple(answer["names"]), np.array(answer["t"]), np.array(answer["v"])
-    return Story(name, Scene(*elements), float(scene["t_end"]), names, events, t, v)
+    t, v, x = (np.array(answer[key]) for key in "tvx")
+    return Story(name, scene_of(data["scene"], None), stop, tuple(answer["names"]), events, t, v, x)
 
 
 def told(story: Callable[[], Story], formulation: str) -> Answer:
@@ -157,7 +142,7 @@ def told(story: Callable[[], Story], formulation: str) -> Answer:
     s = story()
     result = simulate(s.scene, (0.0, s.stop), **asked(formulation), t_eval=s.t, **TIGHT)
     times = event_error(changes(result), s.events, s.stop)
-    velocities = worst(np.array([result.velocity(body) for body in s.bodies]).T, s.velocities)
+    velocities = worst(s.seen(result), s.velocities)
     return max(times, velocities), f"{len(s.events)} events, times {times:.1e}, velocities {velocities:.1e}"
 
 

@@ -25,7 +25,7 @@ from stickslip import (
 )
 from validation import analytic
 from validation.blocks import DRY, block, extreme_row, mp, power, told
-from validation.exact import TIGHT, pulled_block, two_flywheels
+from validation.exact import TIGHT, pulled, pulled_block, two_flywheels
 from validation.rows import Answer, Row, changes, event_error, refused, require, worst
 
 
@@ -70,8 +70,7 @@ def units(decades: tuple[int, ...]) -> Answer:
         result = simulate(scene, (0.0, 4.0 * second), atol=1e-10 * speed, t_eval=story.t * second)
         events = [(t * second, *rest) for t, *rest in story.events]
         errors.append(event_error(changes(result), events, 4.0 * second))
-        v = np.array([result.velocity(b) for b in story.bodies]).T
-        errors.append(worst(v / speed, story.velocities))
+        errors.append(worst(story.seen(result) / speed, story.velocities))
     return max(errors), f"{len(errors) // 2} combinations"
 
 
@@ -92,7 +91,7 @@ def units_of_spring(decades: tuple[int, ...]) -> Answer:
         result = simulate(scene, (0.0, 40.0 * second), rtol=1e-10, atol=atol, t_eval=story.t * second)
         events = [(t * second, *rest) for t, *rest in story.events]
         errors.append(event_error(changes(result), events, 40.0 * second))
-        errors.append(worst(result.velocity("block")[:, None] / speed, story.velocities))
+        errors.append(worst(story.seen(result) / speed, story.velocities))
     return max(errors), f"{len(errors) // 2} combinations"
 
 
@@ -114,8 +113,7 @@ def preslip(velocity: float) -> Answer:
         run = partial(simulate, story.scene.regularized(velocity), (0.0, 4.0))
         return refused(run, "'interface'", "pre-slip velocity"), "refused, as it must be"
     result = simulate(story.scene.regularized(velocity), (0.0, 4.0), t_eval=story.t, **TIGHT)
-    v = np.array([result.velocity(b) for b in story.bodies]).T
-    return worst(v, story.velocities)
+    return worst(story.seen(result), story.velocities)
 
 
 def dwell(tau: float) -> Answer:
@@ -143,17 +141,11 @@ def ratio_pulled(ratio: float) -> Answer:
     """Stick-slip of a pulled block: events and velocities over two cycles."""
     motion = analytic.pulled_block(1, 2, 0.1, normal=1, mu_static=ratio, mu_coulomb=1)
     stop = float(motion.first_break + 2 * (motion.slip_time + motion.stick_time)) - 0.01
-    scene = Scene(
-        Body("block", inertia=1.0),
-        Drive("plate", velocity=0.1),
-        Contact("floor", "block", GROUND, DryFriction(ratio, 1.0), normal=1.0),
-        Spring("block", "plate", stiffness=2.0),
-    )
     t = np.concatenate(
         [np.linspace(0, stop, 50)] + [float(e.time) + np.linspace(-1, 1, 20) for e in motion.events(stop)]
     )
     t = np.unique(t[(t >= 0) & (t <= stop)])
-    result = simulate(scene, (0.0, stop), t_eval=t, **TIGHT)
+    result = simulate(pulled(ratio), (0.0, stop), t_eval=t, **TIGHT)
     times = event_error(changes(result), motion.events(stop), stop)
     v = [float(motion.state(mp.mpf(s))[1]) for s in t.tolist()]
     return max(times, worst(result.velocity("block"), v))
@@ -161,15 +153,8 @@ def ratio_pulled(ratio: float) -> Answer:
 
 def equal_coefficients_pulled() -> Answer:
     """With mu_s = mu_c the pulled block slips at v (1 - cos(omega s)), which touches 0 again and again."""
-    law = DryFriction(1.0, 1.0)
-    scene = Scene(
-        Body("block", inertia=1.0),
-        Drive("plate", velocity=0.1),
-        Contact("floor", "block", GROUND, law, normal=1.0),
-        Spring("block", "plate", stiffness=2.0),
-    )
     t = np.linspace(0.0, 40.0, 401)
-    result = simulate(scene, (0.0, 40.0), t_eval=t, **TIGHT)
+    result = simulate(pulled(1.0), (0.0, 40.0), t_eval=t, **TIGHT)
     v = np.where(t < 5, 0.0, 0.1 * (1 - np.cos(math.sqrt(2) * (t - 5))))
     require(bool(result.events) and abs(result.events[0].t - 5.0) < 1e-8, "breakaway at 5 s is not found")
     return worst(result.velocity("block"), v), f"{len(result.events)} changes of mode"
@@ -188,7 +173,7 @@ def tolerance(rtol: float) -> Answer:
     story = pulled_block()
     result = simulate(story.scene, (0.0, 40.0), rtol=rtol, atol=rtol * 1e-2, t_eval=story.t)
     times = event_error(changes(result), story.events, 40.0)
-    v = worst(result.velocity("block")[:, None], story.velocities)
+    v = worst(story.seen(result), story.velocities)
     return max(times, v) / rtol, f"error {max(times, v):.1e}"
 
 

@@ -76,6 +76,10 @@ class Solution:
             force[j] = held
         return force
 
+    def forces(self, t: float) -> dict[str, float]:
+        """Return the same by the names of the contacts."""
+        return dict(zip(self.system.names, self.friction(t).tolist(), strict=True))
+
     def _piece(self, t: float) -> Piece:
         starts = [piece.start for piece in self.pieces]
         return self.pieces[max(int(np.searchsorted(starts, t, side="right")) - 1, 0)]

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache, partial
-from random import Random
 from typing import Any
 
-import numpy as np
-
-from stickslip import (
-    Body,
-    Contact,
-    Damper,
-    Drive,
-    DryFriction,
-    Force,
-    Gap,
-    OneWay,
-    Result,
-    Scene,
-    Spring,
-    Stop,
-    Tie,
-    simulate,
-)
+from stickslip import Contact, Gap, OneWay, Scene, Stop, Tie, simulate
 from stickslip.model.signals import as_signal
-from validation.comparison import AT_THE_END, compare_events, over_family, signal_of
+from validation.comparison import (
+    Truth,
+    compare_events,
+    compare_forces,
+    compare_velocities,
+    law_of,
+    over_family,
+    scene_with,
+    signal_of,
+    spring_of,
+    truth_of,
+)
 from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
-from validation.oracle import Event
-from validation.rows import Array, Row, Wrong
+from validation.rows import Row
 
 machine_row = partial(Row, "Machines")
 GROUPS: dict[str, dict[str, Any]] = {
@@ -53,71 +43,21 @@ BEFORE, POINTS = 0.99, 60
 """Part of the time up to which the answer is unique, and how many times are compared."""
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What is compared of a machine: up to `stop`, at times `t`; `doubt` says why that is not the whole scene.
-
-    Parameters
-    ----------
-    stop : float
-        Time in s.
-    events : list of Event
-        Before that.
-    t : array
-        Times in s away from events and breaks of loads.
-    velocities : array
-        A row per time, a column per body.
-    forces : list of dict
-        Of each time, by name of the row; nan where one is not unique.
-    doubt : str
-        Empty where the answer is unique to the end.
-    """
-
-    stop: float
-    events: list[Event]
-    t: Array
-    velocities: Array
-    forces: list[dict[str, float]]
-    doubt: str
-
-
 @cache
 def truth(family: str, number: int) -> Truth:
     """Return what the oracle finds."""
     data = FAMILIES[family][0](number)
     found = solve(data)
-    stop = BEFORE * found.known if found.doubt else found.known
-    events = [event for event in found.events if event[0] < stop * (1 - AT_THE_END)]
-    t = stop * (np.arange(POINTS) + 0.37) / POINTS
-    jumps = np.array([*found.machine.breaks, *(event[0] for event in events)])
-    t = t[[bool(np.abs(jumps - s).min() > 1e-5 * data["t_end"]) for s in t]]
-    if stop < 1e-6 * data["t_end"]:
-        t = t[:0]
-    velocities = np.array([found.velocity(s) for s in t]).reshape(t.size, found.machine.n)
-    return Truth(stop, events, t, velocities, [found.forces(s) for s in t], found.doubt)
+    return truth_of(found, data, found.machine.breaks, BEFORE, POINTS)
 
 
-# The same machine for the package
-
-
-def scene_of(data: Mapping[str, Any], order: int = 0) -> Scene:
-    """Return a scene of plain data, its elements in an order of their own for each number."""
-    elements: list[Any] = []
-    for body in data["bodies"]:
-        if body["inertia"] is None:
-            elements.append(Drive(body["name"], velocity=signal_of(body["velocity"])))
-        else:
-            elements.append(Body(**body))
-    elements += [_element(row) for row in data["rows"]]
-    for s in data["springs"]:
+def scene_of(data: Mapping[str, Any], order: int | None = 0) -> Scene:
+    """Return a scene of plain data, its elements in another order for each number, as they stand for None."""
+    springs = []
+    for s in data.get("springs", ()):
         a, b, radii = _ends(s["on"])
-        if s["k"]:
-            elements.append(Spring(a, b, stiffness=s["k"], damping=s["c"], **radii))
-        else:
-            elements.append(Damper(a, b, damping=s["c"], **radii))
-    elements += [Force(force["body"], signal_of(force["load"])) for force in data["forces"]]
-    Random(order).shuffle(elements)
-    return Scene(*elements)
+        springs.append(spring_of(s, a, b, **radii))
+    return scene_with(data, map(_element, data["rows"]), springs, order)
 
 
 def _ends(on: Mapping[str, float]) -> tuple[str, str, dict[str, float]]:
@@ -137,14 +77,8 @@ def _element(row: Mapping[str, Any]) -> Any:
         return Gap(name, a, b, stiffness=row["k"], damping=row["c"], **limits, **radii)
     if kind == "stop":
         return Stop(name, a, b, restitution=row["e"], **limits, **radii)
-    more: dict[str, Any] = {}
-    if "mu_s_back" in row:
-        more = {"mu_static_backward": row["mu_s_back"], "mu_coulomb_backward": row["mu_c_back"]}
-    law = DryFriction(row["mu_s"], row["mu_c"], dwell=row["tau"], **more)
-    return Contact(name, a, b, law, normal=signal_of(row["normal"]), rested=row.get("rested", 0.0), **radii)
-
-
-# Comparison
+    normal, rested = signal_of(row["normal"]), row.get("rested", 0.0)
+    return Contact(name, a, b, law_of(row), normal=normal, rested=rested, **radii)
 
 
 def difference(family: str, group: str, number: int) -> float:
@@ -153,27 +87,10 @@ def difference(family: str, group: str, number: int) -> float:
     scene = scene_of(data, order=number + list(GROUPS).index(group))
     result = simulate(scene, (0.0, right.stop), t_eval=right.t, **GROUPS[group])
     compare_events(right, result, TIMES[group])
-    largest = float(np.abs(right.velocities).max(initial=1e-3))
-    error = 0.0
-    for k, body in enumerate(data["bodies"]):
-        off = np.abs(result.velocity(body["name"]) - right.velocities[:, k]) / largest
-        error = max(error, float(off.max(initial=0.0)))
-    _compare_forces(right, result, data, FORCES.get(group, FORCE))
-    return error
-
-
-def _compare_forces(right: Truth, result: Result, data: Mapping[str, Any], bound: float) -> None:
-    """Compare the forces of rows where they are unique, as parts of the largest force or load."""
-    found = {row["name"]: result.force(row["name"]) for row in data["rows"]}
     loads = [as_signal(signal_of(force["load"]), "load") for force in data["forces"]]
-    sizes = [abs(load(t)) for load in loads for t in right.t.tolist()]
-    sizes += [abs(f) for forces in right.forces for f in forces.values() if not math.isnan(f)]
-    largest = max([1e-6, *sizes])
-    for k, forces in enumerate(right.forces):
-        for name, wanted in forces.items():
-            have = found[name][k]
-            if not math.isnan(wanted) and not abs(have - wanted) <= bound * largest:
-                raise Wrong(f"{name}: force {have:.9g} instead of {wanted:.9g} at t = {right.t[k]:.6g} s")
+    largest = max([1e-6, *(abs(load(t)) for load in loads for t in right.t.tolist())])
+    compare_forces(right, result, FORCES.get(group, FORCE), largest)
+    return compare_velocities(right, result)
 
 
 def rows(count: int) -> list[Row]:

@@ -307,7 +307,7 @@ def _story_figure(story: Story, unit: str) -> str:
         top.legend(ncols=len(story.bodies), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
         scale = np.abs(story.velocities).max()
         for k, (name, result) in enumerate(results.items()):
-            v = np.array([result.velocity(body) for body in story.bodies]).T
+            v = story.seen(result)
             error = np.abs(v - story.velocities).max(axis=1) / scale
             style: dict[str, Any] = {"linestyle": ("-", "--", ":")[k], "color": COLOURS[k]}
             middle.plot(story.t, np.maximum(error, 1e-17), label=name, **style)

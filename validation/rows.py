@@ -142,11 +142,12 @@ def event_error(found: Sequence[Change], exact: Iterable[Sequence[Any]], scale: 
     if [e[1:] for e in found] != [e[1:] for e in wanted]:
         found, wanted = sorted(found, key=key), sorted(wanted, key=key)
     if [e[1:] for e in found] != [e[1:] for e in wanted]:
-        raise Wrong(f"events {_story(found)} instead of {_story(wanted)}")
+        raise Wrong(f"events {story(found)} instead of {story(wanted)}")
     return max((abs(a[0] - b[0]) / scale for a, b in zip(found, wanted, strict=True)), default=0.0)
 
 
-def _story(events: Sequence[Change]) -> str:
+def story(events: Sequence[Change]) -> str:
+    """Return the first of some events in words, and how many there are."""
     shown = ", ".join(f"{t:.9g} s {name} {before:+d}>{after:+d}" for t, name, before, after in events[:6])
     return f"[{shown}{', ...' if len(events) > 6 else ''}] ({len(events)})"
 

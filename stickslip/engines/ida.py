@@ -22,7 +22,7 @@ from stickslip.engines.sundials import IDA
 from stickslip.engines.through_points import path_through
 from stickslip.engines.work import Work, failure_of
 from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import dense
+from stickslip.equations.matrices import Block, assembled, dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
@@ -170,24 +170,20 @@ class _Residual:
         squared = self._G * self._G if isinstance(self._G, np.ndarray) else self._G.multiply(self._G)
         self.impulse_scale = 1.0 / np.maximum(squared @ inverse, np.finfo(float).tiny)
 
-    def _forces(self, tau: float, y: Array) -> Array:
-        """Return all forces on the bodies but those of the held rows."""
-        motion, system = self._motion, self._system
-        q = motion.inputs(tau, y)
-        friction = motion.equations.friction @ q
-        if motion.has_law:
-            friction[motion.equations.velocity_dependent] = motion.law_forces(tau, y)
-        equations = motion.equations
-        return np.asarray(equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction)
-
     def residual(self, tau: float, u: Array, rate: Array, out: Array) -> None:
         """Fill in the balance, the other states' rates, and the constraint."""
-        motion, system = self._motion, self._system
+        motion, system, equations = self._motion, self._system, self._motion.equations
         n, size = system.n, self._size
         y, force = u[:size], u[size:]
-        out[:n] = system.inertia * rate[:n] - self._forces(tau, y) + self._G.T @ force
+        q = motion.inputs(tau, y)
+        known = None if motion.is_on_lines else q
+        friction = equations.friction @ q
+        if motion.has_law:
+            friction[equations.velocity_dependent] = motion.law_forces(tau, y, known)
+        pushes = equations.C @ y + equations.Q @ q[: system.inputs] - system.GT @ friction
+        out[:n] = system.inertia * rate[:n] - pushes + self._G.T @ force
         if size > n:
-            out[n:size] = rate[n:size] - motion.rate(tau, y)[n:]
+            out[n:size] = rate[n:size] - motion.rate_beside_velocities(tau, y, known)
         if force.size:
             out[size:] = self._G @ rate[:n]
             if system.drives:
@@ -211,87 +207,35 @@ class _Residual:
 
     def _by_rates(self) -> Any:
         """Return ``dR/du'``, dense or sparse as the scene is."""
-        system, count = self._system, self.start.size - self._size
-        if not system.sparse:
-            ones, none = np.ones(self._size - system.n), np.zeros(count)
-            found = np.diag(np.concatenate([system.inertia, ones, none]))
-            found[self._size :, : system.n] = self._G
-            return found
-        others = scipy.sparse.eye_array(self._size - system.n)
-        top = scipy.sparse.block_diag([scipy.sparse.diags_array(system.inertia), others], format="csr")
-        if not count:
-            return scipy.sparse.csr_array(top)
-        wide = scipy.sparse.hstack(
-            [scipy.sparse.csr_array(self._G), scipy.sparse.csr_array((count, self._size - system.n))]
-        )
-        return scipy.sparse.block_array(
-            [[top, scipy.sparse.csr_array((self._size, count))], [wide, None]], format="csr"
-        )
+        system, size, total = self._system, self._size, self.start.size
+        own = np.concatenate([system.inertia, np.ones(size - system.n), np.zeros(total - size)])
+        diagonal = scipy.sparse.diags_array(own) if system.sparse else np.diag(own)
+        blocks = [(slice(total), slice(total), diagonal), (slice(size, total), slice(system.n), self._G)]
+        return assembled(total, blocks)
 
     def _by_states(self, tau: float, y: Array) -> Any:
         """Return ``dR/du``, dense or sparse as the scene is."""
-        return self._by_states_sparse(tau, y) if self._system.sparse else self._by_states_dense(tau, y)
-
-    def _by_states_dense(self, tau: float, y: Array) -> Array:
-        motion, system = self._motion, self._system
-        equations, n, size = motion.equations, system.n, self._size
-        forces = np.array(equations.C)
+        motion, system, size, total = self._motion, self._system, self._size, self.start.size
+        equations, law = motion.equations, motion.equations.law
         rows, places = equations.velocity_dependent, equations.bristle_places
+        bodies, states, forces = slice(system.n), slice(size), slice(size, total)
+        blocks: list[Block] = [(bodies, states, -equations.C), (bodies, forces, self._G.T)]
+        if size > system.n:
+            others = slice(system.n, size)
+            blocks.append((others, states, -motion.jacobian(tau, y)[others]))
         if rows.size:
-            forces[:, :n] -= (system.GT[:, rows] * motion.law_slopes(tau, y)) @ system.G[rows]
+            w, normal, lag, z = motion.law_arguments(tau, y)
+            pushed = system.GT[:, rows]
+            by_velocity = pushed * law.slopes(w, normal, lag, z)
+            blocks.append((bodies, bodies, by_velocity @ system.G[rows]))
+            if places.size:
+                by_bristle = law.by_bristle(w, normal, z)
+                blocks.append((bodies, places, pushed[:, law.bristles] * by_bristle))
         if motion.dependence is not None:
-            forces[:, motion.dependence.columns] += self._of_dependence(tau, y)
-        if places.size:
-            w, normal, _, z = motion.law_arguments(tau, y)
-            law = equations.law
-            forces[:, places] -= system.GT[:, rows[law.bristles]] * law.by_bristle(w, normal, z)
-        found = np.zeros((self.start.size, self.start.size))
-        found[:n, :size], found[:n, size:] = -forces, self._G.T
-        if size > n:
-            found[n:size, :size] = -motion.jacobian(tau, y)[n:]
+            blocks.append((bodies, motion.dependence.columns, -self._of_dependence(tau, y)))
         if self._null is not None:
-            found[size:, size:] = -self._null
-        return found
-
-    def _by_states_sparse(self, tau: float, y: Array) -> Any:
-        motion, system = self._motion, self._system
-        n, size, count = system.n, self._size, self.start.size - self._size
-        forces = scipy.sparse.csr_array(motion.equations.C)
-        rows_of_laws = motion.equations.velocity_dependent
-        if rows_of_laws.size:
-            rows = scipy.sparse.csr_array(system.G)[rows_of_laws]
-            slopes = motion.law_slopes(tau, y)
-            pushed = scipy.sparse.csr_array(system.GT)[:, rows_of_laws]
-            part = pushed @ scipy.sparse.diags_array(slopes) @ rows
-            forces = forces - scipy.sparse.hstack([part, scipy.sparse.csr_array((n, size - n))], format="csr")
-        if motion.dependence is not None:
-            wide = np.zeros((n, size))
-            wide[:, motion.dependence.columns] = self._of_dependence(tau, y)
-            forces = forces + scipy.sparse.csr_array(wide)
-        full = scipy.sparse.csr_array(motion.jacobian(tau, y))
-        if motion.equations.bristle_places.size:
-            places = motion.equations.bristle_places
-            w, normal, _, z = motion.law_arguments(tau, y)
-            sigma = motion.equations.law.by_bristle(w, normal, z)
-            pushed = scipy.sparse.csr_array(system.GT)[:, rows_of_laws[motion.equations.law.bristles]]
-            entries = scipy.sparse.csr_array(
-                (sigma, (np.arange(places.size), places)), shape=(places.size, size)
-            )
-            forces = forces - pushed @ entries
-        top = scipy.sparse.vstack([-forces, -full[n:]], format="csr")
-        if not count:
-            return top
-        null = (
-            scipy.sparse.csr_array((count, count))
-            if self._null is None
-            else scipy.sparse.csr_array(-self._null)
-        )
-        pull = scipy.sparse.vstack(
-            [scipy.sparse.csr_array(self._G.T), scipy.sparse.csr_array((size - n, count))]
-        )
-        return scipy.sparse.block_array(
-            [[top, pull], [scipy.sparse.csr_array((count, size)), null]], format="csr"
-        )
+            blocks.append((forces, forces, -self._null))
+        return assembled(total, blocks)
 
     def _of_dependence(self, tau: float, y: Array) -> Array:
         """Return how the forces on the bodies change, by way of the inputs, with the states that these depend on."""

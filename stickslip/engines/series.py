@@ -21,9 +21,9 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
+from stickslip.equations.taylor import ORDER
 from stickslip.model.arrays import Array, Indices
 
-_ORDER = 18
 _REMAINDER = 1e-17
 _MOST_STEPS = 1_000_000
 _LOG_REMAINDER = math.log(_REMAINDER)
@@ -132,7 +132,7 @@ class Series:
         straight = motion.is_straight and not motion.is_rising(tau)
         polynomial = motion.is_polynomial and (frozen or straight)
         # velocities are quadratic in time, and positions cubic
-        order = (3 if motion.system.placed.size else 2) if polynomial else _ORDER
+        order = (3 if motion.system.placed.size else 2) if polynomial else ORDER
         if polynomial and tau == 0 and not frozen and order == 2:
             h, scale, expansion = longest, 1.0, motion.start
         else:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
+
+Block = tuple[slice | Indices, slice | Indices, Any]
+"""Rows and columns of a part of a matrix, numbers for one of them at most, and what stands there."""
 
 
 class Triplets:
@@ -24,11 +29,32 @@ class Triplets:
             self.columns.append(column)
             self.values.append(value)
 
+    def extend(self, rows: Indices, columns: Indices, values: Array) -> None:
+        """Enter many values."""
+        some = values.nonzero()[0]
+        self.rows += rows[some].tolist()
+        self.columns += columns[some].tolist()
+        self.values += values[some].tolist()
+
 
 def dense(matrix: Any) -> Array:
     """Return a matrix as a dense array."""
     found: Array = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     return found
+
+
+def assembled(size: int, blocks: Sequence[Block]) -> Any:
+    """Return a square matrix as the sum of blocks, dense or sparse as the first of them is."""
+    if isinstance(blocks[0][2], np.ndarray):
+        found = np.zeros((size, size))
+        for rows, columns, block in blocks:
+            found[rows, columns] += dense(block)
+        return found
+    every = np.arange(size)
+    parts = [(every[rows], every[columns], scipy.sparse.coo_array(block)) for rows, columns, block in blocks]
+    entries = [(rows[part.row], columns[part.col], part.data) for rows, columns, part in parts]
+    row, column, values = map(np.concatenate, zip(*entries, strict=True))
+    return scipy.sparse.csr_array((values, (row, column)), shape=(size, size))
 
 
 def row_maxima(matrix: Any) -> Array:

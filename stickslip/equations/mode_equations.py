@@ -15,7 +15,7 @@ from stickslip.equations.loads import Waves
 from stickslip.equations.matrices import Triplets, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.equations.taylor import TaylorMap, is_quickly_made, is_small
+from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
@@ -145,16 +145,16 @@ class ModeEquations:
         side = (modes < 0).astype(np.intp)
         side[modes == AT_LOW] = 1
         self.side = side
-        plain = self.slip[~system.laws.curved[self.slip]]
+        plain, top = self.slip[~system.laws.curved[self.slip]], self.at_level
         total = system.inputs + system.dwelling.size
         entries = Triplets()
-        for j in plain.tolist():
-            entries.add(j, j, float(modes[j]) * system.mu_c[side[j], j])
-        for j in self.at_level.tolist():
-            sign = 1.0 if modes[j] == AT_HIGH else -1.0
-            entries.add(j, j, sign * system.mu_s[side[j], j])
-            if (place := system.dwell_place[j]) >= 0:
-                entries.add(j, system.inputs + place, -sign * system.rise[side[j], j])
+        entries.extend(plain, plain, modes[plain] * system.mu_c[side[plain], plain])
+        if top.size:
+            sign = np.where(modes[top] == AT_HIGH, 1.0, -1.0)
+            entries.extend(top, top, sign * system.mu_s[side[top], top])
+            rises = system.dwell_place[top] >= 0
+            top, lag = top[rises], -sign[rises]
+            entries.extend(top, system.inputs + system.dwell_place[top], lag * system.rise[side[top], top])
         self.friction = system.matrix(entries, (system.m, total))
 
     # -- guards ----------------------------------------------------------------------------------------------
@@ -204,7 +204,10 @@ class ModeEquations:
         system = self.system
         size, total = system.size, system.inputs + system.dwelling.size
         self._AE, self._BH = self._of_states(np.eye(size)), self._of_inputs(np.eye(total))
-        self._KL = self._of_friction(np.eye(system.m)[:, self.velocity_dependent])
+        some = self.velocity_dependent
+        self._KL = (
+            self._of_friction(np.eye(system.m)[:, some]) if some.size else np.zeros((size + self.rows, 0))
+        )
         (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
             (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
         )
@@ -232,6 +235,9 @@ class ModeEquations:
             of, link = system.dependence, None
             if of is not None:
                 link = partial(of.add_linear, regions=lines)
+            if not frozen and (self.feeds_back or of is not None):
+                # what follows the start asks for more
+                order = max(order, ORDER)
             found = TaylorMap(
                 system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves
             )
@@ -454,17 +460,17 @@ class ModeEquations:
     @cached_property
     def _led_velocities(self) -> Array:
         """The relative velocities of the velocity-dependent rows from the states, led ones among them."""
-        system = self.system
-        found = np.zeros((self.velocity_dependent.size, system.size))
-        found[:, : system.n] = (system.G @ self.balance.T)[self.velocity_dependent]
-        return found
+        return self._from_states(self.system.G @ self.balance.T)
 
     @cached_property
     def law_velocities(self) -> Array:
         """The relative velocities of the velocity-dependent rows from the states of a small scene, without drives."""
-        system = self.system
-        found = np.zeros((self.velocity_dependent.size, system.size))
-        found[:, : system.n] = system.G[self.velocity_dependent]
+        return self._from_states(self.system.G)
+
+    def _from_states(self, from_velocities: Array) -> Array:
+        """Return the lines of the velocity-dependent rows, with all states in place of the velocities."""
+        found = np.zeros((self.velocity_dependent.size, self.system.size))
+        found[:, : self.system.n] = from_velocities[self.velocity_dependent]
         return found
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:

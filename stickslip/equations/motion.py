@@ -13,7 +13,7 @@ from stickslip.equations.floats import LawInFloats, lines, rates_of, remembered
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads import Stretch
-from stickslip.equations.matrices import dense
+from stickslip.equations.matrices import assembled, dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
 from stickslip.equations.taylor import TaylorMap
@@ -175,9 +175,9 @@ class Motion(Inputs):
         """Whether the motion is small and its inputs are lines."""
         return self._lines is not None
 
-    def law_forces(self, tau: float | Array, y: Array) -> Array:
-        """Return the friction forces that depend on velocity."""
-        return self.equations.law.forces(*self.law_arguments(tau, y))
+    def law_forces(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
+        """Return the friction forces that depend on velocity; the inputs `q` need not be given."""
+        return self.equations.law.forces(*self.law_arguments(tau, y, q))
 
     def law_slopes(self, tau: float, y: Array) -> Array:
         """Return the derivatives of the friction forces that depend on velocity with respect to it."""
@@ -233,6 +233,18 @@ class Motion(Inputs):
             found += tau * lines.response_slope[:size]
         if self.has_law:
             found += equations.K @ equations.law.forces(*self.law_arguments(tau, y))
+        return found
+
+    def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
+        """Return how fast states change that are no velocities: no friction force reaches them at once.
+
+        The inputs `q` need not be given.
+        """
+        equations, size, n = self.equations, self.system.size, self.system.n
+        found = self._linear(tau, y, q)[n:size]
+        if equations.bristle_places.size:
+            w, normal, _, z = self.law_arguments(tau, y, q)
+            found[equations.bristle_places - n] = equations.law.bristle_rates(w, normal, z)
         return found
 
     def watched(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
@@ -313,18 +325,12 @@ class Motion(Inputs):
         size, count, n = system.size, places.size, system.n
         units = np.zeros((equations.velocity_dependent.size, count))
         units[law.bristles, np.arange(count)] = 1.0
-        pushed, rows = equations.push(units)[:size], (system.G @ equations.balance.T)[some]
-        by_bristle = law.by_bristle(w, normal, z)
-        if isinstance(matrix, np.ndarray):
-            matrix[places, :n] += by_w[:, None] * dense(rows)
-            matrix[places, places] += by_z
-            matrix[:, places] += pushed * by_bristle
-            return matrix
-        rows = scipy.sparse.hstack([rows, scipy.sparse.csr_array((count, size - n))], format="csr")
-        own = scipy.sparse.csr_array((np.ones(count), (places, np.arange(count))), shape=(size, count))
-        extra = own @ (scipy.sparse.diags_array(by_w) @ rows) + own @ scipy.sparse.diags_array(by_z) @ own.T
-        extra = extra + scipy.sparse.csr_array(pushed) @ scipy.sparse.diags_array(by_bristle) @ own.T
-        return scipy.sparse.csr_array(matrix + extra)
+        pushed, every = equations.push(units)[:size], slice(size)
+        lines = np.zeros((count, size))
+        lines[:, :n] = by_w[:, None] * dense((system.G @ equations.balance.T)[some])
+        lines[np.arange(count), places] += by_z
+        by_bristle = pushed * law.by_bristle(w, normal, z)
+        return assembled(size, [(every, every, matrix), (places, every, lines), (every, places, by_bristle)])
 
     # -- series ----------------------------------------------------------------------------------------------
 

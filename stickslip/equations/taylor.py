@@ -11,12 +11,16 @@ them, for every motion in the same modes. Inputs that depend linearly on the sta
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import accumulate
 
 import numpy as np
 
 from stickslip.equations.loads import Waves
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
+
+ORDER = 18
+"""Order up to which motions that are no polynomials are expanded."""
 
 _MOST_ENTRIES = 1_000
 """Entries for each order: modes of larger scenes seldom come back often enough."""
@@ -61,52 +65,44 @@ class TaylorMap:
         waves: Waves,
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
-        dwells = dwelling.size
         self._size, self._watched = size, size + watched
-        # time is counted in units in which no coefficient grows
-        rates = np.array(of_states[:size])
-        if link is not None:
-            linked = np.zeros((inputs, size))
-            link(linked, np.eye(size))
-            rates += of_inputs[:size, :inputs] @ linked
-        fastest = float(np.abs(rates).sum(axis=1).max(initial=0.0))
-        if dwells and not frozen:
-            fastest = max(fastest, float((1.0 / system.dwell[dwelling]).max()))
         entries, turns = (np.array(x, dtype=kind) for x, kind in zip(waves, (np.intp, float), strict=True))
-        fastest = max(fastest, float(np.abs(turns).max(initial=0.0)))
-        self._pace = fastest if fastest > 0 else 1.0
-        fall = np.zeros(dwells) if frozen else -1.0 / (system.dwell[dwelling] * self._pace)
-        columns = size + 2 * (inputs + dwells + entries.size)
-        value, slope = size, size + inputs
-        dwell, dwell_slope = (
-            size + 2 * inputs + np.arange(dwells),
-            size + 2 * inputs + dwells + np.arange(dwells),
+        sizes = [size, inputs, inputs, dwelling.size, dwelling.size, entries.size, entries.size]
+        x = np.eye(sum(sizes))
+        y, q, slopes, dwells, dwell_slopes, sines, cosines = (
+            x[last - count : last] for count, last in zip(sizes, accumulate(sizes), strict=True)
         )
-        place = inputs + np.arange(dwells)
-        wave, number = size + 2 * (inputs + dwells) + np.arange(entries.size), entries.size
-        y = np.eye(size, columns)
-        decay, before = np.ones(dwells), np.zeros(dwells)
-        swing = np.ones(number)
-        blocks = []
-        for k in range(order + 1):
-            q = np.zeros((inputs + dwells, columns))
-            if k == 0:
-                q[:inputs, value : value + inputs] = np.eye(inputs)
-            elif k == 1:
-                q[:inputs, slope : slope + inputs] = np.eye(inputs) / self._pace
-            q[place, dwell], q[place, dwell_slope] = decay, before / self._pace
-            # sine, cosine, -sine, -cosine
-            q[entries, wave + number * (k % 2)] = swing * (-1.0) ** (k // 2)
-            swing = swing * turns / ((k + 1) * self._pace)
-            if k:
-                y = consistent(y, system.drive_velocities(q))
-            if link is not None:
-                link(q[:inputs], y)
-            found = of_states @ y + of_inputs @ q
-            blocks.append(np.concatenate([y, found[size:]]))
-            y = found[:size] / ((k + 1) * self._pace)
-            decay, before = decay * fall / (k + 1), decay
-        self._matrix = np.concatenate(blocks)
+        given = np.concatenate([q, dwells])
+        if entries.size:
+            np.add.at(given, entries, sines)
+        own = given.copy()
+        if link is not None:
+            link(own[:inputs], y)
+        rates = of_states[:size] @ y + of_inputs[:size] @ own
+        fall = np.zeros(dwelling.size) if frozen else -1.0 / system.dwell[dwelling]
+        # time is counted in units in which no coefficient grows
+        paces = np.abs(rates[:, :size]).sum(axis=1), np.abs(fall), np.abs(turns)
+        self._pace = max(float(pace.max(initial=0.0)) for pace in paces) or 1.0
+        N = np.concatenate(
+            [
+                rates,
+                slopes,
+                np.zeros(slopes.shape),
+                fall[:, None] * dwells + dwell_slopes,
+                fall[:, None] * dwell_slopes,
+                turns[:, None] * cosines,
+                -turns[:, None] * sines,
+            ]
+        )
+        later = _terms(N / self._pace, order)
+        q = given @ later
+        y = consistent(later[:size], system.drive_velocities(q))
+        y, q = np.hstack([x[:size], y]), np.hstack([given, q])
+        if link is not None:
+            link(q[:inputs], y)
+        found = np.concatenate([y, of_states[size:] @ y + of_inputs[size:] @ q])
+        in_orders = found.reshape(found.shape[0], order + 1, -1).transpose(1, 0, 2)
+        self._matrix = np.ascontiguousarray(in_orders).reshape(-1, x.shape[0])
         self.order, self._orders = order, np.arange(order + 1)
 
     def reaches(self, scale: float) -> bool:
@@ -123,3 +119,18 @@ class TaylorMap:
         count = order + 1
         found = derivatives[:count] * ((self._pace * scale) ** self._orders[:count])[:, None]
         return found[:, : self._size], found[:, self._size : self._watched], found[:, self._watched :]
+
+
+def _terms(N: Array, order: int) -> Array:
+    """Return ``N^k / k!`` for the orders from 1 on, side by side: from some of the powers follow twice as many."""
+    size = N.shape[0]
+    powers = np.empty((size, order, size))
+    powers[:, 0] = N
+    known = 1
+    while known < order:
+        more = min(known, order - known)
+        following = powers[:, known - 1] @ powers[:, :more].reshape(size, -1)
+        powers[:, known : known + more] = following.reshape(size, more, size)
+        known += more
+    powers /= np.cumprod(np.arange(1.0, order + 1))[:, None]
+    return powers.reshape(size, -1)

@@ -27,6 +27,7 @@ from stickslip.results.pickled import PickledByFields
 from stickslip.results.trajectory import Trajectory, by_piece
 
 T = TypeVar("T", bound=np.generic)
+V = TypeVar("V")
 
 _WIDE = 2_000_000
 """States at all times, from so many on, are read by name where that costs no more than what is read."""
@@ -91,17 +92,11 @@ class Samples(PickledByFields):
 
     def body(self, name: str) -> int:
         """Return the number of a body, drive or the ground."""
-        try:
-            return self.system.index[name]
-        except (KeyError, TypeError):
-            raise _unknown(self.system.index, name, "body") from None
+        return _named(self.system.index, name, "body")
 
     def row(self, name: str) -> int:
         """Return the number of a contact or another row."""
-        try:
-            return self._row_of[name]
-        except (KeyError, TypeError):
-            raise _unknown(self._row_of, name, "contact") from None
+        return _named(self._row_of, name, "contact")
 
     @cached_property
     def _row_of(self) -> dict[str, int]:
@@ -204,10 +199,7 @@ class Samples(PickledByFields):
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
-        try:
-            return self.system.blocks[name]
-        except (KeyError, TypeError):
-            raise _unknown(self.system.blocks, name, "block") from None
+        return _named(self.system.blocks, name, "block")
 
     def states_of(self, block: str) -> Array:
         """Return the states of a block, a line each."""
@@ -411,10 +403,13 @@ class Samples(PickledByFields):
                 forces[rows[:, None], chosen] = rest
 
 
-def _unknown(known: Mapping[str, Any], name: str, what: str) -> ValueError:
-    """Return an error that says which names there are."""
-    some = ", ".join(map(repr, list(known)[:10])) or "none"
-    return ValueError(f"no {what} is called {name!r}; known are {some}")
+def _named(known: Mapping[str, V], name: str, what: str) -> V:
+    """Return what has a name; where nothing has, the error says which names there are."""
+    try:
+        return known[name]
+    except (KeyError, TypeError):
+        some = ", ".join(map(repr, list(known)[:10])) or "none"
+        raise ValueError(f"no {what} is called {name!r}; known are {some}") from None
 
 
 def _line(table: NDArray[T], i: int) -> NDArray[T]:

@@ -10,16 +10,16 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import NAMES, load
 
 from stickslip import Scene
+from validation.exact import REFERENCES, reference
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=8,
 )
-SCENES = [json.loads(json.dumps(load(name).scene.to_dict())) for name in NAMES]
+SCENES = [json.loads(json.dumps(reference(name).scene.to_dict())) for name in REFERENCES]
 
 
 def places(data: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:

@@ -7,7 +7,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from references import load
 
 from stickslip import (
     GROUND,
@@ -33,6 +32,7 @@ from stickslip import (
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.plots.style import value_raster
 from stickslip.results.energy import energy
+from validation.exact import reference
 
 VELOCITY = "velocity [m/s | rad/s]"
 FORCE = "force [N | N m]"
@@ -45,7 +45,7 @@ def wheels():
 
 @pytest.fixture(scope="module")
 def blocks():
-    return simulate(load("two-blocks").scene, (0.0, 40.0))
+    return simulate(reference("two-blocks").scene, (0.0, 40.0))
 
 
 @pytest.fixture(scope="module")

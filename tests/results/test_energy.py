@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from references import NAMES, load
 
 from stickslip import (
     GROUND,
@@ -26,14 +25,15 @@ from stickslip import (
 )
 from stickslip.benchmark import flywheel_benchmark
 from stickslip.results.energy import energy
+from validation.exact import REFERENCES, reference
 
 DRY = DryFriction(0.2, 0.1)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference_scenes_balance(name):
-    reference = load(name)
-    result = simulate(reference.scene, (0.0, reference.stop), rtol=1e-11, atol=1e-13)
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), rtol=1e-11, atol=1e-13)
     ledger = energy(result)
     assert ledger.relative_error < 1e-9
     assert ledger.error.shape == result.t.shape
@@ -42,8 +42,8 @@ def test_reference_scenes_balance(name):
 
 @pytest.mark.parametrize("name", ["flywheels-2", "flywheels-4", "star"])
 def test_motion_without_springs_and_dampers_balances_to_roundoff(name):
-    reference = load(name)
-    assert energy(simulate(reference.scene, (0.0, reference.stop))).relative_error < 1e-14
+    story = reference(name)
+    assert energy(simulate(story.scene, (0.0, story.stop))).relative_error < 1e-14
 
 
 def test_a_sliding_block_turns_its_energy_to_heat():
@@ -114,7 +114,7 @@ def test_a_damper_takes_what_the_relative_speed_had():
 
 
 def test_requested_times_and_computed_points_give_the_same_ledger():
-    scene = load("two-blocks").scene
+    scene = reference("two-blocks").scene
     times = np.linspace(0.0, 20.0, 7)
     few = energy(simulate(scene, (0.0, 20.0), t_eval=times))
     all_points = simulate(scene, (0.0, 20.0))
@@ -132,9 +132,9 @@ def test_regularized_contacts_balance():
 
 
 def test_fixed_steps_show_their_error():
-    reference = load("pulled-block")
+    story = reference("pulled-block")
     errors = [
-        energy(simulate(reference.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
+        energy(simulate(story.scene, (0.0, 12.0), method="Euler", step=step)).relative_error
         for step in (0.02, 0.01)
     ]
     assert 1e-5 < errors[1] < errors[0] < 0.1

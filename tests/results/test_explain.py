@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from references import load
 
 from stickslip import (
     GROUND,
@@ -34,6 +33,7 @@ from stickslip import (
 )
 from stickslip.benchmark import flywheel_benchmark, flywheel_chain
 from stickslip.simulation.explain import explain
+from validation.exact import reference
 
 DRY = DryFriction(0.2, 0.1)
 
@@ -129,10 +129,10 @@ def test_benchmark_events_have_their_numbers():
 
 def test_every_event_of_the_references_gets_a_sentence():
     for name in ("star", "wave", "two-blocks"):
-        reference = load(name)
-        text = explain(simulate(reference.scene, (0.0, reference.stop)))
+        story = reference(name)
+        text = explain(simulate(story.scene, (0.0, story.stop)))
         lines = text[text.index("Events:") :].splitlines()[1:]
-        assert len(lines) == len(reference.events)
+        assert len(lines) == len(story.events)
         assert all("hold" in line for line in lines)
 
 

@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from references import NAMES, load
 
 import stickslip
 from stickslip import (
@@ -29,11 +28,12 @@ from stickslip import (
     velocity,
 )
 from stickslip.benchmark import flywheel_benchmark
+from validation.exact import REFERENCES, reference
 
 
 @pytest.fixture(scope="module")
 def blocks():
-    return simulate(load("two-blocks").scene, (0.0, 15.0))
+    return simulate(reference("two-blocks").scene, (0.0, 15.0))
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +54,9 @@ def same(first, second, times):
             assert np.array_equal(getattr(first, name)(contact.name), getattr(second, name)(contact.name))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_a_saved_reference_comes_back_to_the_bit(name, tmp_path):
-    scene = load(name).scene
+    scene = reference(name).scene
     result = simulate(scene, (0.0, 2.0))
     output.save(result, tmp_path / "result.npz")
     same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 2.0, 101))

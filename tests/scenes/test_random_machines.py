@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -116,8 +118,7 @@ def test_a_stop_that_lets_go_is_at_its_limit() -> None:
 def test_differences_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     right = truth("gaps", 2)
     assert right.t.size
-    wrong = right.velocities + 0.1 * np.abs(right.velocities).max()
-    monkeypatch.setattr(
-        "validation.random_machines.truth", lambda *_: type(right)(**{**vars(right), "velocities": wrong})
-    )
+    largest = max(np.abs(v).max() for v in right.velocities.values())
+    wrong = replace(right, velocities={name: v + 0.1 * largest for name, v in right.velocities.items()})
+    monkeypatch.setattr("validation.random_machines.truth", lambda *_: wrong)
     assert difference("gaps", "auto", 2) > 0.05

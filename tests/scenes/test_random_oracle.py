@@ -69,13 +69,13 @@ def test_other_events_velocities_and_forces_are_noticed(monkeypatch: pytest.Monk
         "instead of": replace(right, events=others),
         "instead of \\[": replace(right, events=[(t, contact, before, -after or 1), *others]),
         "time": replace(right, events=[(t + 1e-5, contact, before, after), *others]),
-        "force": replace(right, friction=right.friction + 1.0),
+        "force": replace(right, forces={name: force + 1.0 for name, force in right.forces.items()}),
     }
     for words, answer in wrong.items():
         monkeypatch.setattr(random_oracle, "truth", lambda *_, answer=answer: answer)
         with pytest.raises(Wrong, match=words):
             difference("wheels", "contact-force", 3)
-    faster = replace(right, velocities=right.velocities + 1e-3)
+    faster = replace(right, velocities={name: v + 1e-3 for name, v in right.velocities.items()})
     monkeypatch.setattr(random_oracle, "truth", lambda *_: faster)
     assert difference("wheels", "contact-force", 3) > 1e-4
 
@@ -96,7 +96,7 @@ def test_a_scene_without_loops_has_one_answer() -> None:
     for number in range(4):
         answer = truth("trees", number)
         assert not answer.doubt
-        assert not np.isnan(answer.friction).any()
+        assert not any(np.isnan(force).any() for force in answer.forces.values())
 
 
 def test_rows_say_how_many() -> None:

@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from references import NAMES, load
 
 from stickslip import Result, Scene, simulate
+from validation.exact import REFERENCES, reference
 
 
 def run(scene: Scene, stop: float) -> Result:
@@ -28,14 +28,14 @@ def pools() -> list[tuple[str, partial[Executor]]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "make"), pools())
 def test_pools_change_no_bit(kind: str, make: partial[Executor]) -> None:
-    cases = [load(name) for name in NAMES]
+    cases = [reference(name) for name in REFERENCES]
     alone = [run(case.scene, case.stop) for case in cases]
     with make() as pool:
         futures = [pool.submit(run, case.scene, case.stop) for case in cases for _ in range(2)]
         found = [future.result() for future in futures]
     for k, case in enumerate(cases):
         for result in found[2 * k : 2 * k + 2]:
-            assert np.array_equal(result.y, alone[k].y), (kind, case.name)
+            assert np.array_equal(result.y, alone[k].y), (kind, case.title)
             assert result.events == alone[k].events
             for contact in case.scene.contacts:
                 assert np.array_equal(result.force(contact.name), alone[k].force(contact.name))
@@ -44,7 +44,7 @@ def test_pools_change_no_bit(kind: str, make: partial[Executor]) -> None:
 @pytest.mark.slow
 def test_one_scene_in_many_threads() -> None:
     """All share the compiled scene and its mode sets."""
-    case = load("two-blocks")
+    case = reference("two-blocks")
     alone = run(case.scene, case.stop)
     with ThreadPoolExecutor(8) as pool:
         for result in pool.map(lambda _: run(case.scene, case.stop), range(8)):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from references import NAMES, Reference, load
 
 from stickslip import (
     GROUND,
@@ -28,6 +27,7 @@ from stickslip import (
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark
 from stickslip.simulation.result import Result
+from validation.exact import REFERENCES, Story, reference
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 WITHIN = {"contact-force": 1e-7, "merged": 1e-7, "multiplier": 1e-6}
@@ -39,11 +39,11 @@ def changes(result: Result) -> list[tuple[str, int, int]]:
     return [(e.contact, int(e.before), int(e.after)) for e in result.events]
 
 
-def solved(reference: Reference, formulation: str) -> Result:
-    key = reference.name, formulation
+def solved(story: Story, formulation: str) -> Result:
+    key = story.title, formulation
     if key not in _DONE:
-        span = (0.0, reference.stop)
-        _DONE[key] = simulate(reference.scene, span, formulation=formulation, t_eval=reference.t, **TIGHT)
+        span = (0.0, story.stop)
+        _DONE[key] = simulate(story.scene, span, formulation=formulation, t_eval=story.t, **TIGHT)
     return _DONE[key]
 
 
@@ -55,29 +55,28 @@ def away_from(events: list[float], t: np.ndarray, distance: float) -> np.ndarray
 
 
 @pytest.mark.parametrize("formulation", FORMULATIONS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_events_and_velocities(name: str, formulation: str) -> None:
-    reference = load(name)
-    result = solved(reference, formulation)
-    assert changes(result) == [event[1:] for event in reference.events]
-    exact = [event[0] for event in reference.events]
-    within = WITHIN[formulation] * reference.stop
+    story = reference(name)
+    result = solved(story, formulation)
+    assert changes(result) == [event[1:] for event in story.events]
+    exact = [event[0] for event in story.events]
+    within = WITHIN[formulation] * story.stop
     np.testing.assert_allclose([e.t for e in result.events], exact, rtol=0, atol=within)
-    found = np.array([result.velocity(body) for body in reference.bodies]).T
-    scale = max(1.0, float(np.abs(reference.v).max()))
-    np.testing.assert_allclose(found, reference.v, rtol=0, atol=1e-6 * scale)
+    scale = max(1.0, float(np.abs(story.velocities).max()))
+    np.testing.assert_allclose(story.seen(result), story.velocities, rtol=0, atol=1e-6 * scale)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_forces_and_modes_agree(name: str) -> None:
-    reference = load(name)
-    base = solved(reference, "contact-force")
-    times = [event[0] for event in reference.events]
-    away = away_from(times, reference.t, 2e-6 * reference.stop)
+    story = reference(name)
+    base = solved(story, "contact-force")
+    times = [event[0] for event in story.events]
+    away = away_from(times, story.t, 2e-6 * story.stop)
     for formulation in FORMULATIONS[1:]:
-        other = solved(reference, formulation)
-        for contact in reference.scene.contacts:
+        other = solved(story, formulation)
+        for contact in story.scene.contacts:
             a, b = base.force(contact.name)[away], other.force(contact.name)[away]
             scale = max(1.0, float(np.abs(base.normal(contact.name)).max()))
             np.testing.assert_allclose(
@@ -86,12 +85,12 @@ def test_forces_and_modes_agree(name: str) -> None:
             np.testing.assert_array_equal(base.mode(contact.name)[away], other.mode(contact.name)[away])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_stuck_contacts_do_not_drift_in_any(name: str) -> None:
-    reference = load(name)
+    story = reference(name)
     for formulation in FORMULATIONS:
-        result = solved(reference, formulation)
-        for contact in reference.scene.contacts:
+        result = solved(story, formulation)
+        for contact in story.scene.contacts:
             stuck = (result.mode(contact.name) == 0) & (result.normal(contact.name) > 0)
             assert np.all(result.relative_velocity(contact.name)[stuck] == 0)
 

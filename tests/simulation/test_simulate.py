@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from references import FOLDER, NAMES, load
 
 from stickslip import (
     GROUND,
@@ -27,9 +25,10 @@ from stickslip import (
     piecewise_linear,
     simulate,
     sine,
-    step,
     triangle,
 )
+from validation.exact import REFERENCES, reference
+from validation.published import CLUTCH_EVENTS, CLUTCH_SPEEDS, coupled_clutches
 
 METHODS = ("BDF", "Adams")
 TIGHT: dict[str, Any] = {"rtol": 1e-9, "atol": 1e-12}
@@ -47,92 +46,64 @@ def times(result: Result) -> list[float]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference(name: str, method: str) -> None:
-    reference = load(name)
-    answer = json.loads((FOLDER / f"{name}.json").read_text())["answer"]
-    result = simulate(reference.scene, (0.0, reference.stop), method=method, t_eval=reference.t, **TIGHT)
-    assert changes(result) == [event[1:] for event in reference.events]
-    exact = [event[0] for event in reference.events]
-    np.testing.assert_allclose(times(result), exact, rtol=0, atol=1e-7 * reference.stop)
-    velocities = np.array([result.velocity(body) for body in reference.bodies])
-    scale = max(1.0, float(np.abs(reference.v).max()))
-    np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-6 * scale)
-    positions = np.array([result.position(body) for body in reference.bodies])
-    x = np.array(answer["x"])
-    if reference.scene.springs and any(s.stiffness for s in reference.scene.springs):
-        np.testing.assert_allclose(positions.T, x, rtol=0, atol=1e-6 * max(1.0, float(np.abs(x).max())))
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), method=method, t_eval=story.t, **TIGHT)
+    assert changes(result) == [event[1:] for event in story.events]
+    exact = [event[0] for event in story.events]
+    np.testing.assert_allclose(times(result), exact, rtol=0, atol=1e-7 * story.stop)
+    scale = max(1.0, float(np.abs(story.velocities).max()))
+    np.testing.assert_allclose(story.seen(result), story.velocities, rtol=0, atol=1e-6 * scale)
+    positions = np.array([result.position(body) for body in story.bodies])
+    if story.scene.springs:
+        scale = max(1.0, float(np.abs(story.positions).max()))
+        np.testing.assert_allclose(positions.T, story.positions, rtol=0, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", REFERENCES)
 def test_reference_by_series_is_exact(name: str) -> None:
     """The default engine leaves nothing but roundoff, with springs and without."""
-    reference = load(name)
-    result = simulate(reference.scene, (0.0, reference.stop), t_eval=reference.t)
+    story = reference(name)
+    result = simulate(story.scene, (0.0, story.stop), t_eval=story.t)
     assert result.stats["engine"] == "Taylor series"
-    exact = [event[0] for event in reference.events]
-    np.testing.assert_allclose(times(result), exact, rtol=0, atol=3e-14 * max(1.0, reference.stop))
-    velocities = np.array([result.velocity(body) for body in reference.bodies])
-    np.testing.assert_allclose(velocities.T, reference.v, rtol=0, atol=1e-13)
+    exact = [event[0] for event in story.events]
+    np.testing.assert_allclose(times(result), exact, rtol=0, atol=3e-14 * max(1.0, story.stop))
+    np.testing.assert_allclose(story.seen(result), story.velocities, rtol=0, atol=1e-13)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pulled-block", "two-blocks", "wave", "flywheels-4-viscous"])
 def test_tolerances_buy_accuracy(name: str) -> None:
-    reference = load(name)
-    exact = np.array([event[0] for event in reference.events])
+    story = reference(name)
+    exact = np.array([event[0] for event in story.events])
     errors = []
     for rtol in (1e-6, 1e-8, 1e-10, 1e-12):
-        result = simulate(reference.scene, (0.0, reference.stop), method="BDF", rtol=rtol, atol=rtol * 1e-2)
-        assert changes(result) == [event[1:] for event in reference.events]
+        result = simulate(story.scene, (0.0, story.stop), method="BDF", rtol=rtol, atol=rtol * 1e-2)
+        assert changes(result) == [event[1:] for event in story.events]
         errors.append(float(np.abs(np.array(times(result)) - exact).max()))
-    assert errors[3] < 1e-8 * reference.stop
+    assert errors[3] < 1e-8 * story.stop
     assert errors[1] < errors[0] and errors[3] < errors[1]
 
 
 # Coupled clutches of the Modelica Standard Library
 
 
-def clutches() -> Scene:
-    law = DryFriction(mu_static=0.55, mu_coulomb=0.5)
-    bodies = [Body(f"w{i}", inertia=1.0, velocity=10.0 if i == 1 else 0.0) for i in (1, 2, 3, 4)]
-    return Scene(
-        *bodies,
-        Force("w1", sine(10.0, 5.0)),
-        Contact("c1", "w1", "w2", law, normal=sine(20.0, 0.2, phase=math.pi / 2)),
-        Contact("c2", "w2", "w3", law, normal=20.0 * step(0.4)),
-        Contact("c3", "w3", "w4", law, normal=20.0 * step(0.9)),
-    )
-
-
-CLUTCHES = [
-    ("c2", 0.7096214746937467, 1, 0),
-    ("c1", 0.791662359154816, 1, 0),
-    ("c1", 0.8311085061376532, 0, 1),
-    ("c1", 0.9068501927978797, 1, 0),
-    ("c1", 1.000295859894639, 0, 1),
-    ("c3", 1.143967492473166, 1, 0),
-]
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_coupled_clutches(method: str) -> None:
-    result = simulate(clutches(), (0.0, 1.5), method=method, **TIGHT)
+    result = simulate(coupled_clutches(), (0.0, 1.5), method=method, **TIGHT)
     closed = [e for e in result.events if e.cause != "open"]
-    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [
-        (c, a, b) for c, _, a, b in CLUTCHES
-    ]
-    np.testing.assert_allclose([e.t for e in closed], [t for _, t, _, _ in CLUTCHES], rtol=0, atol=1.5e-7)
-    assert result.velocity("w1")[-1] == pytest.approx(3.2470582724188, abs=1e-6)
-    for body in ("w2", "w3", "w4"):
-        assert result.velocity(body)[-1] == pytest.approx(2.4631871666496, abs=1e-6)
+    assert [(e.contact, int(e.before), int(e.after)) for e in closed] == [e[1:] for e in CLUTCH_EVENTS]
+    np.testing.assert_allclose([e.t for e in closed], [e[0] for e in CLUTCH_EVENTS], rtol=0, atol=1.5e-7)
+    for i, speed in enumerate(CLUTCH_SPEEDS, 1):
+        assert result.velocity(f"J{i}")[-1] == pytest.approx(speed, abs=1e-6)
     open_ = result.t > 1.25 + 1e-9
-    assert np.all(result.force("c1")[open_] == 0) and np.all(result.normal("c1")[open_] == 0)
+    assert np.all(result.force("clutch1")[open_] == 0) and np.all(result.normal("clutch1")[open_] == 0)
 
 
 def test_coupled_clutches_stick_exactly_and_hold_within_their_levels() -> None:
-    result = simulate(clutches(), (0.0, 1.5), **TIGHT)
-    for name in ("c1", "c2", "c3"):
+    result = simulate(coupled_clutches(), (0.0, 1.5), **TIGHT)
+    for name in ("clutch1", "clutch2", "clutch3"):
         stuck = (result.mode(name) == 0) & (result.normal(name) > 0)
         assert stuck.any()
         assert np.all(result.relative_velocity(name)[stuck] == 0)
@@ -398,8 +369,8 @@ def test_restarts_are_events_and_breaks() -> None:
 
 OUTPUTS = {
     "benchmark": (benchmark(), 1.0),
-    "clutches": (clutches(), 1.5),
-    "pulled block": (load("pulled-block-dwell").scene, 40.0),
+    "clutches": (coupled_clutches(), 1.5),
+    "pulled block": (reference("pulled-block-dwell").scene, 40.0),
 }
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import KW_ONLY, dataclass
-from math import inf
+from math import inf, isfinite
+from typing import Any
 
 from stickslip.model.elements.base import Radii, Row
 from stickslip.model.elements.book import Book
@@ -71,29 +73,26 @@ class Gap(Row, Radii):
         """Enter a row whose force is a piecewise-linear function of stretch and relative velocity."""
         book.row(self.name, self.coefficients, kind="gap", regions=self._regions(), pressing=self._pressing)
 
+    def _pushes(self, stretch: Any, rate: Any) -> Iterator[tuple[Mode, Any, Any, Any]]:
+        """Yield the mode beyond each limit, how deep it is passed, and what spring and damper push back there."""
+        for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):
+            if isfinite(limit):
+                depth = side * (stretch - limit)
+                yield side, depth, self.stiffness * depth, self.damping * side * rate
+
     def _pressing(self) -> Quantity:
         """Return the size of its force: ``max(0, min(2 k d, k d + c d'))`` beyond a limit, as a sum of both."""
         found: Quantity = 0.0 * stretch(self.name)
-        for side, limit in ((1, self.upper), (-1, self.lower)):
-            if limit in (inf, -inf):
-                continue
-            push = self.stiffness * side * (stretch(self.name) - limit)
-            if self.damping:
-                drag = self.damping * side * relative_velocity(self.name)
-                push = push + drag - saturate(drag - push, 0.0, inf)
-            found = found + saturate(push, 0.0, inf)
+        for _, _, push, drag in self._pushes(stretch(self.name), relative_velocity(self.name)):
+            clipped = push + drag - saturate(drag - push, 0.0, inf) if self.damping else push
+            found = found + saturate(clipped, 0.0, inf)
         return found
 
     def _regions(self) -> list[Region]:
         """Return the regions: open, then those beyond each limit, where the clip does not act and where it does."""
-        stretch, rate = Linear(stretch=1.0), Linear(rate=1.0)
         regions: list[Region] = []
         ways_out: list[tuple[Linear, int]] = []
-        for side, limit in ((Mode.FORWARD, self.upper), (Mode.BACKWARD, self.lower)):
-            if limit in (inf, -inf):
-                continue
-            depth = side * (stretch - limit)
-            push, drag = self.stiffness * depth, self.damping * side * rate
+        for side, depth, push, drag in self._pushes(Linear(stretch=1.0), Linear(rate=1.0)):
             first = 1 + len(regions)
             if self.damping == 0:
                 ways_out.append((-depth, first))
