@@ -77,7 +77,8 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     if differs:
         raise ValueError(
             f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts (a "
-            "stiffness, dwell time or coefficient that is 0, or a dwell time between equal coefficients); give it another value"
+            "stiffness, dwell time or coefficient that is 0, or a dwell time between equal coefficients); give it "
+            "another value"
         )
     if not near:
         raise ValueError(
