@@ -12,8 +12,8 @@ Rows that lock the same motion leave lambda undetermined; the forces of least no
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -26,6 +26,9 @@ _CANCELLED = 1e-14
 
 _SMALL = 60
 """Connected rows up to which a component is eliminated densely."""
+
+_REMEMBERED = 2000
+"""Small components that are remembered; each takes up to some 50 kB."""
 
 _ZERO = 1e-11
 _RIGID = 1e10
@@ -53,13 +56,14 @@ class Balance:
         Forces that drives which move apart would need, for their accelerations; None where they cannot tear anything.
     """
 
-    def __init__(self, inertia: Array, G: Any, D: Any) -> None:
+    def __init__(self, inertia: Array, G: Any, D: Any, among: Among | None = None) -> None:
         self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
         self.loop = np.full(self.count, -1)
         self._large: list[tuple[Indices, _Tree]] = []
         if self._is_sparse:
-            self._eliminate_many(G.tocsr(), D.tocsr())
+            G, D = G.tocsr(), D.tocsr()
+            self._eliminate_many(G, D, among or Among(Components(inertia, G, D), np.arange(self.count)))
         else:
             part = _Component(inertia, G, D)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
@@ -97,7 +101,7 @@ class Balance:
             # accelerations of all bodies from the forces on all bodies
             self._mobility = T @ self._reduced @ T.T
 
-    def _eliminate_many(self, G: Any, D: Any) -> None:
+    def _eliminate_many(self, G: Any, D: Any, among: Among) -> None:
         """Eliminate each connected component of the held rows for itself."""
         n, h, d = self._n, self.count, D.shape[1]
         T, U, S = _Entries(), _Entries(), _Entries()
@@ -111,21 +115,22 @@ class Balance:
         dependent.append(bodies)
         first = single.size
         for rows in _joined(G, np.setdiff1d(np.arange(h), single)):
-            block = G[rows]
-            bodies = np.unique(block.indices)
-            if rows.size > _SMALL and (tree := _Tree.of(self._inertia, block, D[rows], bodies)) is not None:
+            tree = _Tree.of(self._inertia, G[rows], D[rows]) if rows.size > _SMALL else None
+            if tree is not None:
                 T.add(tree.T)
                 U.add(tree.U)
                 own = tree.dependent
                 self._large.append((rows, tree))
                 S.block(rows, first + np.arange(own.size), np.zeros((rows.size, own.size)))
             else:
-                part = _Component(self._inertia[bodies], block[:, bodies].toarray(), D[rows].toarray())
-                T.block(bodies, bodies, part.T)
-                U.block(bodies, np.arange(d), part.U)
-                own = bodies[part.dependent]
-                S.block(rows, first + np.arange(own.size), part.S)
-                self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
+                part = among.part(rows)
+                T.add(part.T)
+                U.add(part.U)
+                own = part.dependent
+                i, j, forces = part.S
+                S.add((rows[i], first + j, forces))
+                if part.loop is not None:
+                    self.loop[rows] = np.where(part.loop >= 0, part.loop + first, -1)
                 if part.parting is not None:
                     parting.block(rows, np.arange(d), part.parting)
             first += own.size
@@ -196,6 +201,58 @@ class Balance:
         if not self._is_sparse:
             return abs(self._S), np.abs(self._mobility)
         return abs(self._S), abs(self.T), abs(self._reduced), abs(self._TT)
+
+
+class Components:
+    """The connected components that some of a scene's rows form, eliminated; from one event to the next few change."""
+
+    def __init__(self, inertia: Array, G: Any, D: Any) -> None:
+        self._inertia, self._G, self._D = inertia, G, D
+        self._remembered = lru_cache(maxsize=_REMEMBERED)(self._part)
+
+    def part(self, rows: Indices) -> _Part:
+        """Return the component that rows form."""
+        return (self._remembered if rows.size <= _SMALL else self._part)(rows.tobytes())
+
+    def _part(self, key: bytes) -> _Part:
+        rows = np.frombuffer(key, dtype=np.intp)
+        G, D = self._G[rows], self._D[rows].toarray()
+        bodies = np.unique(G.indices)
+        found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D)
+        (i, j), (k, drive), (row, place) = found.T.nonzero(), found.U.nonzero(), found.S.nonzero()
+        return _Part(
+            (bodies[i], bodies[j], found.T[i, j]),
+            (bodies[k], drive, found.U[k, drive]),
+            (row, place, found.S[row, place]),
+            bodies[found.dependent],
+            found.loop if (found.loop >= 0).any() else None,
+            found.parting,
+        )
+
+
+class Among(NamedTuple):
+    """Held rows among all of a scene, by number."""
+
+    components: Components
+    rows: Indices
+
+    def part(self, some: Indices) -> _Part:
+        """Return the component that some of the held rows form."""
+        return self.components.part(self.rows[some])
+
+
+class _Part(NamedTuple):
+    """A connected component of held rows: entries of T and U, and of S for its rows and dependent bodies.
+
+    `loop` is None where all forces are unique.
+    """
+
+    T: tuple[Indices, Indices, Array]
+    U: tuple[Indices, Indices, Array]
+    S: tuple[Indices, Indices, Array]
+    dependent: Indices
+    loop: Indices | None
+    parting: Array | None
 
 
 def _alone(G: Any) -> tuple[Indices, Indices, Array]:
@@ -271,7 +328,8 @@ class _Component:
             pivots.append(column)
             done += 1
         self.dependent = np.array(pivots, dtype=np.intp)
-        reduced, drives, combine = np.split(work[:done], [n, n + D.shape[1]], axis=1)
+        last = n + D.shape[1]
+        reduced, drives, combine = work[:done, :n], work[:done, n:last], work[:done, last:]
         self.T = np.eye(n)
         self.T[self.dependent] = -reduced
         self.T[:, self.dependent] = 0.0
@@ -281,7 +339,7 @@ class _Component:
         self.loop = np.full(h, -1)
         self.parting: Array | None = None
         if done < h:
-            self._least_norm(inertia, D, work[done:, n + D.shape[1] :], scale)
+            self._least_norm(inertia, D, work[done:, last:], scale)
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
@@ -324,9 +382,9 @@ class _Tree:
     gain: float
 
     @classmethod
-    def of(cls, inertia: Array, G: Any, D: Any, bodies: Indices) -> _Tree | None:
+    def of(cls, inertia: Array, G: Any, D: Any) -> _Tree | None:
         """Return the tree that rows of at most two bodies each form, None where they form none."""
-        h = G.shape[0]
+        h, bodies = G.shape[0], np.unique(G.indices)
         per_row = np.diff(G.indptr)
         driven = np.flatnonzero(np.diff(D.indptr))
         fixed = np.flatnonzero(per_row == 1)

@@ -58,44 +58,38 @@ class GuardRows:
         self.equations, self.loose = equations, loose.size
         self.smallest_in_floats: dict[bytes, Callable[[float, Array], float]] = {}
         system, modes, borders = equations.system, equations.modes, equations.borders
-        m, held = system.m, equations.held
-        held_place = np.full(m, -1)
-        held_place[held] = m + np.arange(held.size)
+        held, pre, top, slip = equations.held, equations.pre, equations.at_level, equations.slip
+        pressed, first = equations.pressed, system.m + held.size
+        place = np.empty(system.m, dtype=np.intp)
+        place[held], place[top] = system.m + np.arange(held.size), first + np.arange(top.size)
+        edges = first + top.size + np.arange(borders.size)
         # a stop at its lower limit is bounded above, at its upper one below
-        at_lower = np.zeros(m, dtype=bool)
+        at_lower = np.zeros(system.m, dtype=bool)
         if system.has_stops:
             functions = system.piecewise
             at_lower[functions.row[functions.is_stop & (equations.regions == 2)]] = True
         upper = held[(system.is_friction | at_lower)[held]]
         lower = held[~(system.is_tie | at_lower)[held]]
-        pre, top, slip = equations.pre, equations.at_level, equations.slip
-        pressed = equations.pressed
-        first = m + held.size
-        banded, side = system.laws.slips_beyond[pre], equations.side[top]
         # a one-way clutch and a stop hold nothing below 0
-        holds = system.is_friction[lower].astype(float)
-        own = first + np.arange(top.size)
-        edge = first + top.size + np.arange(borders.size)
-        closed = np.ones(m)
-        closed[equations.open] = -1
-        mu_s, rises = system.mu_s, system.rise
-        # row, source, turn, mu, rise, constant, direction, kind
-        parts: list[tuple[Any, ...]] = [
-            (slip, slip, modes[slip], 0, 0, 0, 0, 0),
-            (upper, held_place[upper], -1, mu_s[0, upper], rises[0, upper], 0, 1, 1),
-            (lower, held_place[lower], 1, holds * mu_s[1, lower], holds * rises[1, lower], 0, -1, 1),
-            (pre, pre, -1, 0, 0, banded, 1, 0),
-            (pre, pre, 1, 0, 0, banded, -1, 0),
-            (top, own, 1 - 2 * side, -mu_s[side, top], -rises[side, top], 0, 0, 1),
-            (-np.ones(borders.size), edge, 1, 0, 0, 0, 0, 2),
-            (pressed, 0, 0, closed[pressed], 0, 0, 0, 3),
-            (loose, loose, signs, 0, 0, 0, 0, 0),
+        holds, mu_s, rises = system.is_friction, system.mu_s, system.rise
+        band, side = system.laws.slips_beyond, equations.side
+        # of the rows of each kind: row, source, turn, mu, rise, constant, direction, kind
+        kinds: list[tuple[Indices, Callable[[Indices], tuple[Any, ...]]]] = [
+            (slip, lambda j: (j, j, modes[j], 0, 0, 0, 0, 0)),
+            (upper, lambda j: (j, place[j], -1, mu_s[0, j], rises[0, j], 0, 1, 1)),
+            (lower, lambda j: (j, place[j], 1, holds[j] * mu_s[1, j], holds[j] * rises[1, j], 0, -1, 1)),
+            (pre, lambda j: (j, j, -1, 0, 0, band[j], 1, 0)),
+            (pre, lambda j: (j, j, 1, 0, 0, band[j], -1, 0)),
+            (top, lambda j: (j, place[j], 1 - 2 * side[j], -mu_s[side[j], j], -rises[side[j], j], 0, 0, 1)),
+            (edges, lambda edge: (-1, edge, 1, 0, 0, 0, 0, 2)),
+            (pressed, lambda j: (j, 0, 0, np.where(np.isin(j, equations.open), -1, 1), 0, 0, 0, 3)),
+            (loose, lambda j: (j, j, signs, 0, 0, 0, 0, 0)),
         ]
-        parts = [part for part in parts if part[0].size]
-        ends = list(accumulate((part[0].size for part in parts), initial=0))
+        parts = [told(rows) for rows, told in kinds if rows.size]
+        ends = list(accumulate((rows.size for rows, _ in kinds if rows.size), initial=0))
 
         def column(k: int, dtype: type = float) -> Array:
-            found = np.empty(ends[-1], dtype)
+            found: Array = np.empty(ends[-1], dtype)
             for part, (first, last) in zip(parts, pairwise(ends), strict=True):
                 found[first:last] = part[k]
             return found
@@ -107,16 +101,15 @@ class GuardRows:
         # a normal force is a force, too
         self.is_force |= self.is_normal
         self.size, self.slips = self.row.size, slip.size
-        dwell_place = np.append(system.dwell_place, -1)
         self.rising = (rise != 0).nonzero()[0]
         self.rise = rise[self.rising]
-        self.dwell = system.inputs + dwell_place[self.row[self.rising]]
+        self.dwell = system.inputs + system.dwell_place[self.row[self.rising]]
         self.threshold = -system.laws.rests_below[slip]
         self.has_threshold = bool(self.threshold.any())
         self.has_levels, self.has_constant = bool(self.mu.any()), bool(self.constant.any())
         self.has_forces, self.has_borders = bool(self.is_force.any()), bool(borders.size)
         self.may_stick = np.zeros(self.size, dtype=bool)
-        self.may_stick[: slip.size] = system.holds_more[np.where(modes[slip] < 0, 1, 0), slip]
+        self.may_stick[: slip.size] = system.holds_more[side[slip], slip]
         """Velocities of contacts that hold more at rest than in motion."""
         self.has_normals = bool(pressed.size)
         self.is_of_velocities = not self.has_forces and not self.has_borders

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.balance import Balance
+from stickslip.equations.balance import Among, Balance, Components
 from stickslip.equations.dependence import Dependence, Friction, Part
 from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import Triplets
@@ -88,6 +88,7 @@ class System:
         self.balance = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
             self._balance
         )
+        self._components = Components(self.inertia, self.G, self.D)
         self._loads = lru_cache(maxsize=1)(self._made_loads)
         self.decays = lru_cache(maxsize=8)(self._decays)
 
@@ -436,7 +437,8 @@ class System:
 
     def _balance(self, held: bytes) -> Balance:
         mask = np.frombuffer(held, dtype=bool)
-        return Balance(self.inertia, self.G[mask], self.D[mask])
+        among = Among(self._components, mask.nonzero()[0]) if self.sparse else None
+        return Balance(self.inertia, self.G[mask], self.D[mask], among)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""

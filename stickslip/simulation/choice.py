@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import scipy
 
 from stickslip.engines import METHODS
 from stickslip.equations.loads import Loads
+from stickslip.equations.mode_equations import APART, OPEN, equations_in
 from stickslip.equations.system import System
 
 _STIFF, _LONG = 200.0, 5e3
@@ -62,7 +64,25 @@ def why_stiff(system: System, duration: float) -> str | None:
     turn = max([0.0, *stiffness]) ** 0.5
     if system.size > system.first_block:
         fastest = max(fastest, -float(system.block_C.diagonal(system.first_block).min(initial=0.0)))
+    if fastest * duration > _LONG and turn < fastest <= _STIFF * turn:
+        # springs do not let a body oscillate whose velocity decays before it has turned
+        fastest, turn = _decay_and_turn(system) or (fastest, turn)
     if fastest * duration > _LONG and fastest > _STIFF * turn:
         by = "dampers" if system.dependence is None else "dampers and feedback"
         return f"{by} let velocities decay in {1 / fastest:.3g} s: the scene is stiff"
     return None
+
+
+def _decay_and_turn(system: System) -> tuple[float, float] | None:
+    """Return the fastest decay and the fastest oscillation in 1/s while nothing sticks, of all that is joined for ever.
+
+    What decays before it has turned by one radian is no oscillation. None where the scene is large, or where tables,
+    normal forces or gaps change what joins its bodies.
+    """
+    if system.sparse or system.dependence is not None or system.is_gap.any():
+        return None
+    modes = np.select([system.is_tie, system.is_stop], [0, APART], OPEN).astype(np.int8)
+    regions = np.zeros(system.piecewise.count, dtype=np.int16)
+    values = np.linalg.eigvals(equations_in(modes, system, regions).jacobian())
+    turns = np.abs(values.imag)
+    return float(-values.real.min(initial=0.0)), float(turns[turns > -values.real].max(initial=0.0))

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from stickslip.equations import balance
-from stickslip.equations.balance import Balance
+from stickslip.equations.balance import Among, Balance, Components
 
 KINDS = ["dense", "sparse", "trees"]
 Array = np.ndarray
@@ -432,3 +432,27 @@ def test_magnitudes_bound_what_they_are_for(case: Case) -> None:
         if case.rows:
             force = found.held_forces(F, acceleration)
             assert np.all(found.force_magnitudes(np.abs(F)) >= np.abs(force) - slack)
+
+
+# Components are remembered
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_components_met_before_give_the_same_balance(seed: int) -> None:
+    """From one set of held rows to the next few components change; what is remembered is equal to the bit."""
+    rng = np.random.default_rng(seed)
+    n, m = 40, 70
+    ends = rng.integers(n, size=m)
+    rows = [between(a, b) if (b := (a + 1) % n) and k % 3 else {a: 2.0, n: -1.0} for k, a in enumerate(ends)]
+    case = Case(rng.uniform(0.5, 3, n).tolist(), rows, rng.normal(size=n).tolist(), (0.3,))
+    G, D, M = sparse.csr_array(case.G), sparse.csr_array(case.D), np.array(case.inertia)
+    components, F, u = Components(M, G, D), np.array(case.forces), np.array(case.drives)
+    held = rng.random(m) < 0.7
+    for j in rng.integers(m, size=12):
+        held[j] ^= True
+        own = held.nonzero()[0]
+        known, anew = (Balance(M, G[own], D[own], among) for among in (Among(components, own), None))
+        assert np.array_equal(known.loop, anew.loop)
+        assert np.array_equal(known.accelerations(F, u), anew.accelerations(F, u))
+        a = anew.accelerations(F, u)
+        assert np.array_equal(known.held_forces(F, a, u), anew.held_forces(F, a, u))

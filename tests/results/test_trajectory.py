@@ -285,6 +285,23 @@ def test_stiff_scenes_are_left_to_an_implicit_method() -> None:
     assert simulate(scene, (0.0, 0.1)).stats["engine"] == "Taylor series"
 
 
+def test_a_light_body_that_its_damper_keeps_from_oscillating_is_stiff() -> None:
+    # s^2 + 1e8 s + 1e12 = 0: it decays with 1e8 /s and 1e4 /s, although spring and mass alone would turn with 1e6 /s
+    light = Body("light", inertia=1e-6), Spring("light", "hand", stiffness=1e6, damping=1e2)
+    rub = Contact("rub", "light", GROUND, DryFriction(0.5, 0.4), normal=10.0)
+    scene = Scene(*light, Drive("hand", velocity=0.01), rub)
+    result = simulate(scene, (0.0, 20.0))
+    assert result.stats["engine"] == "CVODE BDF"
+    (slip,) = result.events
+    assert abs(slip.t - (0.5 * 10.0 - 0.01 * 1e2) / (0.01 * 1e6)) < 1e-9
+    assert abs(result.velocity("light")[-1] - 0.01) < 1e-9
+    # two bodies joined by a damper oscillate together, however strong it is: series are the better way
+    pair = [Body(name, inertia=1.0, position=0.1) for name in "ab"]
+    springs = [Spring(name, GROUND, stiffness=1e4) for name in "ab"]
+    joined = Scene(*pair, *springs, Damper("a", "b", damping=1e3), Force("a", 1.0))
+    assert "Taylor series" in explain(joined, (0.0, 100.0))
+
+
 @pytest.mark.parametrize(
     ("extra", "words"),
     [

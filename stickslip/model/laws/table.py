@@ -58,7 +58,7 @@ class VelocityDependentForces:
             )
         sorted_out += [(np.array(places), kind([laws[k] for k in places])) for kind, places in kinds.items()]
         stateful = [places for places, kernel in sorted_out if kernel.has_state]
-        self.bristles: Indices = np.sort(np.concatenate([np.empty(0, dtype=np.intp), *stateful]))
+        self.bristles: Indices = np.sort(np.concatenate(stateful)) if stateful else np.empty(0, dtype=np.intp)
         self._parts = [
             (places, self.bristles.searchsorted(places) if kernel.has_state else places[:0], kernel)
             for places, kernel in sorted_out
