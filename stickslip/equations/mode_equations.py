@@ -12,7 +12,7 @@ import scipy
 
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Waves
-from stickslip.equations.matrices import Triplets, dense, row_maxima
+from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small
@@ -370,9 +370,7 @@ class ModeEquations:
         rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
         pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
         forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
-        return self._spread(
-            scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
-        )
+        return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property
     def structure(self) -> Any:
@@ -385,27 +383,14 @@ class ModeEquations:
         """Return ``A``, dense or sparse as the scene is."""
         if not self.system.sparse:
             return self.A
-        system, balance, n = self.system, self.balance, self.system.n
-        fold = scipy.sparse.block_diag([balance.T, scipy.sparse.eye_array(system.size - n)], format="csr")
-        found = self._spread((self.C @ fold).tocsr(), balance.T)
-        if system.size > system.first_block:
-            lines = scipy.sparse.csr_array(system.block_C @ fold)
-            found = scipy.sparse.vstack([found[: system.first_block], lines], format="csr")
-        return found
-
-    def _spread(self, forces: Any, v: Any) -> Any:
-        """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
-        system, n = self.system, self.system.n
-        top = self.balance.accelerations(forces)
-        rest = system.size - n
-        if not rest:
-            return scipy.sparse.csr_array(top)
-        rows = scipy.sparse.csr_array((rest, system.size))
-        if v is not None and system.moved.size:
-            part = scipy.sparse.csr_array(v)[system.moved].tocoo()
-            places = (system.moved_state - n)[part.row]
-            rows = scipy.sparse.csr_array((part.data, (places, part.col)), shape=(rest, system.size))
-        return scipy.sparse.vstack([scipy.sparse.csr_array(top), rows], format="csr")
+        system, T, n, size = self.system, self.balance.T, self.system.n, self.system.size
+        fold = scipy.sparse.block_diag([T, scipy.sparse.eye_array(size - n)], format="csr")
+        blocks: list[Block] = [
+            (slice(n), slice(size), self.balance.accelerations((self.C @ fold).tocsr())),
+            (system.moved_state, slice(n), T[system.moved]),
+            (slice(system.first_block, size), slice(size), system.block_C @ fold),
+        ]
+        return assembled(size, blocks)
 
     # -- what adds up ----------------------------------------------------------------------------------------
 
