@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from stickslip.equations.matrices import row_maxima
 from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14
@@ -69,6 +70,11 @@ class Balance:
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
         self._finish()
+
+    @property
+    def has_loops(self) -> bool:
+        """Whether the forces of some rows are not unique."""
+        return bool(self.loop.max(initial=-1) >= 0)
 
     def _finish(self) -> None:
         T: Any = self.T
@@ -287,8 +293,7 @@ class _Component:
 
     def __init__(self, inertia: Array, G: Array, D: Array) -> None:
         h, n = G.shape
-        scale = np.abs(G).max(axis=1)
-        scale = np.maximum(scale, np.abs(D).max(axis=1, initial=0.0))
+        scale = np.maximum(row_maxima(G), row_maxima(D))
         scale[scale == 0] = 1.0
         work = np.concatenate([G, D, np.eye(h)], axis=1)
         work /= scale[:, None]

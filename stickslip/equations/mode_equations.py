@@ -178,7 +178,7 @@ class ModeEquations:
         """
         system = self.system
         G, D = dense(system.G), dense(system.D)
-        scale = np.maximum(np.abs(G).max(axis=1, initial=0.0), np.abs(D).max(axis=1, initial=0.0))
+        scale = np.maximum(row_maxima(G), row_maxima(D))
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
         dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
@@ -340,6 +340,11 @@ class ModeEquations:
             led = self.T_dependent @ y[: self.system.n]
             y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
         return y
+
+    def mobility(self, row: int) -> float:
+        """Return the relative acceleration of a row by a force of 1 N or N m along it."""
+        pull = dense(self.system.G[[row]])[0]
+        return float(pull @ self.balance.accelerations(pull))
 
     def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
