@@ -343,10 +343,9 @@ class _Component:
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
-        links = scipy.sparse.csr_array(np.abs(null) > _ZERO)
-        graph = scipy.sparse.block_array([[None, links.T], [links, None]], format="csr")
-        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: null.shape[1]]
-        self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
+        links = np.abs(null) > _ZERO
+        number = np.unique(joined(links), return_inverse=True)[1]
+        self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
         # forces of unit rows: lambda * scale
         unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)
