@@ -248,9 +248,7 @@ def at_rest_together(
     y = path.last[:, None]
     slopes = nearby.slopes(_relative, piece, motion, still, np.array([tau]), y, S[:, None, :])[:, 0]
     rate = motion.rate(tau, path.last)
-    pace = system.G @ rate[: system.n]
-    if system.drives:
-        pace = pace + system.D @ system.drive_accelerations(motion.loads(tau))
+    pace = system.relative(rate[: system.n], system.drive_accelerations(motion.loads(tau)))
     slopes = slopes + np.outer(pace, times)
     scale = _speed_slopes(nearby, S, rate, times)
     for k in np.isfinite(times).nonzero()[0].tolist():
