@@ -81,14 +81,9 @@ def _by_sine(random: np.random.Generator, excess: float) -> Graze:
     scene = Scene(
         Body("block", inertia=random.uniform(0.5, 2)),
         Contact("c", "block", GROUND, UPPER, normal=10.0),
-        load_on(load),
+        Force("block", load),
     )
     return scene, stop, first
-
-
-def load_on(load: object) -> Force:
-    """Return a load on the block."""
-    return Force("block", load)  # type: ignore[arg-type]
 
 
 def _by_spring(random: np.random.Generator, excess: float) -> Graze:
@@ -101,13 +96,7 @@ def _by_spring(random: np.random.Generator, excess: float) -> Graze:
     scene = Scene(
         Body("block", inertia=1.0),
         Body("mass", inertia=inertia, velocity=velocity),
-        Contact(
-            "c",
-            "block",
-            GROUND,
-            DryFriction(0.5, 0.4, mu_static_backward=2.0, mu_coulomb_backward=0.4),
-            normal=10.0,
-        ),
+        Contact("c", "block", GROUND, UPPER, normal=10.0),
         Spring("block", "mass", stiffness=stiffness),
     )
     return scene, float(mp.pi / turn), first
@@ -130,7 +119,7 @@ def _by_velocity(random: np.random.Generator, excess: float) -> Graze:
     scene = Scene(
         Body("block", inertia=inertia, velocity=velocity),
         Contact("c", "block", GROUND, DryFriction(0.4, 0.4), normal=10.0),
-        load_on(piecewise_linear([0.0, stop], [start, last])),
+        Force("block", piecewise_linear([0.0, stop], [start, last])),
     )
     return scene, 0.9 * stop, first
 

@@ -9,11 +9,9 @@ import numpy as np
 from stickslip.engines.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
+from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask
-
-_DWELL_OVER = 40.0
-"""Dwell times after which a static coefficient has risen to the last bit."""
 
 _WORTH = 0.3
 """Part of a dwell time for which the series of a rising level is followed."""
@@ -112,7 +110,7 @@ class Due:
         if parts.dwells[j]:
             # past the due time; there itself a guard may be 0
             t = max(t, due - 0.1 * min(until - due, _WORTH * dwell))
-            is_rising = (t - parts.since[j]) / dwell < _DWELL_OVER
+            is_rising = (t - parts.since[j]) / dwell < DWELL_OVER
         if is_rising:
             until = min(until, t + _WORTH * dwell)
         span = until - t

@@ -12,10 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.engines.along import Along
+from stickslip.equations.guards import FULLY
 from stickslip.equations.path import Path
-
-_FULLY = 0.999
-"""Part of what is uncertain by which a velocity that was found beyond 0 has passed it at least."""
 
 _FEW = 4
 """Points that are looked at together, the last first: a velocity is not beyond 0 for long."""
@@ -25,7 +23,7 @@ def back_to_zero(along: Along, end: float) -> Path:
     """Return the path up to where the first of the guards was 0 that are negative at local time `end`."""
     guards, path, found = along.guards, along.path, end
     late = along.values(np.arange(guards.size), np.array([end]), late=True)[:, 0]
-    for row in (late <= (1 - _FULLY) * guards.leeway).nonzero()[0].tolist():
+    for row in (late <= (1 - FULLY) * guards.leeway).nonzero()[0].tolist():
         # what begins beyond 0 is told where it has passed what is uncertain
         for beyond in (False, True):
             step = _last_before(along, row, end, beyond)

@@ -7,7 +7,6 @@ follow from small products, and so do those of the guards. No step error, nothin
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +24,9 @@ from stickslip.equations.taylor import ORDER
 from stickslip.model.arrays import Array, Indices
 
 _REMAINDER = 1e-17
+_TO_LAST = np.arange(ORDER - 1.0, 0.0, -1.0)
+"""How many orders there are from each one to the last but one."""
+
 _MOST_STEPS = 1_000_000
 _LOG_REMAINDER = math.log(_REMAINDER)
 _NOTHING, _NONE = 1e-250, 1e-267
@@ -185,11 +187,11 @@ class Series:
             # a drive may turn while no state does
             of_guards = sizes[-2 if rows.others.size else -1]
             of_guards[0] = max(of_guards[0], sizes[0, 0])
-        last = y.shape[0] - 2
+        last = ORDER - 1
         terms = np.log(np.maximum(sizes[:, :last], _NOTHING))
         terms -= np.log(np.maximum(sizes[:, last:].max(axis=1), _NONE))[:, None] - _LOG_REMAINDER
         # s^last times the last terms is the remainder of s^k times the term k
-        terms /= _steps_to(last)
+        terms /= _TO_LAST
         return math.exp(min(terms.max(axis=1).min(), 0.0))
 
     def _note_speed(self, motion: Motion, y: Array) -> None:
@@ -226,12 +228,6 @@ class Series:
                 found = root if found is None else found * root
                 which, touches_only = i, only
         return found, which, touches_only
-
-
-@lru_cache(maxsize=4)
-def _steps_to(top: int) -> Array:
-    """Return how many orders there are from each one to a higher one."""
-    return np.arange(top, 0.0, -1.0)
 
 
 def _padded(pieces: list[Array], size: int) -> Array:

@@ -39,7 +39,7 @@ class SolverFailure(Exception):
     was computed before.
     """
 
-    def __init__(self, sentence: str, remedy: str, path: Path | None = None) -> None:
+    def __init__(self, sentence: str, remedy: str, path: Path) -> None:
         super().__init__(sentence)
         self.sentence, self.remedy, self.path = sentence, remedy, path
 
@@ -78,7 +78,7 @@ def sound(smallest: float, tau: float) -> float:
     return smallest if smallest < math.inf else 1.0
 
 
-def failure_of(solution: Any, path: Path | None) -> SolverFailure:
+def failure_of(solution: Any, path: Path) -> SolverFailure:
     """Return SUNDIALS' failure with its own sentence."""
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
     return SolverFailure(

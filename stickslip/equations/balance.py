@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from stickslip.equations.matrices import row_maxima
 from stickslip.model.arrays import Array, Indices
 
 _CANCELLED = 1e-14
@@ -69,6 +70,11 @@ class Balance:
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
         self._finish()
+
+    @property
+    def has_loops(self) -> bool:
+        """Whether the forces of some rows are not unique."""
+        return bool(self.loop.max(initial=-1) >= 0)
 
     def _finish(self) -> None:
         T: Any = self.T
@@ -287,8 +293,7 @@ class _Component:
 
     def __init__(self, inertia: Array, G: Array, D: Array) -> None:
         h, n = G.shape
-        scale = np.abs(G).max(axis=1)
-        scale = np.maximum(scale, np.abs(D).max(axis=1, initial=0.0))
+        scale = np.maximum(row_maxima(G), row_maxima(D))
         scale[scale == 0] = 1.0
         work = np.concatenate([G, D, np.eye(h)], axis=1)
         work /= scale[:, None]
@@ -338,10 +343,9 @@ class _Component:
 
     def _least_norm(self, inertia: Array, D: Array, null: Array, scale: Array) -> None:
         """Take from the forces what no body feels; rows are scaled to their largest coefficient."""
-        links = scipy.sparse.csr_array(np.abs(null) > _ZERO)
-        graph = scipy.sparse.block_array([[None, links.T], [links, None]], format="csr")
-        label = scipy.sparse.csgraph.connected_components(graph, directed=False)[1][: null.shape[1]]
-        self.loop = np.where(np.abs(null).max(axis=0) > _ZERO, label, -1)
+        links = np.abs(null) > _ZERO
+        number = np.unique(joined(links), return_inverse=True)[1]
+        self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
         # forces of unit rows: lambda * scale
         unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)

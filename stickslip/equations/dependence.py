@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -17,6 +18,9 @@ from stickslip.model.arrays import Array, Indices
 _CANCELLED = 1e-14
 """Part of what adds up in a sum below which it is roundoff."""
 
+_KEPT = 16
+"""Values of a function that are remembered: the solver and its guards ask for the same ones."""
+
 Regions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
 
@@ -28,7 +32,7 @@ class Friction(Protocol):
         """Return the force of one row at local time `tau`, 0 where it is held."""
 
 
-@dataclass
+@dataclass(frozen=True)
 class Part:
     """Linear forms as small arrays: ``S y[columns] + P q[places]``."""
 
@@ -80,6 +84,8 @@ class Dependence:
         The inputs that it fills: nodes and rows, and the rows whose normal forces depend on the state.
     columns : array of int
         The states that it reads.
+    calls : int
+        How often functions have been called.
     """
 
     def __init__(
@@ -90,6 +96,7 @@ class Dependence:
         place: Callable[[Key], int],
     ) -> None:
         self.nodes = list(nodes)
+        self.calls, self._known = 0, [dict[tuple[float, ...], Array]() for _ in nodes]
         self.arguments = [Part.of(node.arguments, place) for node in nodes]
         starts = first + np.cumsum([0, *(node.width for node in nodes)])
         self._ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
@@ -122,11 +129,6 @@ class Dependence:
                 found.add(number)
                 open_ones.update(self.arguments[number].places.tolist())
         return frozenset(found)
-
-    @property
-    def calls(self) -> int:
-        """How often functions have been called."""
-        return sum(node.calls for node in self.nodes)
 
     def is_linear_in(self, regions: Regions) -> bool:
         """Tell whether all is linear while tables follow the lines of some regions."""
@@ -185,8 +187,34 @@ class Dependence:
 
     def forget(self) -> None:
         """Forget the values of functions: they may not be the same in another run."""
-        for node in self.nodes:
-            node.known.clear()
+        for known in self._known:
+            known.clear()
+
+    def _called(self, number: int, t: float, arguments: Array) -> Array:
+        """Return the values of a function.
+
+        A ValueError names element, time and arguments where they are no finite numbers.
+        """
+        node, known = self.nodes[number], self._known[number]
+        key = (t if node.timed else 0.0, *arguments.tolist())
+        found = known.get(key)
+        if found is not None:
+            return found
+        self.calls += 1
+        assert node.values is not None
+        try:
+            found = node.values(t, arguments)
+        except ValueError as error:
+            given = ", ".join(f"{x:.9g}" for x in arguments.tolist())
+            raise ValueError(f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
+        if len(known) >= _KEPT:
+            known.pop(next(iter(known)), None)
+        known[key] = found
+        return found
+
+    def _value(self, number: int, t: float, x: Array, tau: float, y: Array, friction: Friction | None) -> Any:
+        node = self.nodes[number]
+        return self._called(number, t, x) if node.row < 0 else _power(node, x, tau, y, friction)
 
     def fill(
         self,
@@ -215,10 +243,12 @@ class Dependence:
                 q[own] = offset + slope * arguments[0]
                 continue
             if q.ndim == 1:
-                q[own] = _value(node, t, arguments, tau, y, friction)
+                q[own] = self._value(number, t, arguments, tau, y, friction)
                 continue
             for k in range(q.shape[1]):
-                q[own, k] = _value(node, float(t[k]), arguments[:, k], float(tau[k]), y[:, k], friction)
+                q[own, k] = self._value(
+                    number, float(t[k]), arguments[:, k], float(tau[k]), y[:, k], friction
+                )
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
@@ -290,8 +320,11 @@ class Dependence:
             arguments = part.at(y, q)
             if node.table is not None:
                 found.append(np.array([[self._line(number, arguments[0], regions)[1]]]))
+            elif node.given is not None:
+                found.append(node.given(t, arguments))
             elif node.row < 0:
-                found.append(node.slopes(t, arguments))
+                function = partial(self._called, number, t)
+                found.append(differences(function, arguments, function(arguments)))
             else:
 
                 def heat(x: Array, node: Node = node) -> Array:
@@ -299,10 +332,6 @@ class Dependence:
 
                 found.append(differences(heat, arguments, q[self._ranges[number]]))
         return found
-
-
-def _value(node: Node, t: float, x: Array, tau: float, y: Array, friction: Friction | None) -> Any:
-    return node.at(t, x) if node.row < 0 else _power(node, x, tau, y, friction)
 
 
 def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None) -> float:

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.guard_values import GuardValues
-from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -182,9 +181,8 @@ class GuardsAtStart(GuardValues):
         system, row = self.motion.system, self.row[i]
         if not system.is_friction[row]:
             return float(self._adds_up[1, i])
-        pull = dense(system.G[[row]])[0]
         level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
-        return float(level * (pull @ self.motion.equations.balance.accelerations(pull)))
+        return float(level * self.motion.equations.mobility(row))
 
     @cached_property
     def _never(self) -> Mask:

@@ -12,7 +12,7 @@ from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices, Mask
 
-_DWELL_OVER = 40.0
+DWELL_OVER = 40.0
 """Dwell times after which a static coefficient has risen to the last bit."""
 
 _DIFFERENCE = 1e-5
@@ -182,11 +182,11 @@ class Inputs:
         rows = self._dwelling[places]
         self._rate = 1.0 / self.system.dwell[rows]
         self._age = (self.t - self.since[rows]) * self._rate
-        young = self._age < _DWELL_OVER
+        young = self._age < DWELL_OVER
         if not young.all():
             self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
         if self._rising.size:
-            self._over = float(((_DWELL_OVER - self._age) / self._rate).max())
+            self._over = float(((DWELL_OVER - self._age) / self._rate).max())
 
     def is_rising(self, tau: float) -> bool:
         """Tell whether a static coefficient still rises at local time `tau`."""
@@ -243,7 +243,7 @@ class Inputs:
         if not (self._dwelling.size and self._rising.size):
             return None
         age = self._age + self._rate * tau
-        live = (age < _DWELL_OVER).nonzero()[0]
+        live = (age < DWELL_OVER).nonzero()[0]
         if not live.size:
             return None
         rows, places = self._dwelling[self._rising[live]], self.system.inputs + self._rising[live]
@@ -288,7 +288,7 @@ class Inputs:
         if count and tau < self._over:
             rows = self._dwelling[self._rising]
             age = self._age + self._rate * tau
-            factor = np.exp(-age) if tau == 0 else np.where(age < _DWELL_OVER, np.exp(-age), 0.0)
+            factor = np.exp(-age) if tau == 0 else np.where(age < DWELL_OVER, np.exp(-age), 0.0)
             dwells = x[size + 2 * inputs :].reshape(2, count)
             dwells[0, self._rising] = factor * q[rows]
             dwells[1, self._rising] = factor * slope[rows]

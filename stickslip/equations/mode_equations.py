@@ -12,7 +12,7 @@ import scipy
 
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Waves
-from stickslip.equations.matrices import Triplets, dense, row_maxima
+from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small
@@ -178,7 +178,7 @@ class ModeEquations:
         """
         system = self.system
         G, D = dense(system.G), dense(system.D)
-        scale = np.maximum(np.abs(G).max(axis=1, initial=0.0), np.abs(D).max(axis=1, initial=0.0))
+        scale = np.maximum(row_maxima(G), row_maxima(D))
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
         dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
@@ -341,6 +341,11 @@ class ModeEquations:
             y[self.dependent] = led + self.U_dependent @ u if self.is_driven else led
         return y
 
+    def mobility(self, row: int) -> float:
+        """Return the relative acceleration of a row by a force of 1 N or N m along it."""
+        pull = dense(self.system.G[[row]])[0]
+        return float(pull @ self.balance.accelerations(pull))
+
     def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""
         system, mode = self.system, int(self.modes[row])
@@ -365,9 +370,7 @@ class ModeEquations:
         rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
         pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
         forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
-        return self._spread(
-            scipy.sparse.hstack([forces, scipy.sparse.csr_array((n, system.size - n))], format="csr"), None
-        )
+        return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property
     def structure(self) -> Any:
@@ -380,27 +383,14 @@ class ModeEquations:
         """Return ``A``, dense or sparse as the scene is."""
         if not self.system.sparse:
             return self.A
-        system, balance, n = self.system, self.balance, self.system.n
-        fold = scipy.sparse.block_diag([balance.T, scipy.sparse.eye_array(system.size - n)], format="csr")
-        found = self._spread((self.C @ fold).tocsr(), balance.T)
-        if system.size > system.first_block:
-            lines = scipy.sparse.csr_array(system.block_C @ fold)
-            found = scipy.sparse.vstack([found[: system.first_block], lines], format="csr")
-        return found
-
-    def _spread(self, forces: Any, v: Any) -> Any:
-        """Return rates (sparse) from forces on the bodies, and positions' rates from velocities."""
-        system, n = self.system, self.system.n
-        top = self.balance.accelerations(forces)
-        rest = system.size - n
-        if not rest:
-            return scipy.sparse.csr_array(top)
-        rows = scipy.sparse.csr_array((rest, system.size))
-        if v is not None and system.moved.size:
-            part = scipy.sparse.csr_array(v)[system.moved].tocoo()
-            places = (system.moved_state - n)[part.row]
-            rows = scipy.sparse.csr_array((part.data, (places, part.col)), shape=(rest, system.size))
-        return scipy.sparse.vstack([scipy.sparse.csr_array(top), rows], format="csr")
+        system, T, n, size = self.system, self.balance.T, self.system.n, self.system.size
+        fold = scipy.sparse.block_diag([T, scipy.sparse.eye_array(size - n)], format="csr")
+        blocks: list[Block] = [
+            (slice(n), slice(size), self.balance.accelerations((self.C @ fold).tocsr())),
+            (system.moved_state, slice(n), T[system.moved]),
+            (slice(system.first_block, size), slice(size), system.block_C @ fold),
+        ]
+        return assembled(size, blocks)
 
     # -- what adds up ----------------------------------------------------------------------------------------
 

@@ -441,9 +441,7 @@ class Motion(Inputs):
         z2, q2 = 0.5 * (later[size:] - z1) / d, 0.5 * (q1_ahead - first.q[1]) / d
         # velocities are states, and loads tell the accelerations of drives: more is known of these
         system = self.system
-        z2[: system.m] = system.G @ bend[: system.n]
-        if system.drives:
-            z2[: system.m] += 0.5 * (system.D @ system.drive_accelerations(first.q[1]))
+        z2[: system.m] = system.relative(bend[: system.n], 0.5 * system.drive_accelerations(first.q[1]))
         return Expansion(first.y, np.array([*first.q, q2]), np.array([z0, z1, z2]))
 
     def _slope(self, tau: float, y: Array, rate: Array, q: Array, dq: Array) -> Array:

@@ -31,9 +31,6 @@ _TINY, _TOLD, _BENDS = 1e-100, 1e-8, 1e-2
 """Smallest argument of which differences are a part; part of a value by which it must change to be more than roundoff;
 part of a slope by which it must differ from that over a larger step."""
 
-_KEPT = 16
-"""Values of a function that are remembered: the solver and its guards ask for the same ones."""
-
 
 @dataclass
 class Form:
@@ -66,7 +63,7 @@ class BlockPlace:
         return self.first_held + (self.outputs if isinstance(self.block, Sampled) else 0)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Node:
     """A function among the inputs, that returns `width` values; `label` is how messages name it."""
 
@@ -80,32 +77,6 @@ class Node:
     width: int = 1
     timed: bool = False  # whether it depends on time beside its arguments
     table: of.Table | None = None  # straight lines, each of which holds in a region of the one argument
-    calls: int = 0
-    known: dict[tuple[float, ...], Array] = field(default_factory=dict)
-
-    def at(self, t: float, arguments: Array) -> Array:
-        """Return the values; a ValueError names element, time and arguments where they are no finite numbers."""
-        key = (t if self.timed else 0.0, *arguments.tolist())
-        found = self.known.get(key)
-        if found is not None:
-            return found
-        self.calls += 1
-        assert self.values is not None
-        try:
-            found = self.values(t, arguments)
-        except ValueError as error:
-            given = ", ".join(f"{x:.9g}" for x in arguments.tolist())
-            raise ValueError(f"{self.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
-        if len(self.known) >= _KEPT:
-            self.known.pop(next(iter(self.known)), None)
-        self.known[key] = found
-        return found
-
-    def slopes(self, t: float, arguments: Array) -> Array:
-        """Return the derivatives of the values, a line each."""
-        if self.given is not None:
-            return self.given(t, arguments)
-        return differences(lambda x: self.at(t, x), arguments, self.at(t, arguments))
 
 
 def differences(function: Callable[[Array], Array], arguments: Array, value: Array) -> Array:

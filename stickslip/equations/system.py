@@ -414,9 +414,13 @@ class System:
         return q[self.first_acceleration : self.inputs - 1]
 
     def relative_velocity(self, y: Array, q: Array) -> Array:
-        """Return ``w`` of every row."""
-        w = self.G @ y[: self.n]
-        return np.asarray(w + self.D @ self.drive_velocities(q) if self.drives else w)
+        """Return ``w`` of every row from states and inputs."""
+        return self.relative(y[: self.n], self.drive_velocities(q))
+
+    def relative(self, v: Array, u: Array) -> Array:
+        """Return ``G v + D u`` from velocities of bodies and drives, or from accelerations."""
+        w = self.G @ v
+        return np.asarray(w + self.D @ u if self.drives else w)
 
     def sign_of(self, w: Array) -> Array:
         """Return the mode that a law without modes shows: the sign of `w` beyond its pre-slip velocity."""

@@ -6,15 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.equations.guards import Guards
+from stickslip.equations.guards import FULLY, Guards
 from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
 from stickslip.equations.loads import Loads
-from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.impact import Struck, struck
+from stickslip.events.impact import SAME, Struck, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.crossings import root_between
 
@@ -26,15 +25,8 @@ _CONSTANT = 1e-7
 _DRIVEN = 1e-3
 """Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
 
-_FULLY = 0.999
-"""Part of what is uncertain by which a velocity found beyond 0 has passed it at least; the rest is roundoff."""
-
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
-
-_SAME = 1e-12
-"""Part of a speed by which velocities that are equal may differ."""
-
 
 _AT_A_RATE = 1e3
 """How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away."""
@@ -79,7 +71,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         if guards.velocity_uncertainty:
             # a velocity that is beyond 0 by no more than the solver's errors has not passed it
             velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
-            at[guards.passing] &= (velocities >= (_FULLY - 1) * leeway) | (velocities <= -_FULLY * leeway)
+            at[guards.passing] &= (velocities >= (FULLY - 1) * leeway) | (velocities <= -FULLY * leeway)
         # where a normal force ends it is not the row that has come to its limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
@@ -144,9 +136,9 @@ def jumped(
     before = system.drive_velocities(motion.stretch.at(motion.t + float(path.taus[-1])))
     after = system.drive_velocities(q)
     size = np.abs(before) + np.abs(after)
-    jump = np.where(np.abs(after - before) > _SAME * size, after - before, 0.0)
+    jump = np.where(np.abs(after - before) > SAME * size, after - before, 0.0)
     sides, new = at_stops(system, y, q, labels, path.largest, crossed)
-    w = system.G @ y[:n] + system.D @ before
+    w = system.relative(y[:n], before)
     hit = new & (sides * w > 0)
     if not (jump.any() or hit.any()):
         sides[new & (sides * w < -margin)] = 0
@@ -156,13 +148,13 @@ def jumped(
     if hit.any() and not is_exact:
         margin = max(margin, _slowest_flight(motion, path, q, hit))
     found = struck(system, y[:n], before, after, sides, hit)
-    change = np.abs(system.G @ (found.v - y[:n]) + system.D @ jump)
+    change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
     y = y.copy()
     y[:n] = found.v
     # rebounds slower than the margin do not happen
-    sides[sides * (system.G @ found.v + system.D @ after) < -margin] = 0
-    return Jump(np.asarray(change > _SAME * speed), y, sides, hit, found)
+    sides[sides * system.relative(found.v, after) < -margin] = 0
+    return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
 
 
 def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:
@@ -259,7 +251,7 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: I
     found = float(path.taus[-1])
     passed = w < 0
     # what ends here is told there
-    passed[:, -1] &= (w[:, -1] < (_FULLY - 1) * uncertain) | (not path.has_event)
+    passed[:, -1] &= (w[:, -1] < (FULLY - 1) * uncertain) | (not path.has_event)
     for k in np.flatnonzero(passed.any(axis=1)).tolist():
         row, beyond = rows[[k]], passed[k].astype(np.int8)
         for left, right in np.flatnonzero(np.diff(beyond, prepend=0, append=0)).reshape(-1, 2).tolist():
@@ -394,10 +386,8 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     if sign * _acceleration(motion, tau, y, row) > 0:
         return False
     equal = _brought_to_rest(motion, tau, y, row)
-    pull = dense(system.G[[row]])[0]
-    total = float(pull @ equations.balance.accelerations(pull))
     q = motion.inputs(tau, y)
-    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * total
+    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * equations.mobility(row)
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps

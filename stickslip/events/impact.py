@@ -22,7 +22,7 @@ from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_SAME = 1e-12
+SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
 
 _RANK = 1e-12
@@ -58,31 +58,26 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, 
     lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
     """
     speed = max(float(np.abs(v).max(initial=0.0)), float(np.abs([*before, *after]).max(initial=0.0)))
-    least = _SAME * speed * system.largest_lever
+    least = SAME * speed * system.largest_lever
     turn = np.where(system.is_one_way, 1, sides).astype(float)
-    w = _relative(system, v, before)
+    w = system.relative(v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
     # what parts carries no impulse yet: it would give energy
     taking_part = ((sides != 0) | system.is_one_way) & (turn * w >= -least)
     found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)
-    between = _relative(system, found, after)
+    between = system.relative(found, after)
     lost = 0.5 * impulses * (w + between)
     # what must not be passed in the end
     every = (sides != 0) | system.is_one_way
     if np.any(every & (turn * between > least)):
         found, more = _nearest(system, found, after, every, turn, np.zeros(system.m), least)
         impulses += more
-        lost += 0.5 * more * (between + _relative(system, found, after))
+        lost += 0.5 * more * (between + system.relative(found, after))
     ties = system.is_tie.nonzero()[0]
     if ties.size:
         balance = system.balance(system.is_tie.tobytes())
         impulses[ties] = balance.held_forces(-(system.GT @ impulses), found - v)
     return Struck(found, impulses, lost)
-
-
-def _relative(system: System, v: Array, u: Array) -> Array:
-    w: Array = system.G @ v
-    return w + system.D @ u if system.drives else w
 
 
 def _nearest(
@@ -98,7 +93,7 @@ def _nearest(
     v = balance.project(v, u)
     rows = part.nonzero()[0]
     sign = -turn[rows]
-    short = wanted[rows] - sign * _relative(system, v, u)[rows]
+    short = wanted[rows] - sign * system.relative(v, u)[rows]
     if not np.any(short > least[rows]):
         return v, impulses
     push = dense(system.GT[:, rows]) * sign

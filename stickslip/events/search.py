@@ -220,8 +220,7 @@ class Search:
         """
         equations = motion.equations
         largest = np.full(rows.size, ratio.max())
-        no_loops = not equations.at_level.size and equations.balance.loop.max(initial=-1) < 0
-        if rows.size > 1 and no_loops:
+        if rows.size > 1 and not (equations.at_level.size or equations.balance.has_loops):
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
             each = np.zeros(number.max() + 1)
             np.maximum.at(each, number, ratio)
@@ -269,7 +268,7 @@ class Search:
         """
         held, balance = motion.equations.held, motion.equations.balance
         spared = np.zeros(rows.size, dtype=bool)
-        if balance.loop.max(initial=-1) < 0:
+        if not balance.has_loops:
             return spared
         loop = balance.loop[np.searchsorted(held, rows)]
         for number in np.unique(loop[loop >= 0]).tolist():

@@ -85,7 +85,7 @@ def with_one(
     held = equations.is_held.copy()
     held[row] = True
     balance = system.balance(held.tobytes())
-    may_be_spared = balance.loop.max(initial=-1) >= 0
+    may_be_spared = balance.has_loops
     if (direction and may_be_spared) or balance.parting is not None:
         # others may hold what it held, or drives tear them
         return None

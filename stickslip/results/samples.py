@@ -448,7 +448,7 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
         if total < _AT_ONCE and number < last:
             continue
         for own, edge, steps in zip(block, edges, _over(trajectory, block, edges, integrand), strict=True):
-            sums = base[:, None] + np.cumsum(np.pad(steps, ((0, 0), (1, 0))), axis=1)
+            sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
             if own in held:
                 out[:, held[own]] = sums[:, np.searchsorted(edge, samples.taus[held[own]])]
             base = sums[:, -1]

@@ -19,7 +19,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
 
-_TOGETHER = 1e-14
+TOGETHER = 1e-14
 """Part of a time within which nothing can be told apart."""
 
 _MORE = 3
@@ -78,7 +78,7 @@ class Borders:
         # tables that are left together change together: between them no motion is one of the scene
         following = list(regions)
         for tau, k, side in exits:
-            if tau <= first + _TOGETHER * (abs(motion.t) + first):
+            if tau <= first + TOGETHER * (abs(motion.t) + first):
                 following[k] = regions[k] + side
         self._loads.regions = tuple(following)
         if first >= path.taus[-1]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.engines.base import Engine
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
@@ -27,19 +28,13 @@ from stickslip.events.search import Situation
 from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
-from stickslip.simulation.borders import Borders
+from stickslip.simulation.borders import TOGETHER, Borders
 from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
 from stickslip.simulation.watching import Watch
 
 _RESTARTS_WITHOUT_PROGRESS = 100
-_SAME_TIME = 1e-14
-"""Part of a time within which another one is the same: nothing can be told apart between them."""
-
-_ROUNDOFF = 1e-12
-"""Part of the velocities that add up in a relative velocity within which it is 0 at the start."""
-
 _FROM_NOTHING = 1e-6
 """A normal force rises from 0 where it is no larger than such a part of what it rises by in the time ahead."""
 
@@ -103,7 +98,7 @@ class Run:
         sides, _ = at_stops(system, y, q)
         u = system.drive_velocities(q)
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
-        rough = _ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
+        rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
         impact = struck(system, y[: system.n], u, u, sides, hit) if hit.any() else None
         if impact is not None:
@@ -135,7 +130,7 @@ class Run:
         tau = float(path.taus[-1])
         t = motion.t + tau
         stop = motion.stretch.stop
-        if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= _SAME_TIME * abs(stop):
+        if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= TOGETHER * abs(stop):
             # the break itself: what was added up to it has been rounded
             t = stop
         if self.watch is not None:

@@ -17,7 +17,7 @@ from stickslip.studies.derivatives.directions import along_parameter
 from stickslip.studies.derivatives.sensitivities import from_variation
 from stickslip.studies.derivatives.variations import Variation, simulated
 from stickslip.studies.fits import Fit, Measured
-from stickslip.studies.parameters import Parameter, named_parameters
+from stickslip.studies.parameters import Parameter, named_parameters, with_values
 
 _QUANTITIES = ("velocity", "position", "force")
 _SCREENED = 6
@@ -189,17 +189,7 @@ class _Problem:
 
     def scene_at(self, x: Array) -> Scene:
         """Return the scene with other values."""
-        wanted = list(zip(self._at(x), x.tolist(), strict=True))
-        # one after another, but checked together: a static coefficient may be raised before or after the Coulomb one
-        for order in (wanted, wanted[::-1]):
-            try:
-                found = self._scene
-                for one, value in order:
-                    found = one.set(found, value)
-                return found
-            except ValueError as error:
-                refused = error
-        raise refused
+        return with_values(self._scene, self._at(x), x.tolist())
 
     def _result(self, x: Array, stop: float) -> Result:
         key = x.tobytes()

@@ -258,8 +258,7 @@ def _inputs(scene: Scene, system: System) -> tuple[tuple[str, ...], list[int]]:
     for k, body in enumerate(scene.bodies):
         names.append(f"force({body.name})")
         places.append(first + k)
-    pressed = getattr(system, "pressed", np.zeros(system.m, dtype=bool))
-    for j in (system.is_friction & ~pressed).nonzero()[0].tolist():
+    for j in (system.is_friction & ~system.pressed).nonzero()[0].tolist():
         names.append(f"normal({system.rows[j].name})")
         places.append(j)
     for what, first in (("velocity", system.first_drive), ("acceleration", system.first_acceleration)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -101,6 +101,28 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
             raise ValueError(f"{what}: parameter {one.name!r} stands twice; leave one out")
         seen.add(one.name)
     return found
+
+
+def with_values(scene: Scene, parameters: Sequence[Parameter], values: Sequence[float]) -> Scene:
+    """Return the scene with some parameters at other values.
+
+    One is set after another, but they are checked together: where one is refused beside the old value of another, as a
+    lower limit beyond the upper one, it waits for that.
+    """
+    waiting = list(zip(parameters, values, strict=True))
+    while waiting:
+        refused: list[ValueError] = []
+        for one, value in waiting:
+            try:
+                scene = one.set(scene, value)
+            except ValueError as error:
+                refused.append(error)
+            else:
+                break
+        if len(refused) == len(waiting):
+            raise refused[0]
+        del waiting[len(refused)]
+    return scene
 
 
 def _named(scene: Scene, name: Any, what: str) -> Parameter:

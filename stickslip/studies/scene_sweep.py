@@ -15,7 +15,7 @@ from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
-from stickslip.studies.parameters import named_parameters
+from stickslip.studies.parameters import named_parameters, with_values
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,9 @@ class SceneRuns:
 
     def at(self, point: Mapping[str, float]) -> Scene:
         """Return the scene with the numbers of a point: ``floor.normal``, ``springs[0].stiffness`` and the like."""
-        scene = self.scene
-        for parameter in named_parameters(scene, list(point), "sweep"):
-            scene = parameter.set(scene, point[parameter.name])
-        return scene
+        return with_values(
+            self.scene, named_parameters(self.scene, list(point), "sweep"), list(point.values())
+        )
 
     def __call__(self, **point: float) -> dict[str, float]:
         """Simulate one point; return events, last velocities, and of each contact its stuck part and its heat."""

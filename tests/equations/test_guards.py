@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reading import LAW, block
 
 from stickslip import (
     GROUND,
@@ -15,7 +16,6 @@ from stickslip import (
     Contact,
     Drive,
     DryFriction,
-    Force,
     Scene,
     Spring,
     piecewise_linear,
@@ -28,7 +28,6 @@ from stickslip.equations.mode_equations import OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 
-LAW = DryFriction(mu_static=0.5, mu_coulomb=0.4)
 STOP = 2.0
 
 
@@ -50,15 +49,6 @@ def started(
     shown = np.where(np.abs(numbers) <= 1, numbers, 0) if labels is None else np.array(labels)
     fired = np.zeros(system.m, dtype=bool) | options.get("fired", False)
     return motion, Guards(motion, shown.astype(np.int8), at_rest, fired)
-
-
-def block(force: Any = 0.0, normal: Any = 10.0, velocity: float = 0.0, law: DryFriction = LAW) -> Scene:
-    """A body of 1 kg on the ground."""
-    return Scene(
-        Body("a", inertia=1.0, velocity=velocity),
-        Contact("c", "a", GROUND, law, normal=normal),
-        Force("a", force),
-    )
 
 
 def values(motion: Motion, guards: Guards, tau: float) -> list[float]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reading import told
 from scipy.optimize import lsq_linear
 
 from stickslip import (
@@ -27,10 +28,6 @@ from stickslip import (
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 LAW = DryFriction(0.3, 0.2)
-
-
-def told(result: Result) -> list[tuple[str, int, int]]:
-    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
 
 
 def pair(load: Signal | float, strong: Any = 10.0, weak: Any = 2.0, **law: Any) -> Scene:

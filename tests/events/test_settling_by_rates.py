@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from reading import told
 
 from stickslip import (
     GROUND,
@@ -14,7 +15,6 @@ from stickslip import (
     Contact,
     DryFriction,
     Force,
-    Result,
     Scene,
     piecewise_linear,
     simulate,
@@ -23,10 +23,6 @@ from stickslip import (
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 FREEWHEEL = DryFriction(0.0, 0.0, mu_static_backward=0.6, mu_coulomb_backward=0.5)
-
-
-def told(result: Result) -> list[tuple[str, int, int]]:
-    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
 
 
 # Contacts that close together

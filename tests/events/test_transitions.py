@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reading import LAW, block, times, told
 
 from stickslip import (
     GROUND,
@@ -15,7 +16,6 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
-    Result,
     Scene,
     Signal,
     Spring,
@@ -27,19 +27,6 @@ from stickslip import (
     triangle,
 )
 
-LAW = DryFriction(mu_static=0.5, mu_coulomb=0.4)
-
-
-def block(
-    load: Signal | float = 0.0, normal: Signal | float = 10.0, law: DryFriction = LAW, velocity: float = 0.0
-) -> Scene:
-    """A body of 1 kg on the ground: it holds 5 N and slides at 4 N."""
-    return Scene(
-        Body("a", inertia=1.0, velocity=velocity),
-        Contact("c", "a", GROUND, law, normal=normal),
-        Force("a", load),
-    )
-
 
 def on_drive(velocity: Signal | float, start: float = 0.0, normal: float = 10.0) -> Scene:
     return Scene(
@@ -47,14 +34,6 @@ def on_drive(velocity: Signal | float, start: float = 0.0, normal: float = 10.0)
         Drive("d", velocity=velocity),
         Contact("c", "a", "d", LAW, normal=normal),
     )
-
-
-def told(result: Result) -> list[tuple[str, int, int]]:
-    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
-
-
-def times(result: Result) -> list[float]:
-    return [e.t for e in result.events]
 
 
 def near(*values: float, abs: float = 1e-9) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reading import LAW, block, times, told
 from scipy.integrate import solve_ivp
 
 from stickslip import (
@@ -20,9 +21,7 @@ from stickslip import (
     DryFriction,
     Force,
     Gear,
-    Result,
     Scene,
-    Signal,
     SimulationError,
     Spring,
     piecewise_linear,
@@ -36,19 +35,6 @@ from stickslip.engines.series import Series
 from stickslip.equations import balance, system
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-
-LAW = DryFriction(mu_static=0.5, mu_coulomb=0.4)
-
-
-def block(
-    load: Signal | float = 0.0, normal: Signal | float = 10.0, law: DryFriction = LAW, velocity: float = 0.0
-) -> Scene:
-    """A body of 1 kg on the ground: it holds 5 N and slides at 4 N."""
-    return Scene(
-        Body("a", inertia=1.0, velocity=velocity),
-        Contact("c", "a", GROUND, law, normal=normal),
-        Force("a", load),
-    )
 
 
 def oscillator(periods: float, normal: float = 0.0) -> tuple[Scene, float]:
@@ -69,14 +55,6 @@ def belt(normal: float = 1.0, speed: float = 0.2) -> Scene:
         Contact("c", "m", "belt", law, normal=normal),
         Spring("m", GROUND, stiffness=1.0),
     )
-
-
-def told(result: Result) -> list[tuple[str, int, int]]:
-    return [(e.contact, int(e.before), int(e.after)) for e in result.events]
-
-
-def times(result: Result) -> list[float]:
-    return [e.t for e in result.events]
 
 
 # Root finding

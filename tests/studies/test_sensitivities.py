@@ -20,6 +20,7 @@ from stickslip import (
     Gap,
     Gear,
     LuGre,
+    PreSlip,
     Result,
     Scene,
     Spring,
@@ -546,6 +547,22 @@ def test_an_event_on_a_break_has_no_derivative() -> None:
     found = sensitivities(scene, (0.0, 2.0), ["c.law.mu_static", "c.law.mu_coulomb"])
     assert np.isnan(found.events[0, 0]) and found.events[0, 1] == 0.0
     assert "falls on a break of a load" in found.reasons[0]
+
+
+@pytest.mark.parametrize(
+    "law", [DryFriction(0.3, 0.2), PreSlip(DryFriction(0.3, 0.2), 0.01, "tanh")], ids=repr
+)
+def test_a_load_that_is_0_presses_to_one_side_only(law: Any) -> None:
+    """Below 0 it is cut off: a rise at the first corner presses before 1 s, too, a fall only takes from the ramp."""
+    load = piecewise_linear([1.0, 2.0, 3.0], [0.0, 2.0, 0.0])
+    scene = Scene(Body("m", inertia=1.0, velocity=9.0), Contact("c", "m", GROUND, law, normal=load))
+    found = sensitivities(
+        scene, (0.0, 4.0), ["c.normal.values[0]", "c.normal.values[1]", "c.normal.values[2]"]
+    )
+    first, top, last = found.velocity("m", [2.5, 4.0]).T
+    assert np.isnan(first).all() and top == pytest.approx([-0.175, -0.2], abs=1e-6)
+    assert last[0] == pytest.approx(-0.2 * 0.125, abs=1e-6) and np.isnan(last[1])
+    assert "the normal force of 'c' is 0, and near by it is not, but to one side only" in found.reasons[0]
 
 
 def test_two_events_at_once_have_no_derivative() -> None:

@@ -76,8 +76,9 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
             break
     if differs:
         raise ValueError(
-            f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts "
-            "(a stiffness, dwell time or coefficient that is 0); give it a value that is not 0"
+            f"{what}: parameter {parameter.name!r}: near its value the scene has other states or contacts (a "
+            "stiffness, dwell time or coefficient that is 0, or a dwell time between equal coefficients); give it "
+            "another value"
         )
     if not near:
         raise ValueError(

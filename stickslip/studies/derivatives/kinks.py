@@ -15,7 +15,7 @@ from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array, Modes
 from stickslip.results.trajectory import Piece
-from stickslip.studies.derivatives.nearby import Nearby, total
+from stickslip.studies.derivatives.nearby import REST, Nearby, total
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
@@ -112,6 +112,24 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
             for k, direction in enumerate(nearby.directions):
                 if abs(slopes[k]) > TIE * abs(corner or 1.0) / direction.size:
                     yield k, f"a table stays at its corner {corner:g}"
+
+
+def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterator[tuple[int, str]]:
+    """Find directions that press a contact, to one side only, during a motion in which it slides unpressed."""
+    system, piece = nearby.system, nearby.trajectory.pieces[number]
+    path = piece.path
+    assert path is not None
+    taus = piece.end * np.array([0.5, 1.0])
+    loads, y = motion.loads(taus), path.at(taus).T
+    slides = np.abs(system.relative_velocity(y, loads)).max(axis=1) > REST * nearby.state_sizes[0]
+    rows = (system.is_friction & ~system.pressed & slides & (loads[: system.m, 0] == 0)).nonzero()[0]
+    t = piece.t + taus[0]
+    for k, near_ones in enumerate(nearby.near_ones):
+        for j in rows.tolist():
+            if any(nearby.stretch_after(piece.t, own).at(t)[j] for _, _, own in near_ones):
+                name = system.rows[j].name
+                yield k, f"the normal force of {name!r} is 0, and near by it is not, but to one side only"
+                break
 
 
 def at_touches(
@@ -230,9 +248,7 @@ def at_rest_together(
     y = path.last[:, None]
     slopes = nearby.slopes(_relative, piece, motion, still, np.array([tau]), y, S[:, None, :])[:, 0]
     rate = motion.rate(tau, path.last)
-    pace = system.G @ rate[: system.n]
-    if system.drives:
-        pace = pace + system.D @ system.drive_accelerations(motion.loads(tau))
+    pace = system.relative(rate[: system.n], system.drive_accelerations(motion.loads(tau)))
     slopes = slopes + np.outer(pace, times)
     scale = _speed_slopes(nearby, S, rate, times)
     for k in np.isfinite(times).nonzero()[0].tolist():

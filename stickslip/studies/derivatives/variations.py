@@ -84,7 +84,10 @@ class Variation(Nearby):
             for k, why, tau in kinks.at_touches(self, number, motion, varied):
                 self._refuse(piece.t + tau, k, why)
                 until[k] = min(until[k], tau)
-            for k, why in kinks.at_corners(self, number, motion, varied):
+            for k, why in (
+                *kinks.at_corners(self, number, motion, varied),
+                *kinks.at_rise_from_nothing(self, number, motion),
+            ):
                 self._refuse(piece.t, k, why)
                 until[k] = 0.0
             if number == last:

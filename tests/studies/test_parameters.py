@@ -1,0 +1,42 @@
+"""Several numbers of a scene at once: what is refused is their end, not the way there."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import pytest
+
+from stickslip import GROUND, Body, Contact, DryFriction, Gap, Scene
+from stickslip.studies.parameters import named_parameters, with_values
+from stickslip.studies.scene_sweep import SceneRuns
+
+
+def scene(static: float, coulomb: float, lower: float, upper: float) -> Scene:
+    return Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("floor", "m", GROUND, DryFriction(static, coulomb), normal=1.0),
+        Gap("play", "m", GROUND, lower=lower, upper=upper, stiffness=10.0),
+    )
+
+
+NAMES = ("floor.law.mu_static", "floor.law.mu_coulomb", "play.lower", "play.upper")
+
+
+@pytest.mark.parametrize("order", list(permutations(range(4))))
+def test_the_order_does_not_matter(order: tuple[int, ...]) -> None:
+    start, up = (0.5, 0.4, -1.0, 1.0), (0.8, 0.7, 2.0, 3.0)
+    for first, last in ((start, up), (up, start)):
+        named = named_parameters(scene(*first), [NAMES[k] for k in order], "test")
+        assert with_values(scene(*first), named, [last[k] for k in order]) == scene(*last)
+
+
+def test_values_that_cannot_be_together_are_refused() -> None:
+    named = named_parameters(scene(0.5, 0.4, -1.0, 1.0), NAMES, "test")
+    with pytest.raises(ValueError, match=r"mu_static = 0.2 is below mu_coulomb = 0.3"):
+        with_values(scene(0.5, 0.4, -1.0, 1.0), named, [0.2, 0.3, -2.0, 2.0])
+
+
+def test_a_sweep_may_vary_two_coefficients_of_a_law() -> None:
+    runs = SceneRuns(scene(0.5, 0.4, -1.0, 1.0), (0.0, 20.0), {})
+    # 0.5 J at a force of 0.1 N: it comes to rest after 5 m, if nothing was in its way
+    assert runs(**{NAMES[0]: 0.2, NAMES[1]: 0.1, NAMES[3]: 10.0})["heat floor"] == pytest.approx(0.5)
