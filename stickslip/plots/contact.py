@@ -25,6 +25,7 @@ from stickslip.plots.style import (
     dots,
     even_points,
     look,
+    name_of_points,
     of_result,
     over_time,
     own_axes,
@@ -225,7 +226,7 @@ def characteristic(result: Readable, contact: str, *, ax: Any = None) -> Any:
         "marker": "o",
         "markersize": size,
         "markerfacecolor": "white",
-        "label": "times fit for a plot",
+        "label": name_of_points(result),
     }
     for at, style in ((fine, line), (computed, points)):
         carried = at.force(contact)

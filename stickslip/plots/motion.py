@@ -24,6 +24,7 @@ from stickslip.plots.style import (
     even_points,
     keep_names_inside,
     look,
+    name_of_points,
     of_result,
     own_axes,
     raster,
@@ -99,7 +100,7 @@ def _velocity_curves(result: Readable, names: list[str], labels: list[str], ax: 
     ax.margins(x=0.01)
     if held:
         ax.plot([], [], label="held by a contact", **_BAND)
-    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": "times fit for a plot"}
+    points: dict[str, Any] = {"color": "0.3", "linestyle": "none", "label": name_of_points(result)}
     if few:
         ax.plot([], [], marker="o", markersize=3.5, **points)
     else:
@@ -165,7 +166,7 @@ def _rug(ax: Any, times: Array, points: dict[str, Any]) -> None:
     """Draw ticks along the bottom at computed times, every so many where all of them would run together."""
     every = -(-times.size // _TICKS)
     if every > 1:
-        points = points | {"label": f"times fit for a plot, 1 in {every}"}
+        points = points | {"label": f"{points['label']}, 1 in {every}"}
     chosen = times[::every]
     ticks = {"transform": ax.get_xaxis_transform(), "markersize": 9, "markeredgewidth": 0.6}
     ax.plot(chosen, np.zeros(chosen.size), "|", **ticks, **points)

@@ -60,6 +60,11 @@ class Drawing(Figure):
         raise NotImplementedError  # or, in the words of IPython: show it like any other figure
 
 
+def name_of_points(result: Readable) -> str:
+    """Return what legends call the times of a curve: all that was kept where the motion between them was not."""
+    return "times fit for a plot" if result.is_dense else "times that were kept"
+
+
 def new_figure(width: float, height: float, **options: Any) -> Figure:
     """Return a new figure in inches: one of pyplot, so that ``plt.show()`` shows it and ``plt.close()`` frees it."""
     if not _ARE_PYPLOTS.get():

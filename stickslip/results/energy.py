@@ -80,8 +80,9 @@ class EnergyLedger:
 
     @property
     def begun(self) -> float:
-        """What was stored at the start, before all work and heat."""
-        return float(self.stored[0] + self.heat[0] - self.work[0] - self.changes[0])
+        """What was stored at the start in J, before all work and heat; 0 where nothing was computed."""
+        balance = self.stored + self.heat - self.work - self.changes
+        return float(balance[0]) if balance.size else 0.0
 
     @property
     def relative_error(self) -> float:

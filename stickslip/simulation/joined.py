@@ -181,13 +181,19 @@ def join(results: Sequence[Result]) -> Joined:
     for number, result in enumerate(listed):
         if not isinstance(result, Result):
             raise TypeError(f"join: expected results, got {reprlib.repr(result)}")
+        if not result.trajectory.pieces:
+            raise ValueError(
+                f"join: of run {number + 1} nothing was computed, or nothing was kept; leave it out"
+            )
         if not number:
             continue
         end = float(listed[number - 1].trajectory.stops[-1])
         start = float(result.trajectory.starts[0])
         if abs(start - end) > 1e-9 * max(abs(start), abs(end)):
+            remedy = "give runs in order of time, without gaps"
+            if not (result.is_dense and listed[number - 1].is_dense):
+                remedy = "what lies between was not kept: simulate with dense_output=True"
             raise ValueError(
-                f"join: run {number + 1} begins at {start:g} s, but the one before ends at {end:g} s; "
-                "give runs in order of time, without gaps"
+                f"join: run {number + 1} begins at {start:g} s, but the one before ends at {end:g} s; {remedy}"
             )
     return Joined(listed)

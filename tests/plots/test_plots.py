@@ -115,6 +115,13 @@ def test_result_plot_is_the_overview(wheels):
     assert len(wheels.plot(contacts=["brake"]).axes) == 4
 
 
+def test_legends_do_not_call_requested_times_fit_for_a_plot():
+    t_eval = [0.0, 0.2, 1.0]
+    kept = simulate(flywheel_benchmark(), (0.0, 1.0), t_eval=t_eval, dense_output=False)
+    assert labels(plots.velocities(kept))[-1] == "times that were kept"
+    assert labels(plots.characteristic(kept, "brake"))[-1] == "times that were kept"
+
+
 def test_velocities_follow_the_motion_between_computed_points(wheels):
     ax = plots.velocities(wheels)
     assert ax.get_xlabel() == "time [s]"

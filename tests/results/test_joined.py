@@ -238,3 +238,15 @@ def test_scenes_made_of_code_are_given_for_each_run(tmp_path: Path) -> None:
         stickslip.load(tmp_path / "runs.npz", [first])
     again = stickslip.load(tmp_path / "runs.npz", [first, second])
     assert np.array_equal(again.position("a"), both.position("a"))
+
+
+def test_runs_of_which_too_little_was_kept_are_refused(runs: tuple[Result, Joined]) -> None:
+    first, second = runs[1].results
+    nothing = simulate(first.final_scene(), (1.25, 4.0), t_eval=[], dense_output=False)
+    for some in ([first, nothing], [nothing, second], [nothing]):
+        number = some.index(nothing) + 1
+        with pytest.raises(ValueError, match=f"of run {number} nothing was computed, or nothing was kept"):
+            join(some)
+    late = simulate(first.final_scene(), (1.25, 4.0), t_eval=[3.5], dense_output=False)
+    with pytest.raises(ValueError, match="what lies between was not kept: simulate with dense_output=True"):
+        join([first, late])
