@@ -16,7 +16,7 @@ import scipy
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
-from stickslip.engines.linear_solver import sparsity_pattern
+from stickslip.engines.linear_solver import sparsity_pattern, write_sparse
 from stickslip.engines.progress import Progress
 from stickslip.engines.sundials import IDA
 from stickslip.engines.through_points import path_through
@@ -252,10 +252,7 @@ class _Residual:
             state = dense(self._by_states(tau, y)) if changes else self._constant
             out[:] = state + cj * self._rates
             return
-        coo = scipy.sparse.coo_array(self._by_states(tau, y) + cj * self._rates)
-        coo.sum_duplicates()
-        out[:] = 0.0
-        out[np.searchsorted(self._places, coo.col.astype(np.int64) * u.size + coo.row)] = coo.data
+        write_sparse(self._by_states(tau, y) + cj * self._rates, self._places, out)
 
 
 IDA_BDF = Method("IDA BDF", Ida, ("multiplier",), force_uncertainty=_OF_FORCES)

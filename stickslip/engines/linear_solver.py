@@ -106,14 +106,13 @@ class LinearSolver:
         if self._kind == "band" and isinstance(jacobian, np.ndarray):
             out.ravel()[self._places] = jacobian.ravel()[self._places]
             return
+        if self._kind == "sparse":
+            write_sparse(jacobian, self._places, out)
+            return
         matrix = scipy.sparse.coo_array(jacobian)
         matrix.sum_duplicates()
-        if self._kind == "band":
-            out.ravel()[self._places] = 0.0
-            out[matrix.row, matrix.col] = matrix.data
-        else:
-            out[:] = 0.0
-            out[np.searchsorted(self._places, _place(matrix))] = matrix.data
+        out.ravel()[self._places] = 0.0
+        out[matrix.row, matrix.col] = matrix.data
 
 
 def sparsity_pattern(matrix: Any) -> tuple[Any, NDArray[np.int64]]:
@@ -124,6 +123,14 @@ def sparsity_pattern(matrix: Any) -> tuple[Any, NDArray[np.int64]]:
     # scikit-sundae reads 32-bit indices only
     pattern.indices, pattern.indptr = pattern.indices.astype(np.int32), pattern.indptr.astype(np.int32)
     return pattern, _place(pattern.tocoo())
+
+
+def write_sparse(matrix: Any, places: NDArray[np.int64], out: Array) -> None:
+    """Write a matrix into the data of a pattern whose entries stand at these places."""
+    entries = scipy.sparse.coo_array(matrix)
+    entries.sum_duplicates()
+    out[:] = 0.0
+    out[np.searchsorted(places, _place(entries))] = entries.data
 
 
 def _band(size: int, below: int, above: int) -> NDArray[np.int64]:

@@ -1,9 +1,10 @@
 """Which held rows give way where drives that move apart tear them.
 
-Whatever the rows hold otherwise, forces grow until the weakest of them slip: of all motions that follow the drives it
-is the one that takes the least from the limits, ``min sum B |w|`` over ``w = G a + D u'``. This is the upper bound
-theorem of limit analysis (Drucker, Prager and Greenberg, "Extended limit design theorems for continuous media", 1952),
-and it asks of rows that lock the same motion that they let go together, at the sum of their limits (MODEL rule 8).
+Beside what the rows hold otherwise, forces grow until the weakest of them slip: of all motions that follow the drives
+it is the one that takes the least from the limits, ``min sum B |w| - F a`` over ``w = G a + D u'``, with the other
+forces F on the bodies. This is the upper bound theorem of limit analysis (Drucker, Prager and Greenberg, "Extended
+limit design theorems for continuous media", 1952), and it asks of rows that lock the same motion that they let go
+together, at the sum of their limits (MODEL rule 8).
 """
 
 from __future__ import annotations
@@ -23,22 +24,32 @@ _SOME = 1e-9
 def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
     """Return rows that give way, those of one loop after another, and the directions in which they move.
 
-    None where no drives tear them, or each in a single loop: there the largest ratio of force to level decides.
-
-    All rows that may hold are held in this motion.
+    None where no drives tear them. All rows that may hold are held in this motion.
     """
     system, balance = motion.system, motion.equations.balance
     held = motion.equations.held
-    if (found := _torn(motion)) is None:
+    found = _torn(motion)
+    if found is None or balance.parting is None:
         return None
     torn, rate = found
+    growing = balance.parting @ rate
+    # the forces but for what drives that move apart add to them
+    forces = motion.start.z[0, system.m : system.m + held.size]
+    forces = forces - balance.parting @ system.drive_accelerations(motion.start.q[0])
     for number in np.unique(balance.loop[torn]).tolist():
-        rows = held[balance.loop == number]
-        G, D = dense(system.G[rows]), dense(system.D[rows])
-        G = G[:, np.abs(G).any(axis=0)]
-        # the forces of a single loop are unique
+        own = balance.loop == number
+        rows = held[own]
+        G, D, limits = dense(system.G[rows]), dense(system.D[rows]), _limits(motion, guards, rows)
+        bodies = np.flatnonzero(np.abs(G).any(axis=0))
+        G = G[:, bodies]
+        # what the bodies of the loop need without the acceleration that they have with one of the drives
+        push = G.T @ forces[own] + system.inertia[bodies] * motion.start.y[1, bodies]
         if rows.size - np.linalg.matrix_rank(G) > 1:
-            return _weakest(rows, G, D @ rate, _limits(motion, guards, rows))
+            found_there = _weakest(rows, G, D @ rate, push, limits)
+        else:
+            found_there = _first(rows, G, growing[own], push, limits)
+        if found_there is not None:
+            return found_there
     return None
 
 
@@ -72,18 +83,39 @@ def _limits(motion: Motion, guards: Guards, rows: Indices) -> Array:
     return np.asarray(found[:, rows])
 
 
-def _weakest(rows: Indices, G: Array, led: Array, limits: Array) -> tuple[Indices, Array] | None:
+def _first(
+    rows: Indices, G: Array, growing: Array, push: Array, limits: Array
+) -> tuple[Indices, Array] | None:
+    """Return the rows of a single loop that come to their limits first where forces grow as given, and where to."""
+    forces = np.linalg.lstsq(G.T, push, rcond=None)[0]
+    side = np.sign(growing)
+    limit = np.where(side > 0, limits[0], limits[1])
+    some = (np.abs(growing) > _SOME * np.abs(growing).max()) & np.isfinite(limit)
+    if not some.any():
+        return None
+    left = (limit[some] - (side * forces)[some]) / np.abs(growing[some])
+    size = ((limit + np.abs(forces))[some] / np.abs(growing[some])).max()
+    goes = left <= left.min() + _SOME * size
+    return rows[some][goes], side[some][goes]
+
+
+def _weakest(rows: Indices, G: Array, led: Array, push: Array, limits: Array) -> tuple[Indices, Array] | None:
     """Return the rows that move in the motion that takes least, and where to."""
     size = np.abs(led).max()
     count, unit = rows.size, np.eye(rows.size)
     # accelerations of bodies are free; relative ones have a part forward and a part backward
     may = np.isfinite(limits).ravel()
     largest = limits.ravel()[may].max(initial=0.0) or 1.0
-    cost = np.concatenate([np.zeros(G.shape[1]), limits.ravel()[may] / largest])
+    pushes, levels = -push / largest, limits.ravel()[may] / largest
     equal = np.hstack([G, np.hstack([-unit, unit])[:, may]])
     bounds = [(None, None)] * G.shape[1] + [(0, None)] * int(may.sum())
-    found = scipy.optimize.linprog(cost, A_eq=equal, b_eq=-led / size, bounds=bounds)
-    if found.status != 0:
+    # where the other forces alone are beyond all limits no motion is the least; the limits decide
+    for of_bodies in (pushes, np.zeros(G.shape[1])):
+        cost = np.concatenate([of_bodies, levels])
+        found = scipy.optimize.linprog(cost, A_eq=equal, b_eq=-led / size, bounds=bounds)
+        if found.status == 0:
+            break
+    else:
         return None
     relative = np.zeros(2 * count)
     relative[may] = found.x[G.shape[1] :]

@@ -45,8 +45,7 @@ def _times(samples: Samples, row: str) -> dict[Mode, float]:
     for mode in times:
         times[mode] = float(durations[shown == mode].sum())
     for number in (inner == FREE).nonzero()[0].tolist():
-        path = trajectory.pieces[number].path
-        assert path is not None
+        path = trajectory.pieces[number].kept_path
         parts = np.linspace(path.taus[:-1], path.taus[1:], _PARTS + 1, axis=1)
         middles = 0.5 * (parts[:, 1:] + parts[:, :-1]).ravel()
         at = Samples.at_local(trajectory, np.full(middles.size, number, dtype=np.intp), middles)

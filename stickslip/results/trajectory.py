@@ -46,6 +46,12 @@ class Piece:
     path: Path | None = field(repr=False)  # the states; None where only the requested outputs were kept
 
     @property
+    def kept_path(self) -> Path:
+        """The states of a run that has kept them."""
+        assert self.path is not None
+        return self.path
+
+    @property
     def end(self) -> float:
         """Local time in s of the end."""
         return self.stop - self.t if self.path is None else float(self.path.taus[-1])

@@ -19,6 +19,7 @@ from stickslip import (
     Scene,
     piecewise_linear,
     simulate,
+    step,
 )
 
 ENGINES: list[dict[str, Any]] = [
@@ -138,3 +139,42 @@ def test_what_happens_apart_is_what_happens_alone(options: dict[str, Any]) -> No
     other = [contact(row.name + "x", "b1", row.b, 1.0) for row in single]
     both = changes(torn(*single, *other, bodies=2, **options))
     assert both == alone | {(name + "x", t, mode) for name, t, mode in alone}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize("ground", [(4.0,), (2.0, 2.0), (3.0, 1.0)])
+@pytest.mark.parametrize(("force", "ground_holds"), [(-1.5, True), (-0.8, True), (-0.6, False), (0.8, False)])
+def test_what_else_acts_helps_to_hold(
+    ground: tuple[float, ...], force: float, ground_holds: bool, options: dict[str, Any]
+) -> None:
+    """The belt pulls with 4.7 N at most: less than the 4 N of the ground and 0.8 N of a force that pulls back."""
+    rows = [
+        Contact(f"g{k}", "b0", GROUND, DryFriction(0.1 * level, 0.05 * level), normal=10.0)
+        for k, level in enumerate(ground)
+    ]
+    rows.append(Contact("belt", "b0", "belt", DryFriction(0.47, 0.47), normal=10.0))
+    belt = Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 10.0]))
+    for order in permutations(rows):
+        scene = Scene(Body("b0", inertia=1.0), belt, Force("b0", force), *order)
+        result = simulate(scene, (0.0, 1.5), **options)
+        moving = {"belt": -1} if ground_holds else {"belt": -1} | {row.name: 1 for row in rows[:-1]}
+        assert changes(result) == {(name, 1.0, mode) for name, mode in moving.items()}
+        speed = 0.0 if ground_holds else 0.5 * (4.7 + force - 2.0)
+        assert result.velocity("b0")[-1] == pytest.approx(speed, abs=1e-6)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_a_belt_that_turns_does_not_take_along_what_the_ground_can_hold(options: dict[str, Any]) -> None:
+    """A belt at 1 - t m/s rubs with 4.7 N; 1.5 N pull against it, from 1 s on the other way: 3.2 N are left."""
+    scene = Scene(
+        Body("b0", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 2.0], [1.0, -1.0])),
+        Contact("ground", "b0", GROUND, DryFriction(0.4, 0.1), normal=10.0),
+        Contact("belt", "b0", "belt", DryFriction(0.47, 0.47), normal=10.0),
+        Force("b0", step(1.0, -1.5, 1.5)),
+    )
+    result = simulate(scene, (0.0, 2.0), **options)
+    (turn,) = result.events
+    assert (turn.contact, int(turn.after)) == ("belt", 1)
+    assert turn.t == pytest.approx(1.0, abs=1e-9)
+    assert not result.velocity("b0").any()

@@ -228,11 +228,10 @@ def _has_ended(result: Result) -> bool:
     """Tell whether nothing moves any more against anything."""
     last = result.trajectory.pieces[-1]
     motion = result.trajectory.motion(len(result.trajectory.pieces) - 1)
-    assert last.path is not None
     if last.end < 0.5 * (last.stop - result.trajectory.pieces[0].t):
         return False
     read = read_positions(result.trajectory.system)
-    rate = motion.rate(last.end, last.path.last)
+    rate = motion.rate(last.end, last.kept_path.last)
     moves = seen(result.trajectory.system, rate, read)
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))

@@ -53,8 +53,7 @@ class Shot:
         first = trajectory.pieces[0]
         self.coordinates = Coordinates(self.system, trajectory.motion(0))
         last = trajectory.pieces[-1]
-        assert last.path is not None
-        self.start, self.stop = first.y, last.path.last
+        self.start, self.stop = first.y, last.kept_path.last
         aged = self.coordinates.aged
         self.ages = begin - first.since[aged]
         self.ages_after = begin + period - last.since[aged]
@@ -109,9 +108,8 @@ class Shot:
         """Return the rates of the coordinates at the start or at the end."""
         piece = self.result.trajectory.pieces[number]
         motion = self.result.trajectory.motion(number)
-        assert piece.path is not None
         tau = 0.0 if number == 0 else piece.end
-        y = piece.y if number == 0 else piece.path.last
+        y = piece.y if number == 0 else piece.kept_path.last
         return np.concatenate([self.coordinates.of(motion.rate(tau, y)), np.ones(self.coordinates.aged.size)])
 
     @cached_property

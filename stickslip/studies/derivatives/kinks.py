@@ -117,8 +117,7 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
 def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterator[tuple[int, str]]:
     """Find directions that press a contact, to one side only, during a motion in which it slides unpressed."""
     system, piece = nearby.system, nearby.trajectory.pieces[number]
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     taus = piece.end * np.array([0.5, 1.0])
     loads, y = motion.loads(taus), path.at(taus).T
     slides = np.abs(system.relative_velocity(y, loads)).max(axis=1) > REST * nearby.state_sizes[0]
@@ -140,8 +139,7 @@ def at_touches(
     An event begins or vanishes there.
     """
     piece = nearby.trajectory.pieces[number]
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     if piece.end <= 0 or not motion.equations.guards.size:
         return
     own = VariedGuards(nearby, piece, motion)
@@ -177,8 +175,7 @@ def at_break(
     nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array, times: Array
 ) -> Iterator[tuple[int, str]]:
     """Find directions in which an event that falls on a break of a load would come before or after it."""
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     own = VariedGuards(nearby, piece, motion)
     if not own.guards.size:
         return
@@ -197,8 +194,7 @@ def beyond_break(
 ) -> Iterator[tuple[int, str]]:
     """Find directions in which a load that jumps exactly to a level would jump beyond it or stay below."""
     piece, following = nearby.trajectory.pieces[number : number + 2]
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     if not np.any((following.modes != piece.modes) & (piece.modes == 0) & nearby.system.is_friction):
         return
     stayed = replace(piece, t=following.t, y=path.last)
@@ -234,8 +230,7 @@ def at_rest_together(
 ) -> Iterator[tuple[int, str]]:
     """Find directions in which rows that come to rest together would do so one after the other."""
     system, (piece, following) = nearby.system, nearby.trajectory.pieces[number : number + 2]
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     tau = float(path.taus[-1])
     before = (np.abs(piece.modes) == 1) & system.hard
     w = system.relative_velocity(path.last, motion.loads(tau))

@@ -95,10 +95,10 @@ class Nearby:
     def looked_up(self, number: int, parts: Array) -> Array:
         """Return what tables are looked up at along a piece, a line each, at parts of its length."""
         piece, dependence = self.trajectory.pieces[number], self.system.dependence
-        assert piece.path is not None and dependence is not None
+        assert dependence is not None
         taus = parts * piece.end
         motion = self.trajectory.motion(number)
-        y = motion.exact(taus, piece.path.at(taus).T)
+        y = motion.exact(taus, piece.kept_path.at(taus).T)
         return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
 
     def near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
@@ -182,8 +182,7 @@ class Nearby:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
         piece = self.trajectory.pieces[number]
         motion = self.motion_of(number)
-        assert piece.path is not None
-        y = motion.exact(taus, piece.path.at(taus).T)
+        y = motion.exact(taus, piece.kept_path.at(taus).T)
         return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
 
     def at_rest(self, piece: Piece, motion: Motion) -> Mask:

@@ -157,8 +157,7 @@ class Variation(Nearby):
     def _end(self, number: int, motion: Motion, S: Array, since: Array) -> Array:
         """Return how the time changes at which a motion ends."""
         piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
-        path, breaks = piece.path, self.trajectory.loads.breaks
-        assert path is not None
+        path, breaks = piece.kept_path, self.trajectory.loads.breaks
         span = self.trajectory.span[1] - self.trajectory.span[0]
         near_break = [i for i, b in enumerate(breaks) if abs(b - piece.stop) <= _TOGETHER * span]
         if near_break:
@@ -190,8 +189,7 @@ class Variation(Nearby):
         """Return the variations after an event: saltation."""
         system, n = self.system, self.system.n
         piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
-        path = piece.path
-        assert path is not None
+        path = piece.kept_path
         tau = float(path.taus[-1])
         after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
@@ -230,8 +228,7 @@ class Variation(Nearby):
     def _impact(self, number: int, motion: Motion) -> VariedImpact:
         """Return how the velocities jump between a motion and the next one."""
         system, piece = self.system, self.trajectory.pieces[number]
-        path, t = piece.path, self.trajectory.pieces[number + 1].t
-        assert path is not None
+        path, t = piece.kept_path, self.trajectory.pieces[number + 1].t
         stretch = self.motion_of(number + 1).stretch
         loads = [motion.stretch.at(motion.t + float(path.taus[-1])), stretch.at(t)]
         u, pace = [system.drive_velocities(q) for q in loads], system.drive_accelerations(loads[1])

@@ -33,8 +33,7 @@ def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -
 
 def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
     """Follow ``S' = A S + f_p`` by Taylor series."""
-    system, path, end = nearby.system, piece.path, piece.end
-    assert path is not None
+    system, path, end = nearby.system, piece.kept_path, piece.end
     near = [nearby.near(piece, motion, k) for k in range(nearby.count)]
     tau, guess = 0.0, end
     ends, found = [0.0], []
@@ -91,8 +90,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
 
     Steps are joined as long as S is a polynomial there: its last coefficient tells.
     """
-    path = piece.path
-    assert path is not None
+    path = piece.kept_path
     ends, found = [0.0], []
 
     def follow(edges: Indices, S: Array) -> Array:
@@ -118,8 +116,7 @@ def _collocations(
     nearby: Nearby, piece: Piece, motion: Motion, since: Array, edges: Array
 ) -> Iterator[Callable[[Array], tuple[Array, Array]]]:
     """Yield for each of some steps what makes of S at its start the coefficients in it, and S at its end."""
-    path, size = piece.path, nearby.system.size
-    assert path is not None
+    path, size = piece.kept_path, nearby.system.size
     nodes, weights, to_powers = _radau()
     lengths, stages = np.diff(edges), nodes.size
     taus = (edges[:-1, None] + lengths[:, None] * nodes).ravel()

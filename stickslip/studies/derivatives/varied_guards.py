@@ -90,8 +90,7 @@ class VariedGuards:
 
         The time at which the motion begins changes by `begin`.
         """
-        path, count = self._piece.path, self._nearby.count
-        assert path is not None
+        path, count = self._piece.kept_path, self._nearby.count
         y = path.last
         values = self.guards.values(tau, y)
         size, slopes = self.sizes(path)

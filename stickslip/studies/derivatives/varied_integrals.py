@@ -27,8 +27,7 @@ def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
     for number in range(int(place.max(initial=-1)) + 1):
         piece, varied = trajectory.pieces[number], variation.pieces[number]
         motion = variation.motion_of(number)
-        path = piece.path
-        assert path is not None
+        path = piece.kept_path
         wanted = local[place == number]
         edges = np.unique(np.concatenate([varied.taus, path.taus, wanted]))
         ends = np.array([0.0, piece.end])
