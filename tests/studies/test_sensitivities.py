@@ -28,6 +28,7 @@ from stickslip import (
     Stop,
     Tie,
     feedback,
+    normal,
     output,
     piecewise_linear,
     position,
@@ -456,6 +457,25 @@ def test_stops_and_gaps_against_differences(kind: str) -> None:
     for k, one in enumerate(named_parameters(scene, names, "test")):
         told = differences(scene, span, one.name, all_in, 1e-5)
         assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one.name
+
+
+def test_a_part_that_hops_against_differences() -> None:
+    """A gap that touches presses a contact in the same instant."""
+    scene = Scene(
+        Drive("along", velocity=0.3),
+        Body("part", inertia=0.5),
+        Body("height", inertia=0.5, position=0.01),
+        Force("height", -4.0),
+        Gap("track", "height", GROUND, lower=0.0, stiffness=400.0, damping=3.0),
+        Contact("rub", "part", "along", DryFriction(0.4, 0.35), normal=normal("track")),
+    )
+    names, span = ["height.position", "track.stiffness", "rub.law.mu_coulomb"], (0.0, 0.3)
+    found = sensitivities(scene, span, names)
+    assert found.reasons == () and [e.cause for e in found.result.events].count("touches") == 1
+    exact = all_of(found)
+    for k, one in enumerate(names):
+        told = differences(scene, span, one, all_in, 1e-5)
+        assert np.abs(exact[:, k] - told).max() <= 1e-8 * np.abs(told).max(), one
 
 
 def test_the_force_of_a_gap() -> None:

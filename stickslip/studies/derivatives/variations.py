@@ -173,6 +173,9 @@ class Variation(Nearby):
             times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
             for k, why in reasons.items():
                 self._refuse(piece.stop, k, why)
+        elif piece.end == 0 and number:
+            # what the event before brings about, in its instant: a gap that touches presses a contact
+            times = self.pieces[number].begin.copy()
         elif np.any(following.modes != piece.modes) and all(t != piece.stop for t, _ in self._relaxed):
             # the time of a relaxation is that at which a velocity falls below a margin: it tells nothing of the scene
             for k in range(self.count):
