@@ -82,5 +82,8 @@ def failure_of(solution: Any, path: Path) -> SolverFailure:
     """Return SUNDIALS' failure with its own sentence."""
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
     return SolverFailure(
-        sentence, "loosen rtol or atol, or give max_step from the time scale of the loads", path
+        sentence,
+        "loosen rtol or atol, or tighten atol if it is above the velocities that matter, "
+        "or give max_step from the time scale of the loads",
+        path,
     )
