@@ -92,6 +92,8 @@ class Guards(GuardsAtStart):
             rough + 1e2 * noise[1] * self.motion.horizon,
             AT_LIMIT * self.scale + noise[0],
         )
+        # what soon moves is followed; only what stays 0 may drift as long as the motion lasts
+        flat[self.lets_go] = rough[self.lets_go]
         stray = np.abs(g[0]) + 3 * flat + _TINY
         stray[self._never] = math.inf
         return settled, stray

@@ -53,6 +53,8 @@ class GuardsAtStart(GuardValues):
         Rows that are closed though their normal force is negative, or open though it is positive.
     order : array of int
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
+    lets_go : array of bool
+        Velocities of rows that an event lets go, though the first orders do not tell that they leave 0.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class GuardsAtStart(GuardValues):
         self.velocity_uncertainty = velocity_uncertainty
         self.violated = np.zeros(self.size, dtype=bool)
         self.order = np.zeros(self.size, dtype=np.intp)
+        self.lets_go = np.zeros(self.size, dtype=bool)
         self.is_plain = True
         if self.size:
             self._classify(fired)
@@ -155,6 +158,8 @@ class GuardsAtStart(GuardValues):
                 self.violated[i] = True
             else:
                 self.order[i], self.is_plain = order, False
+                moves = self.is_velocity[i] and not motion.is_linear and not self._never[i]
+                self.lets_go[i] = has_fired[i] and moves and order == NEVER
 
     def _way_out(self, i: int, limits: list[float], flat: float) -> int:
         """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""

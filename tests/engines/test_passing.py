@@ -14,6 +14,7 @@ from stickslip import (
     Body,
     Contact,
     Damper,
+    Drive,
     DryFriction,
     Force,
     OneWay,
@@ -376,3 +377,21 @@ def test_what_begins_beyond_rest_has_passed_it_where_that_is_certain() -> None:
     bodies = len(scene.bodies)
     right = exact(times)[:bodies]
     assert np.abs(rough(times)[:bodies] - right).max() <= 5e-3 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("formulation", ["contact-force", "multiplier"])
+def test_a_light_block_that_is_pulled_slowly_sticks_again(formulation: str) -> None:
+    """It lets go at ``k v t + d v = mu N`` with an acceleration of roundoff, jumps, and comes to rest within 0.1 s."""
+    k, d, v, level, law = 7e5, 5600.0, 4e-4, 2.5e6, DryFriction(0.17, 0.16, stribeck_velocity=3e-4)
+    scene = Scene(
+        Drive("plate", velocity=v),
+        Body("block", inertia=1e-3),
+        Spring("block", "plate", stiffness=k, damping=d),
+        Contact("ground", "block", GROUND, law, normal=level),
+    )
+    result = simulate(scene, (0.0, 1700.0), method="BDF", formulation=formulation, rtol=1e-6, atol=1e-9)
+    starts, ends = ([e.t for e in result.events if e.after == mode] for mode in (1, 0))
+    assert [e.after for e in result.events] == [1, 0, 1, 0, 1, 0]
+    assert starts[0] == pytest.approx((0.17 * level - d * v) / (k * v), rel=1e-9)
+    assert all(0 < end - start < 0.1 for start, end in zip(starts, ends, strict=True))
+    assert np.all(result.relative_velocity("ground") * result.mode("ground") > -1e-8)
