@@ -32,6 +32,9 @@ _LOG_REMAINDER = math.log(_REMAINDER)
 _NOTHING, _NONE = 1e-250, 1e-267
 """Sizes below which a term counts as 0, and which 0 then has beside it."""
 
+_BY_CHANCE = 1e-3
+"""Part of what a guard becomes below which its value at the start may be small by chance."""
+
 _WORTH = 0.3
 _GROWTH = 4.0
 """How much longer than the last step the next may be."""
@@ -177,9 +180,12 @@ class Series:
         terms = np.abs(np.concatenate([y, g[:, rows.by_kind]], axis=1))
         if rows.others.size:
             own, scale = slice(-rows.others.size, None), guards.value_scale[rows.others]
-            if np.count_nonzero(scale) < scale.size:
-                scale = np.where(scale > 0, scale, np.maximum(terms[:, own].max(axis=0), _TINY))
-            terms[:, own] /= scale
+            largest = terms[:, own].max(axis=0)
+            if np.count_nonzero(scale < _BY_CHANCE * largest):
+                # a force that is 0 by chance is no scale: what adds up in it is
+                scale = np.maximum(scale, guards.majorant[0, rows.others])
+                scale = np.where(scale > 0, scale, np.maximum(largest, _TINY))
+            terms[:, own] /= np.maximum(scale, _TINY)
         sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T
         if rows.others.size:
             sizes[-1, 0] = max(sizes[-1, 0], 1.0)
