@@ -184,8 +184,7 @@ class Series:
             if np.count_nonzero(scale < _BY_CHANCE * largest):
                 # a force that is 0 by chance is no scale: what adds up in it is
                 scale = np.maximum(scale, guards.majorant[0, rows.others])
-                scale = np.where(scale > 0, scale, np.maximum(largest, _TINY))
-            terms[:, own] /= np.maximum(scale, _TINY)
+            terms[:, own] /= np.where(scale > 0, scale, np.maximum(largest, _TINY))
         sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T
         if rows.others.size:
             sizes[-1, 0] = max(sizes[-1, 0], 1.0)

@@ -75,14 +75,18 @@ class EnergyLedger:
     @property
     def error(self) -> Array:
         """What the balance is off: stored energy gained, plus heat, minus work and changes; it starts at `t[0]`."""
-        balance = self.stored + self.heat - self.work - self.changes
+        balance = self._balance
         return balance - balance[:1]
 
     @property
     def begun(self) -> float:
         """What was stored at the start in J, before all work and heat; 0 where nothing was computed."""
-        balance = self.stored + self.heat - self.work - self.changes
-        return float(balance[0]) if balance.size else 0.0
+        return float(self._balance[0]) if self.t.size else 0.0
+
+    @property
+    def _balance(self) -> Array:
+        """Stored energy and heat, less work and changes, in J: what was stored at the start, but for errors."""
+        return self.stored + self.heat - self.work - self.changes
 
     @property
     def relative_error(self) -> float:
