@@ -211,8 +211,7 @@ def _fixed_positions(system: System, motion: Motion) -> tuple[Indices, Array]:
     if not closed.size:
         return closed, lines
     coefficients = np.hstack([dense(system.G[closed]), dense(system.D[closed])])
-    for i, k in system.position_state.items():
-        lines[:, k] = coefficients[:, i]
+    lines[:, system.n : system.first_bristle] = coefficients[:, system.placed]
     _, parts, order = scipy.linalg.qr(lines, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(parts))
     rank = int(np.count_nonzero(sizes > 1e-12 * sizes.max()))
