@@ -335,15 +335,6 @@ class Trajectory(PickledByFields):
             lambda part, own, times: part.forces(own, times, rows),
         )
 
-    def states(self, piece_of: Indices, taus: Array) -> Array:
-        """Return the states at local times of pieces, one column each.
-
-        Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
-        """
-        found = self.evaluated(piece_of, taus)
-        self._tie(piece_of, taus, found)
-        return found
-
     def evaluated(self, piece_of: Indices, taus: Array, integrated: bool = False) -> Array:
         """Return the polynomials of the steps at local times of pieces, one column each.
 
@@ -394,13 +385,6 @@ class Trajectory(PickledByFields):
             found[some] = read(own, part.starts[own] + taus[some], own_body)[0]
         return found
 
-    def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
-        """Write the velocities that depend on others through them, in place."""
-        held = list(self.by_held(piece_of))
-        if held:
-            drives = self.drive_velocities(piece_of, taus) if self.system.drives else None
-            self.write_led(held, y[: self.system.n], drives)
-
     def write_led(
         self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
     ) -> None:
@@ -431,13 +415,13 @@ class Trajectory(PickledByFields):
             if k >= 0:
                 yield sets[k], some if isinstance(chosen, slice) else chosen[some]
 
-    def inputs(self, piece_of: Indices, taus: Array, y: Array) -> Array:
-        """Return all inputs at local times and states there, as columns."""
-        found = self.loads_at(piece_of, taus)
-        dependence = self.system.dependence
-        if dependence is None:
-            return found
-        t = self.starts[piece_of] + taus
+    def inputs(self, piece_of: Indices, taus: Array, y: Array, loads: Array) -> Array:
+        """Return all inputs at local times, where loads and states are these, as columns.
+
+        Only of a scene of which some inputs depend on the state.
+        """
+        dependence, found, t = self.system.dependence, loads.copy(), self.starts[piece_of] + taus
+        assert dependence is not None
         if dependence.is_linear:
             dependence.fill(found, y, t, taus, None)
             return found
