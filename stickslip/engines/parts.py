@@ -188,7 +188,7 @@ class Parts:
                 self.force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.normal[j]
             return
         self.force[bodies] = self._given[bodies]
-        rows = _distinct(self.rows_at(bodies))
+        rows = distinct(self.rows_at(bodies))
         rows = rows[np.abs(self.mode[rows]) == 1]
         if not rows.size:
             return
@@ -420,7 +420,7 @@ class Parts:
         forest, t, bodies = self.forest, patch.t, patch.bodies
         if forest.row_of is not None:
             return self._watch_apart(patch, rest)
-        rows = _distinct(self.rows_at(bodies))
+        rows = distinct(self.rows_at(bodies))
         place = self.place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
@@ -510,7 +510,7 @@ def _spans(starts: Indices, some: Indices) -> Indices:
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
-def _distinct(numbers: Indices) -> Indices:
+def distinct(numbers: Indices) -> Indices:
     """Return some numbers in order, each once."""
     if numbers.size < 2:
         return numbers

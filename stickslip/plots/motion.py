@@ -114,9 +114,12 @@ def body_names(result: Readable, bodies: Sequence[str] | None) -> list[str]:
 
 
 def velocity_units(result: Readable, names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves."""
-    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
-    return {name: units(result.scene, moving[name]).velocity for name in names}
+    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
+
+    The ground has the one of all together.
+    """
+    moving = {one.name: (one,) for one in (*result.scene.bodies, *result.scene.drives)}
+    return {name: units(result.scene, *moving.get(name, ())).velocity for name in names}
 
 
 def _units(result: Readable, names: list[str]) -> tuple[str, list[str]]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
-from stickslip.engines.parts import FREE, Parts, Patch
+from stickslip.engines.parts import FREE, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
@@ -162,7 +162,7 @@ class Local:
             held = np.concatenate([held, loose])
         self._enter_rows(held)
         live = parts.live_rows(patch, rows)
-        if parts.is_coupled and parts.end >= parts.stop and parts.is_free[patch.bodies].any():
+        if parts.is_coupled and parts.end >= parts.stop and (parts.lead[patch.bodies] == FREE).any():
             parts.end = min(parts.stop, t + parts.unit)
         self._bad = self._due.look(rows, t, live)
 
@@ -258,7 +258,7 @@ class Local:
         parts.started[which] = mode[changed] != 0
         parts.since[which] = t
         ends = np.concatenate([forest.child[which], forest.parent[which]])
-        parts.rub(np.unique(ends[ends >= 0]))
+        parts.rub(distinct(ends[ends >= 0]))
         self._tick(t, True)
         self._expand(patch, v, t, which)
         self._held += int(np.count_nonzero(mode[changed] == 0)) - int(np.count_nonzero(old[changed] == 0))

@@ -202,7 +202,9 @@ def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> fl
             f"{what}: parameter {name!r} is a load over time or of the state; name a number of it"
             f"{_numbers(thing, name)} or '{name}.scale', which multiplies it"
         )
-    if isinstance(thing, bool) or not isinstance(thing, (int, float)):
+    if type(thing) is int:  # elements keep all other numbers as floats
+        raise ValueError(f"{what}: parameter {name!r} is a whole number; name one that can change a little")
+    if not isinstance(thing, float):
         raise ValueError(
             f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}"
         )

@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import finite, flag
+from stickslip.model.checks import check_takes, finite, flag
 from stickslip.model.scene import Scene
 from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
@@ -215,6 +215,8 @@ def tradeoff(
         raise TypeError(
             f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}"
         )
+    if callable(error):
+        check_takes(error, 2, "tradeoff: error", "a result and the reference")
     if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
     budget = finite(budget, "tradeoff: budget")

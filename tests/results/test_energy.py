@@ -158,6 +158,34 @@ def test_a_still_scene_has_no_error():
     assert energy(simulate(scene, (0.0, 1.0))).relative_error == 0.0
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("stiffness", [0.0, 1e3])
+def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
+    # these forces add up to 6e-17 N
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        *[Spring("a", "b", stiffness=stiffness)] * (stiffness > 0),
+        *(Force("b", force) for force in (0.1, 0.2, -0.3)),
+    )
+    ledger = energy(simulate(scene, (0.0, 10.0), **options))
+    assert 0 < np.abs(ledger.stored).max() < 1e-28
+    assert ledger.relative_error < 1e-2
+
+
+@pytest.mark.parametrize("speed", [1e-9, 1e-5, 1.0])
+def test_small_energies_are_no_roundoff(speed: float):
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=speed),
+        Body("b", inertia=1.0),
+        Spring("a", "b", stiffness=1e3),
+        Contact("floor", "b", GROUND, DRY, normal=1e3),
+        Force("b", 100.0),
+    )
+    ledger = energy(simulate(scene, (0.0, 1.0), method="Euler", step=1e-4))
+    assert ledger.relative_error > 1e-2
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
 def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> None:
     """No state moves for itself, so steps are long beside the period 0.2 s; x = 0.05/pi (1 - cos(10 pi t))."""
