@@ -21,6 +21,11 @@ def cyclic(sequence: tuple[str, ...]) -> tuple[str, ...]:
     return min((sequence[k:] + sequence[:k] for k in range(len(sequence))), default=())
 
 
+def alike(a: Cycle, b: Cycle) -> bool:
+    """Tell whether two cycles have the same changes of modes, wherever their periods begin."""
+    return cyclic(a.sequence) == cyclic(b.sequence)
+
+
 def told(a: Cycle, b: Cycle) -> str:
     """Return in words how the sequence of one cycle becomes that of another."""
     new, old = Counter(b.sequence) - Counter(a.sequence), Counter(a.sequence) - Counter(b.sequence)
