@@ -34,12 +34,12 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot; so many lengths are tried of each step."""
     enough = shot.enough
-    best: Shot | None = None
+    best = shot
     errors: list[float] = []
     for _ in range(_MOST_STEPS):
-        if best is not None and not shot.error < best.error and best.error <= enough:
+        if errors and not shot.error < best.error and best.error <= enough:
             break
-        best = shot if best is None or shot.error < best.error else best
+        best = shot if shot.error < best.error else best
         errors.append(best.error)
         stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
         if shot.error <= _SURE * shot.enough or stalls:
@@ -49,7 +49,6 @@ def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
         if following is None:
             break
         shot = following
-    assert best is not None
     if best.error > enough:
         raise CycleError(
             f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "

@@ -89,7 +89,11 @@ class Sensitivities:
             If there is no such row, or a time lies outside.
         """
         row = self.result.samples.row(contact)
-        return self._read(lambda at: self.variation.quantity(_force_of(row), at), times)
+
+        def force(motion: Motion, taus: Array, y: Array) -> Array:
+            return np.asarray(motion.row_forces(taus, y)[row])
+
+        return self._read(lambda at: self.variation.quantity(force, at), times)
 
     def heat(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the heat of a contact from the start to fixed times, by default to the end.
@@ -239,13 +243,6 @@ def _velocity_of(i: int) -> Callable[[Motion, Array, Array], Array]:
         )
 
     return velocity
-
-
-def _force_of(row: int) -> Callable[[Motion, Array, Array], Array]:
-    def force(motion: Motion, taus: Array, y: Array) -> Array:
-        return np.asarray(motion.row_forces(taus, y)[row])
-
-    return force
 
 
 def _powers(motion: Motion, taus: Array, y: Array) -> Array:
