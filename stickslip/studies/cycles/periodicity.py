@@ -16,7 +16,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
-from stickslip.studies.derivatives.directions import Direction, along_start
+from stickslip.studies.derivatives.directions import Direction
 
 
 def check_loads(system: System, period: float) -> None:
@@ -115,11 +115,11 @@ class Coordinates:
     def directions(self) -> list[Direction]:
         """Return the directions in which each coordinate grows."""
         none = np.zeros(self.system.m)
-        found = [along_start(f"state {k}", column, none) for k, column in enumerate(self.to_states.T)]
+        found = [Direction(f"state {k}", (), column, none) for k, column in enumerate(self.to_states.T)]
         for row in self.aged.tolist():
             since = none.copy()
             since[row] = -1.0
-            found.append(along_start(f"age {row}", np.zeros(self.system.size), since))
+            found.append(Direction(f"age {row}", (), np.zeros(self.system.size), since))
         return found
 
     def sizes(self, result: Result) -> Array:

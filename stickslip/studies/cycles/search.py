@@ -8,7 +8,6 @@ direction of the motion where the period is free.
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -105,7 +104,10 @@ def limit_cycle(
         if guess is not None:
             raise ValueError("limit_cycle: give the period or a guess of it, not both")
         check_loads(system, period)
-        given = partial(_of_period, period, options)
+
+        def given(start: Scene) -> Cycle:
+            return from_zero(closed(Shot(start, period, True, options).between_events()))
+
         if transient == 0:
             return given(scene)
         periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
@@ -121,11 +123,6 @@ def limit_cycle(
             raise ValueError("limit_cycle: without a transient give a guess of the period, guess=...")
         return _once(closed(Shot(scene, float(guess), False, options).between_events()))
     return _once(_after_transient(scene, guess, transient, options))
-
-
-def _of_period(period: float, options: dict[str, Any], start: Scene) -> Cycle:
-    """Return the forced cycle near a start."""
-    return from_zero(closed(Shot(start, period, True, options).between_events()))
 
 
 def _once(cycle: Cycle) -> Cycle:

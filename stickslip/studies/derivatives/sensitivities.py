@@ -204,13 +204,14 @@ def sensitivities(
 def from_variation(variation: Variation) -> Sensitivities:
     """Return the derivatives that a variation holds."""
     result, names = variation.result, tuple(one.name for one in variation.directions)
-    return Sensitivities(names, result, event_changes(variation), _reasons(variation), variation)
+    return Sensitivities(names, result, _event_changes(variation), _reasons(variation), variation)
 
 
-def event_changes(variation: Variation) -> Array:
+def _event_changes(variation: Variation) -> Array:
     """Return the derivatives of the times of the events of a result, one line each."""
     found = np.full((len(variation.result.events), variation.count), np.nan)
-    changes = dict(variation.changes())
+    pieces = variation.trajectory.pieces[:-1]
+    changes = {piece.stop: varied.end for piece, varied in zip(pieces, variation.pieces, strict=False)}
     # what happens at the start does so at the start
     begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
     changes[variation.trajectory.span[0]] = np.where(begun, 0.0, np.nan)

@@ -244,11 +244,6 @@ class Variation(Nearby):
 
     # -- what is asked for -----------------------------------------------------------------------------------
 
-    def changes(self) -> list[tuple[float, Array]]:
-        """Return the time of the end of each motion but the last in s, and how it changes."""
-        pieces = self.trajectory.pieces[:-1]
-        return [(piece.stop, varied.end) for piece, varied in zip(pieces, self.pieces, strict=False)]
-
     def states(self, times: Array) -> Array:
         """Return S at any times, (size, k, directions), right limits at events."""
         return self._read(times, lambda number, taus: self.pieces[number].at(taus))
