@@ -27,7 +27,10 @@ _EARLY = 0.3
 """Part of the time that is fitted first: phases of later events cannot be a turn off then."""
 
 _ROUGH, _STEPS = 15, 60
+"""Most steps of a rough search, and of one for the solution."""
+
 _REFUSED = 1e6
+"""Weighted residual where the scene cannot be simulated."""
 
 
 def fit(
@@ -89,7 +92,7 @@ def fit(
     if not ends:
         raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
     polished = _least(problem, ends[0][0], problem.stop, _STEPS, 1e-12)
-    return problem.told((polished or ends[0])[0], tuple(ends))
+    return problem.fitted((polished or ends[0])[0], tuple(ends))
 
 
 def _bounds(parameters: Any, named: list[Parameter]) -> tuple[Array, Array]:
@@ -226,7 +229,7 @@ class _Problem:
         read = [getattr(found, one.quantity)(one.of, one.t) * weight[:, None] for one, weight in some]
         return np.asarray(np.nan_to_num(np.concatenate(read)))
 
-    def told(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
+    def fitted(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
         """Return the fit at a solution."""
         residuals, slopes = self.residuals(x, self.stop), self.slopes(x, self.stop)
         cost = 0.5 * float(residuals @ residuals)

@@ -19,7 +19,7 @@ from stickslip.simulation.result import SimulationError
 from stickslip.studies.cycles.branches import Branch, BranchPoint
 from stickslip.studies.cycles.cycle import Cycle, centred, from_zero
 from stickslip.studies.cycles.newton import closed_from, cycle_within
-from stickslip.studies.cycles.phases import alike, told, vanishing
+from stickslip.studies.cycles.phases import alike, in_words, vanishing
 from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
 from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
@@ -166,8 +166,8 @@ class Follower:
                 break
             self._between(last, _Reached(found, value))
             cycles.append(found)
-        told = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
-        return Branch(self._parameter.name, values, tuple(told), tuple(self._points), beyond)
+        every_cycle = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
+        return Branch(self._parameter.name, values, tuple(every_cycle), tuple(self._points), beyond)
 
     def reach(self, start: _Reached, value: float) -> Cycle:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
@@ -387,7 +387,7 @@ class Follower:
                 break
             # all along `a` is of the first sequence
             a, b = (one, b) if alike(one.cycle, a.cycle) else (a, one)
-        said = told(a.cycle, b.cycle)
+        said = in_words(a.cycle, b.cycle)
         if abs(b.value - a.value) > smallest:
             said += f"; somewhere between {a.value:.9g} and {b.value:.9g}"
         self._points.append(BranchPoint(0.5 * (a.value + b.value), "sequence", said))

@@ -20,8 +20,10 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
 _MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
+"""Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends."""
+
 _SURE = 1e-4
-"""Part of what is enough at which no further step is taken."""
+"""Part of the error that is enough at which no further step is taken."""
 
 _NEAR_BY, _FAR = 0.05, 0.5
 """A cycle that lies further from what was foretold than this part of its size, and than this part of what was to

@@ -16,17 +16,14 @@ _BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
 many periods before it is 0, but in the last part of the motion that leads there."""
 
 
-def cyclic(sequence: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the first of all rotations of a sequence in the order of the alphabet."""
-    return min((sequence[k:] + sequence[:k] for k in range(len(sequence))), default=())
-
-
 def alike(a: Cycle, b: Cycle) -> bool:
     """Tell whether two cycles have the same changes of modes, wherever their periods begin."""
-    return cyclic(a.sequence) == cyclic(b.sequence)
+    one, other = a.sequence, b.sequence
+    rotations = (other[k:] + other[:k] for k in range(max(len(other), 1)))
+    return one in rotations
 
 
-def told(a: Cycle, b: Cycle) -> str:
+def in_words(a: Cycle, b: Cycle) -> str:
     """Return in words how the sequence of one cycle becomes that of another."""
     new, old = Counter(b.sequence) - Counter(a.sequence), Counter(a.sequence) - Counter(b.sequence)
     parts = []

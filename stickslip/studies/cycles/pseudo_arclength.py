@@ -21,6 +21,8 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
 _MOST_STEPS = 12
+"""Steps of Newton's method back to the branch."""
+
 _TURNED = 0.7
 """Cosine of the angle by which the tangent may turn in a step."""
 
@@ -31,9 +33,10 @@ ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
 """What says that there is no cycle where it was looked for."""
 
 _SURE = 1e-2
-"""Part of what is enough at which no further step is taken."""
+"""Part of the error that is enough at which no further step is taken."""
 
 _AT_FOLD = 1e-9
+"""Part of a step to which a fold is found."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
-from stickslip.studies.cycles.cycle import Cycle, from_zero, said
+from stickslip.studies.cycles.cycle import Cycle, from_zero, mode_change
 from stickslip.studies.cycles.newton import closed
 from stickslip.studies.cycles.periodicity import (
     check_constant,
@@ -36,6 +36,8 @@ _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
+"""A first transient lasts so many turns; each further one is so many times as long, and so many are tried."""
+
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
@@ -251,7 +253,7 @@ def _marks(result: Result) -> tuple[Array, list[str]]:
     """Return times that may come back and what happens then: events, or where these cease turns of the fastest body."""
     middle = 0.5 * (result.t[0] + result.t[-1])
     if len(result.events) >= 4 and result.events[-1].t >= middle:
-        return np.array([event.t for event in result.events]), [said(event) for event in result.events]
+        return np.array([event.t for event in result.events]), [mode_change(event) for event in result.events]
     t = np.linspace(result.t[0], result.t[-1], 4000)
     v = result.sample(t).y[: result.trajectory.system.n]
     later = t >= middle

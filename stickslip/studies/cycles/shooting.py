@@ -28,7 +28,10 @@ _CLOSED = 1e-10
 much."""
 
 _ZERO = 1e-9
+"""A multiplier no larger than this is 0."""
+
 _ROUNDOFF = 1e-13
+"""Singular values below this part of the largest entry of the map over one period are roundoff."""
 
 
 class CycleError(RuntimeError):
