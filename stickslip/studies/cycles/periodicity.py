@@ -66,10 +66,18 @@ def read_positions(system: System) -> Array:
     return np.asarray(found[:rank])
 
 
-def seen(system: System, y: Array, read: Array) -> Array:
-    """Return what has to close of states (or columns of them): velocities, positions that are read, all others."""
-    n, first = system.n, system.first_bristle
-    return np.concatenate([y[:n], read @ y[n:first], y[first:]])
+class Closing:
+    """What has to close after a period: velocities, positions that are read, and all other states."""
+
+    def __init__(self, system: System) -> None:
+        self._n, self._first, self._read = system.n, system.first_bristle, read_positions(system)
+        # velocities are of one size, and so are positions
+        self.groups = slice(self._n), slice(self._n, self._n + self._read.shape[0])
+
+    def of(self, y: Array) -> Array:
+        """Return what has to close of a state, or of columns of them."""
+        n, first = self._n, self._first
+        return np.concatenate([y[:n], self._read @ y[n:first], y[first:]])
 
 
 def _movable(system: System, held: Mask, read: Array) -> Array:
