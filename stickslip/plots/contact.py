@@ -150,8 +150,6 @@ def varying(result: Readable) -> list[str]:
 def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
 
-    A ValueError says so where positions were not kept.
-
     Parameters
     ----------
     result : Result

@@ -99,11 +99,12 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
     if event.cause in _AT_LIMITS:
         return _at_limit(event, limits)
     if event.cause == "jump of velocities":
-        return f"its relative velocity jumped from {limits.w[0]:.6g} to {limits.w[1]:.6g} {_with(limits)}"
+        jump = f"from {limits.w[0]:.6g} to {limits.w[1]:.6g}"
+        return f"its relative velocity jumped {jump} with {_another(limits, 'a drive')}"
     if event.cause == "force 0" and event.before != Mode.STUCK:
         return f"its force came to 0: {event.before.name.lower()} limit left"
     if law is None and event.before == Mode.STUCK:
-        others = f" with the change of {', '.join(limits.others)}" if limits.others else ""
+        others = f" with {_another(limits)}" if limits.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
     sentence = _SENTENCES.get(event.cause)
     return event.cause if sentence is None else sentence(event, limits)
@@ -120,16 +121,15 @@ def _at_limit(event: Event, at: _Limits) -> str:
         return f"struck its {limit} limit at relative velocity {at.w[0]:.6g}, {ends}"
     if event.after == Mode.OPEN:
         limit = "upper" if event.before == Mode.FORWARD else "lower"
-        others = (
-            f" with the change of {', '.join(at.others)}" if "another" in event.cause and at.others else ""
-        )
+        others = f" with {_another(at)}" if "another" in event.cause and at.others else ""
         return f"left its {limit} limit{others} at relative velocity {at.w[1]:.6g}"
     limit = "upper" if event.after == Mode.FORWARD else "lower"
     return f"touched its {limit} limit at relative velocity {at.w[0]:.6g}"
 
 
-def _with(at: _Limits) -> str:
-    return f"with the change of {', '.join(at.others)}" if at.others else "with a drive"
+def _another(at: _Limits, otherwise: str = "") -> str:
+    """Return which other rows changed at the same instant; where none did, what else it was."""
+    return f"the change of {', '.join(at.others)}" if at.others else otherwise
 
 
 def _slip_state(event: Event, character: Character, at: _Limits) -> str:
@@ -146,9 +146,9 @@ def _broke_away(event: Event, at: _Limits) -> str:
 
 
 def _broke_away_with(event: Event, at: _Limits) -> str:
-    reason = f"the change of {', '.join(at.others)}" if at.others else "a jump of the loads"
     needed = f"needed {abs(at.force[0]):.6g} just before, could then hold {at.level[0]:.6g}"
-    return f"broke away {_WORDS[event.after]} by {reason}: {needed}; slips on with {abs(at.force[1]):.6g}"
+    change = f"{_WORDS[event.after]} by {_another(at, 'a jump of the loads')}"
+    return f"broke away {change}: {needed}; slips on with {abs(at.force[1]):.6g}"
 
 
 def _held(at: _Limits) -> str:
@@ -162,8 +162,7 @@ def _stuck(event: Event, at: _Limits) -> str:
 
 
 def _stuck_with(event: Event, at: _Limits) -> str:
-    reason = f"the change of {', '.join(at.others)}" if at.others else "a break of the loads"
-    return f"found at rest at {reason}; {_held(at)}"
+    return f"found at rest at {_another(at, 'a break of the loads')}; {_held(at)}"
 
 
 def _relaxed(event: Event, at: _Limits) -> str:

@@ -134,11 +134,9 @@ def energy(result: Readable) -> EnergyLedger:
     runs in a row heat and work go on; what a run does not know neither gives nor takes in its time.
     """
     ledgers = [_ledger(run.samples) for run in result.runs]
-    return (
-        ledgers[0]
-        if len(ledgers) == 1
-        else _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
-    )
+    if len(ledgers) == 1:
+        return ledgers[0]
+    return _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
 
 
 def _at_ends(samples: Samples) -> EnergyLedger:
@@ -163,11 +161,14 @@ def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> 
         names = dict.fromkeys(name for ledger in ledgers for name in getattr(ledger, kind))
         return {name: counted(lambda ledger, name=name: getattr(ledger, kind).get(name)) for name in names}  # type: ignore[misc]
 
+    t, kinetic, spring = (
+        np.concatenate([getattr(ledger, kind) for ledger in ledgers]) for kind in ("t", "kinetic", "spring")
+    )
     jumps = [0.0] + [float(after.begun - before.stored[-1]) for before, after in pairwise(ends)]
     return EnergyLedger(
-        np.concatenate([ledger.t for ledger in ledgers]),
-        np.concatenate([ledger.kinetic for ledger in ledgers]),
-        np.concatenate([ledger.spring for ledger in ledgers]),
+        t,
+        kinetic,
+        spring,
         counted(lambda ledger: ledger.loads),
         counted(lambda ledger: ledger.drives),
         named("contacts"),

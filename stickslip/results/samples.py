@@ -24,7 +24,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
-from stickslip.results.trajectory import Trajectory, by_piece
+from stickslip.results.trajectory import Trajectory, at_rows, by_piece
 
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
@@ -204,8 +204,7 @@ class Samples(PickledByFields):
         j = self.row(row)
         if self.is_wide:
             return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
-        line: NDArray[Any] = getattr(self, table)[j]
-        return line
+        return _line(getattr(self, table), j)
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
@@ -390,7 +389,7 @@ class Samples(PickledByFields):
         for number, some in by_piece(self.piece_of):
             if at[some].any():
                 own = self.trajectory.motion(number)
-                rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
+                rows = at_rows(own.equations.velocity_dependent, some)
                 forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
 
     def _piecewise(self, q: Array) -> Array:
@@ -419,10 +418,7 @@ class Samples(PickledByFields):
             balance = system.balance(held)
             own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
-            if isinstance(chosen, slice):
-                forces[rows, chosen] = rest
-            else:
-                forces[rows[:, None], chosen] = rest
+            forces[at_rows(rows, chosen)] = rest
 
 
 def _named(known: Mapping[str, V], name: str, what: str) -> V:

@@ -42,7 +42,7 @@ def at_steps(trajectory: Trajectory) -> Samples:
     return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
 
 
-def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+def refined(trajectory: Trajectory, points: int) -> Samples:
     """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
     durations = trajectory.stops - trajectory.starts
     least = 16 if 16 * durations.size <= points else 1

@@ -400,10 +400,7 @@ class Trajectory(PickledByFields):
             led = balance.led_by_bodies @ v[:, chosen]
             if drives is not None:
                 led = led + balance.led_by_drives @ drives[:, chosen]
-            if isinstance(chosen, slice):
-                v[balance.dependent, chosen] = led
-            else:
-                v[balance.dependent[:, None], chosen] = led
+            v[at_rows(balance.dependent, chosen)] = led
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
@@ -460,6 +457,11 @@ def side_by_side(found: Sequence[tuple[Indices | slice, NDArray[T]]], size: int)
     for chosen, part in found:
         whole[..., chosen] = part
     return whole
+
+
+def at_rows(rows: Indices, chosen: Indices | slice) -> tuple[Indices, Indices | slice]:
+    """Return the index of some rows of a table at some times."""
+    return (rows if isinstance(chosen, slice) else rows[:, None]), chosen
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:

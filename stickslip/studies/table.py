@@ -12,9 +12,9 @@ def aligned(
     tail: Sequence[str],
     *,
     title: str = "  setup",
-    note: str = "",
+    note: str,
 ) -> str:
-    """Return an aligned table; columns without numbers are left out.
+    """Return an aligned table with a `note` below it; columns without numbers are left out.
 
     A line begins with its `lead` and ends with its `tail`, of which only the first line is shown; between stand the
     numbers of the `columns` by title, NaN where there is none.
@@ -29,7 +29,7 @@ def aligned(
             line.append(text.rjust(wide))
     ends = ["", *("  " + text.splitlines()[0] if text else "" for text in tail)]
     lines = ["  ".join(line) + end for line, end in zip(table, ends, strict=True)]
-    return "\n".join([*(line.rstrip() for line in lines), *([note] if note else [])])
+    return "\n".join([*(line.rstrip() for line in lines), note])
 
 
 def _cell(value: float) -> str:

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -226,7 +227,7 @@ def tradeoff(
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     known = calls(scene, span, scale)
     setups = [
-        Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
+        Setup(call.text(span), partial(_quietly, call, scene, span), call.family, call.text(span))
         for call in known
     ]
     chosen, skipped, once = _affordable(setups, budget, progress)
@@ -272,18 +273,11 @@ class _VelocityError:
         return result(times)[: self._bodies]
 
 
-@dataclass(frozen=True)
-class _Quiet:
-    """A call on a scene; what it would warn of, the measured error shows."""
-
-    call: Call
-    scene: Scene
-    span: tuple[float, float]
-
-    def __call__(self) -> Result:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return self.call.run(self.scene, self.span)
+def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:
+    """Run a call on a scene; what it would warn of, the measured error shows."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return call.run(scene, span)
 
 
 def reference_of(
@@ -293,7 +287,7 @@ def reference_of(
     failure: Exception | None = None
     for tight, loose in reference_calls(1.0):
         try:
-            result, other = (_Quiet(call, scene, span)() for call in (tight, loose))
+            result, other = (_quietly(call, scene, span) for call in (tight, loose))
         except SimulationError as error:
             failure = error
             continue

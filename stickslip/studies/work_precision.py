@@ -112,20 +112,17 @@ class WorkPrecision:
         """
         front = self.pareto()
         for name, value in (("error", error), ("time", time)):
-            if value is not None and (
-                isinstance(value, bool) or not isinstance(value, int | float | np.number)
-            ):
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if value is not None and not is_number:
                 raise TypeError(f"best: {name} must be a number, got {value!r}")
         if error is not None and time is None:
             found = next((row for row in front if row.error <= error), None)
-            wanted, nearest, remedy = f"error <= {error:g}", front[-1:], "add setups with tighter tolerances"
+            wanted, nearest = f"error <= {error:g}", front[-1:]
+            remedy = "add setups with tighter tolerances"
         elif time is not None and error is None:
             found = next((row for row in reversed(front) if row.median <= time), None)
-            wanted, nearest, remedy = (
-                f"median time <= {time:g} s",
-                front[:1],
-                "add setups with looser tolerances",
-            )
+            wanted, nearest = f"median time <= {time:g} s", front[:1]
+            remedy = "add setups with looser tolerances"
         else:
             raise TypeError(f"best: give either error= or time=, got error={error!r}, time={time!r}")
         if found is not None:

@@ -103,7 +103,7 @@ def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_LOOKS", 50)
     monkeypatch.setattr("stickslip.engines.progress._CALLS_AT_MOST", 100)
     scene = oscillator(lambda t: 0.1 * math.sin(t))
-    with pytest.raises(SimulationError, match="the steps have become too small.*loosen rtol") as caught:
+    with pytest.raises(SimulationError, match=r"the steps have become too small.*loosen rtol") as caught:
         simulate(scene, (0.0, 10.0), formulation="multiplier")
     assert caught.value.result.t.size > 5
     assert caught.value.t > 0.0
@@ -122,7 +122,7 @@ def test_the_remedy_for_tolerances_below_roundoff_works() -> None:
         Force("a", sine(0.05, 2e-5)),
     )
     with pytest.raises(
-        SimulationError, match="too small.*loosen rtol if it asks for more than roundoff leaves"
+        SimulationError, match=r"too small.*loosen rtol if it asks for more than roundoff leaves"
     ):
         simulate(scene, (0.0, 8000.0))
     assert simulate(scene, (0.0, 8000.0), rtol=1e-5).energy().relative_error < 1e-4

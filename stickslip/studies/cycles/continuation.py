@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -212,9 +213,8 @@ class Follower:
     def _step(self, cycle: Cycle, before: float, value: float) -> Cycle:
         if value == before:
             return cycle
-        longer = None
-        if (given := self.period(value)) is not None:
-            longer = given - cycle.period
+        given = self.period(value)
+        longer = None if given is None else given - cycle.period
         return centred(closed_from(cycle, self._parameter, value - before, value, longer))
 
     # -- where it does not go on -------------------------------------------------------------------------------
@@ -253,24 +253,22 @@ class Follower:
             if phases and other is not None and _differ(a, other.cycle) < _MEETS:
                 inner = other
         self._between(last, before, a, at)
-        if inner is None:
-            if phases:
-                why += (
-                    ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
-                    "of a scene that moves a little less"
-                )
-            if _speed(a) < _SHRUNK * _speed(last):
-                why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
-            self._points.append(BranchPoint(0.5 * (at + end), "end", "; ".join([*phases, why]), from_zero(a)))
-            return None
-        if inner.cycle.neutral:
-            said = "; ".join(
-                [*phases, "the branch ends in a family of cycles without it (a multiplier is 1)"]
+        goes_on = inner is not None and not inner.cycle.neutral
+        if goes_on:
+            why = "cycles without it begin there, and the branch turns back"
+        elif inner is not None:
+            why = "the branch ends in a family of cycles without it (a multiplier is 1)"
+        elif _speed(a) < _SHRUNK * _speed(last):
+            why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
+        elif phases:
+            why += (
+                ". Cycles without it may begin there: start them from limit_cycle(scene, transient=0, guess=...) "
+                "of a scene that moves a little less"
             )
-            self._points.append(BranchPoint(0.5 * (at + end), "end", said, from_zero(a)))
+        kind, said = "fold" if goes_on else "end", "; ".join([*phases, why])
+        self._points.append(BranchPoint(0.5 * (at + end), kind, said, from_zero(a)))
+        if inner is None or not goes_on:
             return None
-        said = "; ".join([*phases, "cycles without it begin there, and the branch turns back"])
-        self._points.append(BranchPoint(0.5 * (at + end), "fold", said, from_zero(a)))
         # the fold is somewhere between the last cycle and the end
         apart = max(abs(inner.value - at), abs(inner.value - end))
         return self._beyond(inner, apart, rises, before, every)
@@ -362,9 +360,8 @@ class Follower:
         if cyclic(a.sequence) != cyclic(b.sequence):
             self._other_sequence(a, before, b, value)
             return
-        for kind, test in (("crossing", _crossing), ("flip", _flip), ("torus", _torus)):
-            left, right = test(a), test(b)
-            if left * right >= 0:
+        for kind, (test, said) in _PASSES.items():
+            if test(a) * test(b) >= 0:
                 continue
 
             def at(x: float, test: Callable[[Cycle], float] = test) -> float:
@@ -377,13 +374,7 @@ class Follower:
                 )
             except (CycleError, SimulationError):
                 found = 0.5 * (before + value)
-            said = {
-                "crossing": "a multiplier passes 1: a symmetry breaks, or another branch crosses",
-                "flip": "a multiplier passes -1: the period doubles",
-            }
-            self._points.append(
-                BranchPoint(found, kind, said.get(kind, "a pair of multipliers passes the unit circle"))
-            )
+            self._points.append(BranchPoint(found, kind, said))
 
     def _other_sequence(self, a: Cycle, before: float, b: Cycle, value: float) -> None:
         """Find by bisection where the sequence of modes changes."""
@@ -393,14 +384,11 @@ class Follower:
             middle = 0.5 * (before + value)
             if middle in (before, value):
                 break
-            one: Cycle | None = None
             for near, of in ((a, before), (b, value)):
-                try:
+                with suppress(CycleError, SimulationError):
                     one = self.reach(near, of, middle)
                     break
-                except (CycleError, SimulationError):
-                    continue
-            if one is None:
+            else:
                 break
             if cyclic(one.sequence) == first:
                 a, before = one, middle
@@ -435,3 +423,11 @@ def _flip(cycle: Cycle) -> float:
 def _torus(cycle: Cycle) -> float:
     pairs = np.abs(cycle.multipliers[np.abs(cycle.multipliers.imag) > 1e-9])
     return float(np.prod(1.0 - pairs[::2])) if pairs.size else 1.0
+
+
+_PASSES: dict[str, tuple[Callable[[Cycle], float], str]] = {
+    "crossing": (_crossing, "a multiplier passes 1: a symmetry breaks, or another branch crosses"),
+    "flip": (_flip, "a multiplier passes -1: the period doubles"),
+    "torus": (_torus, "a pair of multipliers passes the unit circle"),
+}
+"""How multipliers pass the unit circle: by what changes its sign then, and in words."""

@@ -92,13 +92,10 @@ class Coordinates:
     def __init__(self, system: System, motion: Motion) -> None:
         self.system, self.motion = system, motion
         n, size = system.n, system.size
-        free = np.ones(n, dtype=bool)
-        free[motion.equations.dependent] = False
-        self.free = free.nonzero()[0]
-        self._read = read_positions(system)
+        self.free = np.setdiff1d(np.arange(n), motion.equations.dependent)
         held = motion.equations.is_held
         self.aged = system.dwelling[held[system.dwelling]]
-        self._read = _movable(system, held, self._read)
+        self._read = _movable(system, held, read_positions(system))
         more = size - system.first_bristle
         count = self.free.size + self._read.shape[0] + more
         # from coordinates to states: held velocities follow, what forces do not read stays
@@ -112,8 +109,7 @@ class Coordinates:
 
     def of(self, y: Array) -> Array:
         """Return the coordinates of a state, or of columns of them; ages are not among them."""
-        n = self.system.n
-        first = self.system.first_bristle
+        n, first = self.system.n, self.system.first_bristle
         return np.concatenate([y[self.free], self._read @ y[n:first], y[first:]])
 
     def directions(self) -> list[Direction]:

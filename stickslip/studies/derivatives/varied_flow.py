@@ -34,7 +34,7 @@ def flow(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -
 def _series(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
     """Follow ``S' = A S + f_p`` by Taylor series."""
     system, path, end = nearby.system, piece.kept_path, piece.end
-    near = [nearby.near(piece, motion, k) for k in range(nearby.count)]
+    near = [nearby.near(motion, k) for k in range(nearby.count)]
     tau, guess = 0.0, end
     ends, found = [0.0], []
     while tau < end:
@@ -122,7 +122,7 @@ def _collocations(
     taus = (edges[:-1, None] + lengths[:, None] * nodes).ravel()
     y = motion.exact(taus, path.at(taus).T)
     still = np.zeros((size, taus.size, nearby.count))
-    forcing = nearby.slopes(_rate, piece, motion, since, taus, y, still)
+    forcing = nearby.slopes(Motion.rate, motion, since, taus, y, still)
     forcing = np.moveaxis(forcing.reshape(size, lengths.size, stages, nearby.count), 0, 2)
     for i, h in enumerate(lengths.tolist()):
 
@@ -144,10 +144,6 @@ def _is_rough(c: Array) -> bool:
     """Tell whether a polynomial of S leaves out what the next power would add."""
     sizes = np.nan_to_num(np.abs(c)).max(axis=0)
     return bool(np.any(np.nan_to_num(np.abs(c[-1])) > _LAST * np.maximum(sizes, _TINY)))
-
-
-def _rate(motion: Motion, taus: Array, y: Array) -> Array:
-    return motion.rate(taus, y)
 
 
 @lru_cache(maxsize=1)
