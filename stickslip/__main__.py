@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -347,12 +347,11 @@ def _sweep(chosen: argparse.Namespace) -> int:
     if chosen.plot and len(varied) != 2:
         raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
     code = _OK
-    executor: Literal["serial"] | None = "serial" if chosen.workers == 1 else None
-    workers = None if chosen.workers == 1 else chosen.workers
-    progress = sys.stderr.isatty()
+    # a single process is this one: none is started
+    how: dict[str, Any] = {"executor": "serial"} if chosen.workers == 1 else {"workers": chosen.workers}
     try:
         with _refusals():
-            found = sweep(runs, grid, executor=executor, workers=workers, progress=progress, save=chosen.save)
+            found = sweep(runs, grid, **how, progress=sys.stderr.isatty(), save=chosen.save)
     except SweepInterrupted as stop:
         print(f"stickslip: {stop}", file=sys.stderr)
         found, code = stop.result, _INTERRUPTED
@@ -475,13 +474,11 @@ def _write(result: Result, outputs: Mapping[str, str | None]) -> None:
     }
     for kind, writer in writers.items():
         path = outputs[kind]
-        if path is None:
-            continue
-        if kind == "plot" and not result.t.size:
+        if path is not None and kind == "plot" and not result.t.size:
             print("stickslip: nothing was computed that could be drawn", file=sys.stderr)
-            continue
-        with _refusals(f"--{kind} {path}: "):
-            writer(result, path)
+        elif path is not None:
+            with _refusals(f"--{kind} {path}: "):
+                writer(result, path)
 
 
 def _draw(result: Result, path: str, **options: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 import pkgutil
 import re
@@ -68,6 +69,22 @@ def test_a_pattern_chooses_rows(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(re.findall("^  loop-", capsys.readouterr().out, re.MULTILINE)) == 4
 
 
+@pytest.mark.slow
+def test_rows_that_nobody_waits_for_end_at_once() -> None:
+    endless = row("endless", partial(time.sleep, 1e6), limit=1e6)
+    outcomes = run([GOOD, endless, endless], jobs=2)
+    assert next(outcomes).passed
+    outcomes.close()
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("jobs", ["0", "many"])
+def test_a_number_of_jobs_that_is_none_is_refused(jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--jobs", jobs])
+    assert f"give a number of rows, 1 or more, got '{jobs}'" in capsys.readouterr().err
+
+
 def test_an_unknown_row_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["no-such-row"]) == 2
     assert "no-such-row" in capsys.readouterr().err
@@ -95,8 +112,11 @@ def test_failing_rows_give_status_1(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
-def test_rows_that_hang_or_crash_fail_and_the_others_go_on() -> None:
-    outcomes = list(run([HANGS, GOOD, CRASHES, GOOD]))
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_rows_that_hang_or_crash_fail_and_the_others_go_on(jobs: int) -> None:
+    rows = [HANGS, GOOD, CRASHES, GOOD]
+    outcomes = list(run(rows, jobs=jobs))
+    assert [o.row for o in outcomes] == rows
     assert [o.passed for o in outcomes] == [False, True, False, True]
     assert "no answer within 0.2 s" in outcomes[0].remark
     assert "code 3" in outcomes[2].remark

@@ -23,6 +23,8 @@ from stickslip import (
     output,
     plots,
     simulate,
+    sine,
+    step,
     sweep,
     tradeoff,
     velocity,
@@ -54,6 +56,11 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
         lambda: simulate(SCENE, (0.0, 1.0), dense_output="yes"),
         "dense_output must be True or False, got 'yes'",
     ),
+    (
+        lambda: sine(1.0, 1.0)(np.zeros(2)),
+        "a signal is called with one time in s, which must be a number, got array([0., 0.])",
+    ),
+    (lambda: step(1.0)("1"), "a signal is called with one time in s, which must be a number, got '1'"),
     # -- reading
     (
         lambda: RESULT([[0.1, 0.2]]),
@@ -130,6 +137,10 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: tradeoff(SCENE, (1.0, 0.0)),
         "tradeoff: t_span must run forward, got (1, 0); swap the two times",
+    ),
+    (
+        lambda: tradeoff(SCENE, (0.0, 1.0), error=sine(1.0, 1.0)),
+        "tradeoff: error must take a result and the reference, but it is declared as (t: 'float')",
     ),
     (
         lambda: continue_cycle(SCENE, "b.inertia", 3),

@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None, rows: Sequence[Row] | None = No
         _list(rows)
         return 0
     start = time.perf_counter()
-    outcomes = _run(rows)
+    outcomes = _run(rows, options.jobs)
     failed = [o for o in outcomes if not o.passed]
     spent = time.perf_counter() - start
     print(f"\n{len(outcomes)} rows in {spent:.0f} s: {len(outcomes) - len(failed)} pass, {len(failed)} fail")
@@ -126,9 +126,22 @@ def _parser() -> argparse.ArgumentParser:
         help=f"number of random scenes ({SCENES}, quick {QUICK_SCENES}); a fifth as many in each family of the oracle",
     )
     parser.add_argument(
+        "--jobs",
+        type=_jobs,
+        default=1,
+        metavar="N",
+        help="number of rows that run side by side (1); one for each core at most, or times mean less",
+    )
+    parser.add_argument(
         "--report", type=Path, metavar="DIR", help="write a page with tables and figures into DIR"
     )
     return parser
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"give a number of rows, 1 or more, got {text!r}")
+    return int(text)
 
 
 def _list(rows: Sequence[Row]) -> None:
@@ -140,11 +153,11 @@ def _list(rows: Sequence[Row]) -> None:
         print(f"  {row.name:42s} {row.what}")
 
 
-def _run(rows: Sequence[Row]) -> list[Outcome]:
+def _run(rows: Sequence[Row], jobs: int) -> list[Outcome]:
     outcomes: list[Outcome] = []
     theme = ""
     with tqdm(total=len(rows), unit="row", file=sys.stderr, leave=False, dynamic_ncols=True) as bar:
-        for outcome in run(rows):
+        for outcome in run(rows, jobs=jobs):
             if outcome.row.theme != theme:
                 theme = outcome.row.theme
                 bar.write(f"\n{theme:50s} {'error':>9s}    {'bound':>7s} {'time':>8s}", file=sys.stdout)

@@ -6,42 +6,56 @@ import math
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any
 
 from validation.rows import Outcome, Row, judge
 from validation.tried import patience
 
 
-def run(rows: Sequence[Row], prepare: Callable[[], None] | None = None) -> Iterator[Outcome]:
-    """Yield the outcome of each row.
+def run(
+    rows: Sequence[Row], prepare: Callable[[], None] | None = None, jobs: int = 1
+) -> Generator[Outcome, None, None]:
+    """Yield the outcome of each row, in their order.
 
     Parameters
     ----------
     rows : sequence of Row
         What they check must be importable in another process.
     prepare : callable, optional
-        Called first in the process that runs the rows.
+        Called first in each process that runs rows.
+    jobs : int, optional
+        How many of them run side by side, each in a process of its own.
     """
-    worker = _Worker(prepare)
-    try:
-        for row in rows:
-            outcome = worker.judge(row)
-            if outcome is None:
+    idle: SimpleQueue[_Worker] = SimpleQueue()
+    workers = [_Worker(prepare) for _ in range(jobs)]
+    for worker in workers:
+        idle.put(worker)
+
+    def judged(row: Row) -> Outcome:
+        worker = idle.get()
+        try:
+            return worker.judge(row)
+        finally:
+            idle.put(worker)
+
+    with ThreadPoolExecutor(jobs) as threads:
+        try:
+            yield from threads.map(judged, rows)
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
                 worker.stop()
-                worker = _Worker(prepare)
-                outcome = Outcome(row, math.inf, row.limit, f"no answer within {row.limit:g} s")
-            yield outcome
-    finally:
-        worker.stop()
 
 
 class _Worker:
-    """The process that runs rows, one after another."""
+    """A process that runs rows, one after another; a new one takes its place where it ends or hangs."""
 
     def __init__(self, prepare: Callable[[], None] | None) -> None:
-        self._prepare = prepare
+        self._prepare, self._stopped = prepare, False
         self._start()
 
     def _start(self) -> None:
@@ -52,8 +66,8 @@ class _Worker:
         other.close()
         self._ready = False
 
-    def judge(self, row: Row) -> Outcome | None:
-        """Return the outcome, None where the time limit passed."""
+    def judge(self, row: Row) -> Outcome:
+        """Return the outcome of a row, a failure where the process ends or its time limit passes."""
         start = time.perf_counter()
         try:
             if not self._ready:
@@ -62,19 +76,25 @@ class _Worker:
                     return Outcome(row, math.inf, 0.0, refusal)
                 self._ready, start = True, time.perf_counter()
             self._line.send(row)
-            if not self._line.poll(row.limit * patience()):
-                return None
-            error, seconds, remark, tried = self._line.recv()
-        except (EOFError, ConnectionError):
+            if self._line.poll(row.limit * patience()):
+                error, seconds, remark, tried = self._line.recv()
+                return Outcome(row, error, seconds, remark, tried)
+            outcome = Outcome(row, math.inf, row.limit, f"no answer within {row.limit:g} s")
+        except (EOFError, OSError):
             self._process.join()
-            lived = time.perf_counter() - start
             remark = f"the process ended with code {self._process.exitcode}"
+            outcome = Outcome(row, math.inf, time.perf_counter() - start, remark)
+        if not self._stopped:
+            self._end()
             self._start()
-            return Outcome(row, math.inf, lived, remark)
-        return Outcome(row, error, seconds, remark, tried)
+        return outcome
 
     def stop(self) -> None:
-        """End the process."""
+        """End the process for good."""
+        self._stopped = True
+        self._end()
+
+    def _end(self) -> None:
         self._process.kill()
         self._process.join()
         self._line.close()

@@ -15,14 +15,11 @@ from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
 from stickslip.engines.sundials import CVODE
 from stickslip.engines.through_points import path_through
-from stickslip.engines.work import Work, failure_of
+from stickslip.engines.work import Work, solved
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
-
-_ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
-"""The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
 
 _EVENTS_PER_SOLVER = 20
 """scikit-sundae keeps every event's record on the guard function: a fresh solver now and then."""
@@ -82,12 +79,7 @@ class Cvode:
             self._kind,
             self._lookout.found,
         )
-        if solution.status == _ERROR_TEST_FAILED and taus.size > _SOME_STEPS:
-            # a kink that its long memory cannot pass: it goes on from there with a new one
-            return path
-        if solution.status < 0:
-            raise failure_of(solution, path)
-        return path
+        return solved(solution, path)
 
     def _solver(self, selected: Selected) -> tuple[_Steps, Any]:
         motion = selected.motion

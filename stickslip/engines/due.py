@@ -43,7 +43,8 @@ class Due:
     def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
 
-        It is looked for from `t` on; `is_bounded` are rows whose series hold to the end of those of the parts only.
+        It is looked for from `t` on, where their series begin; `is_bounded` are rows whose series hold to the end of
+        those of the parts only.
         """
         parts = self._parts
         self.is_bounded[rows] = is_bounded
@@ -53,7 +54,8 @@ class Due:
             return rows[:0]
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
-        g = np.concatenate([parts.label[loose, None] * self.moved(loose, t), self._held(held, t)])
+        watched = parts.label[loose, None] * parts.watched[loose]
+        g = np.concatenate([watched, self._held(held, parts.watched[held], t)])
         which = np.concatenate([loose, held, held])
         late = parts.started[loose].nonzero()[0]
         if late.size:
@@ -69,10 +71,12 @@ class Due:
             np.minimum.at(self.when, which[soon], t + span[soon] * when[soon])
         return bad
 
-    def _held(self, rows: Indices, t: float) -> Array:
-        """Return the guards of held rows as series about `t`, first all forward; levels that rise count as they are."""
+    def _held(self, rows: Indices, force: Array, t: float) -> Array:
+        """Return the guards of held rows as series about `t`, as `force` is; levels that rise count as they are.
+
+        First come those of all rows forward.
+        """
         parts = self._parts
-        force = self.moved(rows, t)
         g = np.concatenate([-force, force])
         levels, rates = parts.levels(rows, t)
         g[:, 0] += levels.ravel()
@@ -130,7 +134,8 @@ class Due:
             # not up to there: look again with the level as it is then, for it never falls below that
             self.is_root[j] = False
             span = self._until(j) - until
-            g = self._held(np.array([j]), until) * powers(np.full(1, span / parts.unit), c.size)
+            row = np.array([j])
+            g = self._held(row, self.moved(row, until), until) * powers(np.full(1, span / parts.unit), c.size)
             self.when[j] = until + span * float(earliest(g).min())
 
     def _until(self, j: int) -> float:
@@ -149,7 +154,7 @@ class Due:
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
-            return float(parts.levels(np.array([j]), t)[0][0, 0])
+            return float(self._system.mu_s[0, j] * (parts.normal[j, 0] + (t - parts.t0) * parts.normal[j, 1]))
         total = float(parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
             total += float(parts.speed[forest.parent[j]])

@@ -11,7 +11,7 @@ import numpy as np
 from stickslip.engines.along import Along
 from stickslip.engines.dips import first_dip
 from stickslip.engines.passing import back_to_zero
-from stickslip.engines.progress import Interruption, Progress
+from stickslip.engines.progress import Interruption, OutOfReach, Progress
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure, Work, sound
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
@@ -128,7 +128,8 @@ def _protected(
             with contextlib.suppress(Exception):
                 path = solve(short, Progress(short, interruption))
                 break
-        raise SolverFailure(str(fault), LOOK_AT_SCENE, path) from fault
+        remedy = fault.remedy if isinstance(fault, OutOfReach) else LOOK_AT_SCENE
+        raise SolverFailure(str(fault), remedy, path) from fault
     if interruption.pressed:
         raise Interrupted(path)
     return path

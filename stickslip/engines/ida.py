@@ -20,7 +20,7 @@ from stickslip.engines.linear_solver import sparsity_pattern, write_sparse
 from stickslip.engines.progress import Progress
 from stickslip.engines.sundials import IDA
 from stickslip.engines.through_points import path_through
-from stickslip.engines.work import Work, failure_of
+from stickslip.engines.work import Work, solved
 from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import Block, assembled, dense, row_maxima
 from stickslip.equations.motion import Motion
@@ -87,9 +87,7 @@ class Ida:
         work.steps += taus.size - 1
         tolerance = self._rtol, self._atol
         path = path_through(motion, taus, points[:, :size].copy(), tolerance, "BDF", lookout.found)
-        if solution.status < 0:
-            raise failure_of(solution, path)
-        return path
+        return solved(solution, path)
 
     def _first_step(self, motion: Motion) -> float:
         """Return a length in s for the first step, 0 for IDA's own: over that the motion goes by half its tolerance.

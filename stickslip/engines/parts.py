@@ -6,6 +6,7 @@ reaches within the time for which series hold; the series of all others go on.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,8 +52,6 @@ class Parts:
         Where to begin; its inputs must be straight.
     labels : array (m,)
         Modes that open rows show.
-    started : array (m,) of bool
-        Moving rows that start from rest.
     work : Work
 
     Attributes
@@ -63,11 +62,13 @@ class Parts:
         Position and time at which they begin.
     watched : array (m, order + 1)
         The same of what a row watches: the force of a held one, the relative velocity of any other.
+    started : array (m,) of bool
+        Moving rows that start from rest.
     end : float
         Until when series of what springs and dampers move hold.
     """
 
-    def __init__(self, forest: Forest, motion: Motion, labels: Modes, started: Mask, work: Work) -> None:
+    def __init__(self, forest: Forest, motion: Motion, labels: Modes, work: Work) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
@@ -83,7 +84,7 @@ class Parts:
         self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
         self._push(motion, q, slope)
         self.mode, self.label, self.since = motion.equations.modes.copy(), labels.copy(), motion.since.copy()
-        self.started = started.copy()
+        self.started = np.zeros(m, dtype=bool)
         self.mu = system.mu_c
         self.force = self._given.copy()
         self.place = np.full(n, -1)
@@ -188,7 +189,7 @@ class Parts:
                 self.force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.normal[j]
             return
         self.force[bodies] = self._given[bodies]
-        rows = _distinct(self.rows_at(bodies))
+        rows = distinct(self.rows_at(bodies))
         rows = rows[np.abs(self.mode[rows]) == 1]
         if not rows.size:
             return
@@ -224,11 +225,8 @@ class Parts:
     def forces_at(self, bodies: Indices, t: float) -> Array:
         """Return the series of loads and friction on some bodies from time `t` on, three terms."""
         d, unit = t - self.t0, self.unit
-        f = self.force[bodies]
-        f[:, 0] += d * (f[:, 1] + d * f[:, 2])
-        f[:, 1] = unit * (f[:, 1] + 2 * d * f[:, 2])
-        f[:, 2] *= unit * unit
-        return f
+        moved = np.array([[1.0, 0.0, 0.0], [d, unit, 0.0], [d * d, 2 * d * unit, unit * unit]])
+        return np.asarray(self.force[bodies] @ moved)
 
     def normals(self, rows: Indices, t: float) -> Array:
         """Return normal forces at time `t`."""
@@ -315,12 +313,11 @@ class Parts:
 
     def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
         """Return the series of velocities and positions of some bodies about another time."""
-        s = (t - self.origin[bodies]) / self.unit
-        v = shifted(self.velocity[bodies], s)
-        x = np.empty_like(v)
-        x[:, 1:] = self.unit * v[:, :-1] * self._inverse[: v.shape[1] - 1]
-        x[:, 0] = self.at(bodies, t)[1]
-        return v, x
+        x = np.empty((bodies.size, self.velocity.shape[1] + 1))
+        x[:, 0] = self.position[bodies]
+        np.multiply(self.velocity[bodies], self.unit * self._inverse[:-1], out=x[:, 1:])
+        x = shifted(x, (t - self.origin[bodies]) / self.unit)
+        return x[:, 1:] * (self._ascending[:-1] / self.unit), x[:, :-1]
 
     def expand(self, patch: Patch, v: Array) -> tuple[Indices, Array]:
         """Expand the bodies of a patch anew from velocities `v`, and what their rows watch; return the rows with them.
@@ -394,22 +391,27 @@ class Parts:
         given[0] += jump
         z = np.zeros((order + 1, 2 * k))
         z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
-        lines = list(z)
-        is_many = scipy.sparse.issparse(both)
-        if not is_many:
+        lines, count = list(z), len(given)
+        if scipy.sparse.issparse(both):
+
+            def follow(now: Array, following: Array) -> None:
+                f = both @ now
+                np.multiply(factor, f if own is None else np.bincount(own, f)[own], out=following[:k])
+                np.multiply(unit, now[:k], out=following[k:])
+
+        else:
             step = np.zeros((2 * k, 2 * k))
             step[:k] = factor[:, None] * (both if own is None else (own[:, None] == own) @ both)
             step[np.arange(k, 2 * k), np.arange(k)] = unit
-        for i in range(order):
-            following = lines[i + 1]
-            if is_many:
-                f = both @ lines[i]
-                np.multiply(factor, f if own is None else np.bincount(own, f)[own], out=following[:k])
-                np.multiply(unit, lines[i][:k], out=following[k:])
-            else:
-                np.dot(step, lines[i], out=following)
-            if i < len(given):
-                following[:k] += given[i]
+
+            def follow(now: Array, following: Array) -> None:
+                np.dot(step, now, out=following)
+
+        for now, following, rates, part in zip(lines, lines[1:], z[1:, :k], given, strict=False):
+            follow(now, following)
+            np.add(rates, part, out=rates)
+        for now, following in pairwise(lines[count:]):
+            follow(now, following)
         z /= factorial
         series[:] = z[:, first].T
         fixed[:, :order] += both @ z[:order].T
@@ -420,7 +422,7 @@ class Parts:
         forest, t, bodies = self.forest, patch.t, patch.bodies
         if forest.row_of is not None:
             return self._watch_apart(patch, rest)
-        rows = _distinct(self.rows_at(bodies))
+        rows = distinct(self.rows_at(bodies))
         place = self.place
         place[bodies] = np.arange(bodies.size)
         is_held = self.mode[rows] == 0
@@ -510,7 +512,7 @@ def _spans(starts: Indices, some: Indices) -> Indices:
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
-def _distinct(numbers: Indices) -> Indices:
+def distinct(numbers: Indices) -> Indices:
     """Return some numbers in order, each once."""
     if numbers.size < 2:
         return numbers

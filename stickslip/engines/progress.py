@@ -13,6 +13,15 @@ _CALLS_BETWEEN_LOOKS, _CALLS_AT_MOST = 50_000, 1e9
 _CALLS_BETWEEN_SIGNS, _CALLS_AFTER_INTERRUPTION = 500, 10_000
 
 
+class OutOfReach(ArithmeticError):
+    """The steps have become so small that the end is out of reach."""
+
+    remedy = (
+        "loosen rtol if it asks for more than roundoff leaves of small velocities beside stiff springs far from 0, "
+        "else look at the loads and laws of the scene there"
+    )
+
+
 class Interruption:
     """Tells whether Ctrl-C has been pressed since the context was entered; engines tell it how far they are.
 
@@ -83,7 +92,7 @@ class Progress:
     def _look(self, tau: float) -> None:
         done = tau - self._looked_at
         if done * _CALLS_AT_MOST < _CALLS_BETWEEN_LOOKS * self._whole:
-            raise ArithmeticError(
+            raise OutOfReach(
                 f"the last {_CALLS_BETWEEN_LOOKS} evaluations took {done:.3g} s of {self._whole:.3g} s: "
                 "the steps have become too small"
             )

@@ -14,6 +14,9 @@ from stickslip.model.arrays import Array
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
 
+_ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
+"""The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
+
 BEYOND = 1e100
 """What no velocity or position comes to unless something feeds it for ever."""
 
@@ -78,10 +81,15 @@ def sound(smallest: float, tau: float) -> float:
     return smallest if smallest < math.inf else 1.0
 
 
-def failure_of(solution: Any, path: Path) -> SolverFailure:
-    """Return SUNDIALS' failure with its own sentence."""
+def solved(solution: Any, path: Path) -> Path:
+    """Return the path of a solution of SUNDIALS, or raise its failure with SUNDIALS' own sentence.
+
+    Where its long memory could not pass a kink or roundoff, the path ends: the motion goes on with a new solver.
+    """
+    if solution.status >= 0 or (solution.status == _ERROR_TEST_FAILED and path.taus.size > _SOME_STEPS):
+        return path
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
-    return SolverFailure(
+    raise SolverFailure(
         sentence,
         "loosen rtol or atol, or tighten atol if it is above the velocities that matter, "
         "or give max_step from the time scale of the loads",

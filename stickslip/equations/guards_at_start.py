@@ -133,7 +133,7 @@ class GuardsAtStart(GuardValues):
                 else:
                     # where a load is a function, its slopes are as uncertain as the time
                     near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
-                    found_at = _AS_FIRED * self._given_by_level(i) if has_fired[i] else 0.0
+                    found_at = _AS_FIRED * self._given_at_level(i) if has_fired[i] else 0.0
                     limits = [
                         max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
                         AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
@@ -181,13 +181,16 @@ class GuardsAtStart(GuardValues):
                 return k if value > 0 else _DOWN
         return NEVER
 
-    def _given_by_level(self, i: int) -> float:
-        """Return the acceleration that the level of a moving row gives it, all that adds up in it where it has none."""
+    def _given_at_level(self, i: int) -> float:
+        """Return the acceleration by what the guard of a held row compares at its level: that, and a force as large.
+
+        Where a row has no level it is all that adds up.
+        """
         system, row = self.motion.system, self.row[i]
         if not system.is_friction[row]:
             return float(self._adds_up[1, i])
         level = system.mu_s[:, row].max() * self.motion.start_inputs[row]
-        return float(level * self.motion.equations.mobility(row))
+        return float(2 * level * self.motion.equations.mobility(row))
 
     @cached_property
     def _never(self) -> Mask:

@@ -121,7 +121,7 @@ class Loads:
                             (rate, turn * term.amplitude, term.frequency, term.phase + 0.5 * math.pi)
                         )
                 elif isinstance(term, (Constant, Line, PiecewiseLinear)):
-                    value[i] += term(t)
+                    value[i] += term.at(t)
                     slope[i] += term.slope(t)
                     if rate is not None:
                         value[rate] += term.slope(t)
@@ -234,7 +234,7 @@ class Stretch:
                 np.add.at(part, self._entry, size)
                 size = size * np.abs(self._turn) / (k + 1)
         for i, function in self._functions:
-            found[0, i] += abs(function(min(t, self._before_stop)))
+            found[0, i] += abs(function.at(min(t, self._before_stop)))
             found[1, i] += abs(function.slope(min(t, self._before_stop)))
         return found
 

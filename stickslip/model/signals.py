@@ -87,6 +87,10 @@ class Signal(Load):
 
     def __call__(self, t: float) -> float:
         """Return the value at `t` (the right limit where it jumps)."""
+        return self.at(finite(t, "a signal is called with one time in s, which"))
+
+    def at(self, t: float) -> float:
+        """Return the same, without a look at what `t` is."""
         raise NotImplementedError
 
     def slope(self, t: float) -> float:
@@ -95,7 +99,7 @@ class Signal(Load):
 
     def sampled(self, times: Array) -> Array:
         """Return the values at many times."""
-        return np.array([self(t) for t in times.tolist()])
+        return np.array([self.at(t) for t in times.tolist()])
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the times in ``start < t < stop`` at which the value or the slope jumps."""
@@ -170,7 +174,7 @@ class Constant(Signal):
 
     value: float
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the number."""
         return self.value
 
@@ -202,7 +206,7 @@ class Line(Signal):
     rise: float
     offset: float = 0.0
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the value at `t`."""
         return self.offset + self.rise * t
 
@@ -212,7 +216,7 @@ class Line(Signal):
 
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the line within the time span, cut off where it crosses 0."""
-        return PiecewiseLinear((start, stop), (self(start), self(stop))).clipped(start, stop)
+        return PiecewiseLinear((start, stop), (self.at(start), self.at(stop))).clipped(start, stop)
 
     def scaled(self, factor: float) -> Signal:
         """Return the line times a number."""
@@ -227,7 +231,7 @@ class PiecewiseLinear(Signal):
     times: tuple[float, ...]
     values: tuple[float, ...]
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the value at `t`, after the jump where it jumps."""
         times, values = self.times, self.values
         i = bisect_right(times, t)
@@ -241,7 +245,7 @@ class PiecewiseLinear(Signal):
     def before(self, t: float) -> float:
         """Return the left limit at `t`."""
         i = bisect_left(self.times, t)
-        return self.values[i] if i < len(self.times) and self.times[i] == t else self(t)
+        return self.values[i] if i < len(self.times) and self.times[i] == t else self.at(t)
 
     def slope(self, t: float) -> float:
         """Return the slope of the line that begins or goes on at `t`."""
@@ -297,7 +301,7 @@ class Sine(Signal):
         # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
         return 2 * math.pi * math.fmod(self.frequency * t, 1.0) + self.phase
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the value at `t`."""
         return self.offset + self.amplitude * math.sin(self._angle(t))
 
@@ -325,7 +329,7 @@ class Function(Signal):
     factor: float = 1.0
     limits: tuple[float, float] = (-math.inf, math.inf)
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the value at `t`; a ValueError says where it is not a finite number."""
         low, high = self.limits
         if not low <= t <= high:
@@ -344,7 +348,7 @@ class Function(Signal):
         """Go on as the parabola that the function is near its limit."""
         half = 0.5 * (self.limits[1] - self.limits[0])
         d = max(-half, min(t - limit, half))
-        return 3 * self(limit) - 3 * self(limit - d) + self(limit - 2 * d)
+        return 3 * self.at(limit) - 3 * self.at(limit - d) + self.at(limit - 2 * d)
 
     def slope(self, t: float) -> float:
         """Return a difference quotient of second order that looks across no break and no limit."""
@@ -355,10 +359,10 @@ class Function(Signal):
         ahead = min(self.limits[1], times[i] if i < len(times) else math.inf) - t
         if min(behind, ahead) > h:
             left, right = t - h, t + h
-            return (self(right) - self(left)) / (right - left)
+            return (self.at(right) - self.at(left)) / (right - left)
         h = math.copysign(min(h, 0.4 * max(ahead, behind)), ahead - behind)
         h = (t + h) - t
-        return (4 * self(t + h) - 3 * self(t) - self(t + 2 * h)) / (2 * h) if h else 0.0
+        return (4 * self.at(t + h) - 3 * self.at(t) - self.at(t + 2 * h)) / (2 * h) if h else 0.0
 
     def breaks(self, start: float, stop: float) -> tuple[float, ...]:
         """Return the breaks that were named."""
@@ -394,9 +398,9 @@ class Sum(Signal):
 
     terms: tuple[Signal, ...]
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the sum of the values."""
-        return sum(term(t) for term in self.terms)
+        return sum(term.at(t) for term in self.terms)
 
     def slope(self, t: float) -> float:
         """Return the sum of the slopes."""
@@ -443,7 +447,7 @@ class Clipped(Signal):
         base = base.within(start, stop)
         distance = time_scale(base, stop - start) / _SAMPLES_PER_PERIOD
         ends = (start, *base.breaks(start, stop), stop)
-        kinks, positive = positive_pieces(base, base.slope, ends, distance)
+        kinks, positive = positive_pieces(base.at, base.slope, ends, distance)
         if not any(positive):
             return ZERO
         return base if all(positive) else cls(base, kinks, positive)
@@ -451,9 +455,9 @@ class Clipped(Signal):
     def _is_positive(self, t: float) -> bool:
         return self.positive[bisect_right(self.kinks, t)]
 
-    def __call__(self, t: float) -> float:
+    def at(self, t: float) -> float:
         """Return the value at `t`, never negative."""
-        return max(0.0, self.base(t)) if self._is_positive(t) else 0.0
+        return max(0.0, self.base.at(t)) if self._is_positive(t) else 0.0
 
     def slope(self, t: float) -> float:
         """Return the slope of the base, 0 where that is cut off."""
@@ -534,7 +538,7 @@ def _straight_sum(a: Constant | PiecewiseLinear, b: Constant | PiecewiseLinear) 
         return _straight_sum(b, a)
     points: list[tuple[float, float]] = []
     for t in sorted({*a.times, *b.times}):
-        left, right = a.before(t) + b.before(t), a(t) + b(t)
+        left, right = a.before(t) + b.before(t), a.at(t) + b.at(t)
         points.append((t, left))
         if right != left:
             points.append((t, right))

@@ -34,15 +34,15 @@ from stickslip.plots.style import (
     TIME,
     contact_names,
     look,
-    many_axes,
     mark_events,
-    new_figure,
     of_result,
     over_time,
     own_axes,
+    panels,
 )
 from stickslip.plots.sweep_map import sweep_map
 from stickslip.plots.work_precision import work_precision
+from stickslip.results.energy import losses
 from stickslip.results.readable import Readable
 
 __all__ = [
@@ -85,9 +85,6 @@ def overview(
     This is figure 8 of Breedveld (2000). Bodies that rotate and bodies that move along lines have panels of their own.
     More than four contacts share one raster of ``|r| / B``; panels with nothing to show are left out.
 
-    Bodies and contacts are by default all; `t_span` is the time shown in s; `axes` are one per panel, from the top. It
-    returns the figure.
-
     Parameters
     ----------
     result : Result
@@ -111,47 +108,43 @@ def overview(
     shown = None if t_span is None else numbers(t_span, "overview: t_span")
     if shown is not None and not (shown.size == 2 and shown[0] < shown[1]):
         raise ValueError(f"overview: t_span must be two times (start, end), got {t_span!r}")
-    panels = _panels(result, bodies, names)
+    drawings = _panels(result, bodies, names)
+    own = panels(axes, [height for height, _ in drawings], "overview")
     if axes is None:
-        ratios = [height for height, _ in panels]
-        figure = new_figure(9.0, 0.6 + sum(ratios), layout="constrained")
-        axes = list(figure.subplots(len(panels), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
-        figure.align_ylabels(axes)
-    else:
-        axes = many_axes(axes, len(panels), "overview")
-    for ax, (_, draw) in zip(axes, panels, strict=True):
+        own[0].figure.align_ylabels(own)
+    for ax, (_, draw) in zip(own, drawings, strict=True):
         draw(ax)
         mark_events(ax, result)
         ax.set_xlabel("")
         if shown is not None:
             ax.set_xlim(*shown)
-    axes[-1].set_xlabel(TIME)
-    drawn: Figure = axes[0].get_figure()
+    own[-1].set_xlabel(TIME)
+    drawn: Figure = own[0].get_figure()
     return drawn
 
 
 def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) -> list[Panel]:
     """Return height in inches and drawing of each panel."""
-    panels: list[Panel] = [
+    found: list[Panel] = [
         (2.4, lambda ax, some=some: velocities(result, some, ax=ax))  # type: ignore[misc]
         for some in _by_unit(result, bodies)
     ]
     blocks = [*result.scene.blocks, *result.scene.state_spaces, *result.scene.sampled][:_BLOCK_PANELS]
     of_blocks: list[Panel] = [(1.4, lambda ax, name=own.name: block(result, name, ax=ax)) for own in blocks]  # type: ignore[misc]
     if not names:
-        return panels + of_blocks
+        return found + of_blocks
     height = 0.5 + 0.22 * len(names) if len(names) <= MANY else 2.2
-    panels.append((max(height, 0.95), lambda ax: modes(result, names, ax=ax)))
+    found.append((max(height, 0.95), lambda ax: modes(result, names, ax=ax)))
     if len(names) <= _FORCE_PANELS:
-        panels += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
+        found += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
     else:
-        panels.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
+        found.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
     limited = [name for name in names if has_limits(result, name)][:_FORCE_PANELS]
-    panels += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in limited]  # type: ignore[misc]
+    found += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in limited]  # type: ignore[misc]
     loaded = [name for name in varying(result) if name in names]
     if loaded:
-        panels.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
-    return panels + of_blocks
+        found.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))
+    return found + of_blocks
 
 
 def _by_unit(result: Readable, bodies: Sequence[str] | None) -> list[list[str]]:
@@ -164,8 +157,6 @@ def _by_unit(result: Readable, bodies: Sequence[str] | None) -> list[list[str]]:
 @of_result
 def energy(result: Readable, *, ax: Any = None) -> Any:
     """Draw the energy ledger: what is stored, the heat so far and the work so far; return the axes.
-
-    A ValueError says so where only the requested outputs were kept.
 
     Parameters
     ----------
@@ -189,8 +180,7 @@ def energy(result: Readable, *, ax: Any = None) -> Any:
         curves["work of drives"] = ledger.drives
     if ledger.changes.any():
         curves["changes between runs"] = ledger.changes
-    heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
-    heat |= {f"impacts of {name}": value for name, value in ledger.impacts.items() if value.any()}
+    heat = losses(ledger)
     if len(heat) > _CURVES:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):

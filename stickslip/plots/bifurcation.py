@@ -73,9 +73,9 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
 
 
 def _unit(branch: Any, body: str) -> str:
-    """Return the unit of a body's position."""
+    """Return the unit of a body's position, of the ground's the one of all together."""
     scene = next(cycle.scene for one in _chain(branch) for cycle in one.cycles if cycle is not None)
-    return units(scene, next(one for one in (*scene.bodies, *scene.drives) if one.name == body)).position
+    return units(scene, *(one for one in (*scene.bodies, *scene.drives) if one.name == body)).position
 
 
 def _chain(branch: Any) -> list[Any]:

@@ -95,8 +95,9 @@ def load_of_contacts(result: Readable, contacts: Sequence[str] | None = None, *,
     names = contact_names(result, contacts)
     coarse = even_points(result)
     ax = own_axes(ax)
-    rows = np.array([_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names])
-    mesh = raster(ax, coarse.t, np.ma.masked_invalid(rows), names, cmap=_GREYS, vmin=0.0, vmax=1.0)
+    rows = [_ratio(np.abs(coarse.force(name)), coarse.breakaway(name)) for name in names]
+    known = np.ma.masked_invalid(np.reshape(rows, (len(names), coarse.t.size)))
+    mesh = raster(ax, coarse.t, known, names, cmap=_GREYS, vmin=0.0, vmax=1.0)
     color_bar(ax, mesh, "|force| / breakaway level")
     ax.set(xlabel=TIME, ylabel="contact")
     return ax
@@ -148,8 +149,6 @@ def varying(result: Readable) -> list[str]:
 @of_result
 def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     """Draw relative velocity against relative displacement of a contact, and return the axes.
-
-    A ValueError says so where positions were not kept.
 
     Parameters
     ----------

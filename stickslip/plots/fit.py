@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from stickslip.plots.style import COLOURS, TIME, check_is, many_axes, new_figure, within_or_beside
+from stickslip.plots.style import COLOURS, TIME, check_is, panels, within_or_beside
 from stickslip.results.units import units
 
 
 def fit(found: Any, *, axes: Any = None) -> Any:
     """Draw what was measured, what the fitted scene does, and below it the residuals; return the figure.
-
-    `axes` are two for each quantity, from top to bottom; by default those of a new figure.
 
     Parameters
     ----------
@@ -25,13 +23,7 @@ def fit(found: Any, *, axes: Any = None) -> Any:
         If the number of axes is not that of the panels, or `found` is something else.
     """
     check_is(found, "Fit", "fit plot")
-    count = 2 * len(found.measured)
-    if axes is None:
-        heights = [2.4, 1.2] * len(found.measured)
-        figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
-        axes = figure.subplots(count, 1, sharex=True, height_ratios=heights)
-    else:
-        axes = many_axes(axes, count, "fit")
+    axes = panels(axes, [2.4, 1.2] * len(found.measured), "fit")
     smooth, left, scene = found.result.fit_for_plot(1000), found.residuals(), found.result.scene
     elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
     dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4, "color": COLOURS[1]}

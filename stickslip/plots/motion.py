@@ -11,7 +11,6 @@ from matplotlib.patches import Patch
 from matplotlib.path import Path
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import names as checked_names
 from stickslip.model.modes import Mode
 from stickslip.plots.style import (
     FINE,
@@ -30,6 +29,7 @@ from stickslip.plots.style import (
     raster,
     short,
     value_raster,
+    wanted_names,
 )
 from stickslip.results.readable import Readable
 from stickslip.results.units import units
@@ -110,18 +110,16 @@ def _velocity_curves(result: Readable, names: list[str], labels: list[str], ax: 
 
 def body_names(result: Readable, bodies: Sequence[str] | None) -> list[str]:
     """Return the bodies and drives to draw: those asked for, else all of the scene."""
-    known = [one.name for one in (*result.scene.bodies, *result.scene.drives)]
-    wanted = known if bodies is None else checked_names(bodies, "bodies")
-    for name in wanted:
-        if name not in known:
-            result.velocity(name)  # says which there are
-    return wanted
+    return wanted_names((*result.scene.bodies, *result.scene.drives), bodies, "bodies", result.velocity)
 
 
 def velocity_units(result: Readable, names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves."""
-    moving = {one.name: one for one in (*result.scene.bodies, *result.scene.drives)}
-    return {name: units(result.scene, moving[name]).velocity for name in names}
+    """Return the unit of the velocity of each body or drive; both units where it is not said how it moves.
+
+    The ground has the one of all together.
+    """
+    moving = {one.name: (one,) for one in (*result.scene.bodies, *result.scene.drives)}
+    return {name: units(result.scene, *moving.get(name, ())).velocity for name in names}
 
 
 def _units(result: Readable, names: list[str]) -> tuple[str, list[str]]:

@@ -57,7 +57,7 @@ class _Link:
 
 
 def schematic(scene: Scene, *, ax: Any = None) -> Any:
-    """Draw a scene as a schematic and return the axes; letters shrink with axes of your own.
+    """Draw a scene as a schematic and return the axes.
 
     Parameters
     ----------
@@ -159,8 +159,7 @@ class _Drawing:
         right = max(right, left + _LETTER * len(note)) + 0.1
         self.below = lowest
         lowest -= 0.15 + (0.2 if note else 0.0) + (_BOX + 0.1 if self.blocks else 0.0)
-        ends = [end for _, end, _ in self.blocks]
-        right = max(right, *ends, 0.0) if ends else right
+        right = max([right, *(end for _, end, _ in self.blocks)])
         width, height = right - left, 0.15 - lowest
         if ax is None:
             ax = new_figure(width, height).add_axes((0.0, 0.0, 1.0, 1.0))
@@ -209,14 +208,9 @@ class _Drawing:
             ax.text(0.5 * (left + right), low + 0.5 * _BOX, name, ha="center", va="center")
 
     def _push(self, ax: Any, x: float, y: float, text: str) -> None:
-        arrow: dict[str, Any] = {
-            "arrowstyle": "-|>",
-            "mutation_scale": 9,
-            "color": "black",
-            "linewidth": 1.2,
-            "zorder": 4,
-        }
-        ax.add_patch(FancyArrowPatch((x - 0.38, y), (x, y), shrinkA=0, shrinkB=0, **arrow))
+        look: dict[str, Any] = {"color": "black", "linewidth": 1.2, "zorder": 4}
+        ends = (x - 0.38, y), (x, y)
+        ax.add_patch(FancyArrowPatch(*ends, arrowstyle="-|>", mutation_scale=9, shrinkA=0, shrinkB=0, **look))
         ax.text(x - 0.42, y, text, ha="right", va="center", zorder=4)
 
     def _join(self, ax: Any, k: int, link: _Link) -> None:

@@ -179,12 +179,29 @@ def mark_events(ax: Any, result: Readable) -> None:
 
 def contact_names(result: Readable, contacts: Sequence[str] | None) -> list[str]:
     """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
-    known = [row.name for row in result.scene.rows]
-    wanted = known if contacts is None else checked_names(contacts, "contacts")
-    for name in wanted:
+    return wanted_names(result.scene.rows, contacts, "contacts", result.mode)
+
+
+def wanted_names(
+    elements: Iterable[Any], wanted: Sequence[str] | None, what: str, read: Callable[[str], Any]
+) -> list[str]:
+    """Return the names asked for, by default those of all elements; to `read` another one says which there are."""
+    known = [element.name for element in elements]
+    if wanted is None:
+        return known
+    names = checked_names(wanted, what)
+    for name in names:
         if name not in known:
-            result.mode(name)  # says which there are
-    return wanted
+            read(name)
+    return names
+
+
+def panels(axes: Any, heights: Sequence[float], what: str) -> list[Any]:
+    """Return the axes given for the panels of a figure, or those of a new figure with panels of these heights."""
+    if axes is not None:
+        return many_axes(axes, len(heights), what)
+    figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
+    return list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
 
 
 def edges(centres: Array) -> Array:
@@ -201,7 +218,7 @@ def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: A
     keep = np.concatenate([[True], np.diff(t) > 0])
     mesh = ax.pcolormesh(edges(t[keep]), places, rows[:, keep], rasterized=True, **options)
     ax.invert_yaxis()
-    every = -(-len(names) // 20)
+    every = max(1, -(-len(names) // 20))
     ax.set_yticks(range(0, len(names), every), [short(name) for name in names[::every]], fontsize="small")
     keep_names_inside(ax)
     return mesh

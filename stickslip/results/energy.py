@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +14,12 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
 from stickslip.results.samples import Samples, integrated
+
+_OFF = 1e-3
+"""Part of the largest energy from which on it is asked whether a balance is off by roundoff alone."""
+
+_ROUNDOFF = 1e-15
+"""Part of the impulses of all forces that a body may have as a momentum though nothing moves it."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,8 @@ class EnergyLedger:
         before ended with; 0 in a single run.
     dampers : dict of str to array (n,)
         Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
+    roundoff : float
+        What roundoff of the forces may give the bodies, where that counts beside the other energies; else 0.
     """
 
     t: Array = field(repr=False)
@@ -49,6 +57,7 @@ class EnergyLedger:
     dampers: dict[str, Array] = field(repr=False)
     impacts: dict[str, Array] = field(repr=False)
     changes: Array = field(repr=False)
+    roundoff: float = field(default=0.0, repr=False)
 
     def __post_init__(self) -> None:
         named = (self.contacts, self.dampers, self.impacts)
@@ -90,9 +99,9 @@ class EnergyLedger:
 
     @property
     def relative_error(self) -> float:
-        """The largest balance error over the largest energy in the ledger, 0 where nothing ever moves."""
-        largest = self._largest
-        return float(np.abs(self.error).max(initial=0.0)) / largest if largest > 0 else 0.0
+        """The largest balance error beyond roundoff over the largest energy in the ledger, 0 where nothing moves."""
+        beyond = float(np.abs(self.error).max(initial=0.0)) - self.roundoff
+        return beyond / self._largest if beyond > 0 else 0.0
 
     @property
     def _largest(self) -> float:
@@ -125,11 +134,15 @@ def energy(result: Readable) -> EnergyLedger:
     runs in a row heat and work go on; what a run does not know neither gives nor takes in its time.
     """
     ledgers = [_ledger(run.samples) for run in result.runs]
-    return (
-        ledgers[0]
-        if len(ledgers) == 1
-        else _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
-    )
+    if len(ledgers) == 1:
+        return ledgers[0]
+    return _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
+
+
+def losses(ledger: EnergyLedger) -> dict[str, Array]:
+    """Return heats of contacts and dampers and what impacts took, as drawings and reports call them."""
+    found = {f"heat of {name}": heat for name, heat in (ledger.contacts | ledger.dampers).items()}
+    return found | {f"impacts of {name}": taken for name, taken in ledger.impacts.items() if taken.any()}
 
 
 def _at_ends(samples: Samples) -> EnergyLedger:
@@ -154,17 +167,21 @@ def _in_a_row(ledgers: Sequence[EnergyLedger], ends: Sequence[EnergyLedger]) -> 
         names = dict.fromkeys(name for ledger in ledgers for name in getattr(ledger, kind))
         return {name: counted(lambda ledger, name=name: getattr(ledger, kind).get(name)) for name in names}  # type: ignore[misc]
 
+    t, kinetic, spring = (
+        np.concatenate([getattr(ledger, kind) for ledger in ledgers]) for kind in ("t", "kinetic", "spring")
+    )
     jumps = [0.0] + [float(after.begun - before.stored[-1]) for before, after in pairwise(ends)]
     return EnergyLedger(
-        np.concatenate([ledger.t for ledger in ledgers]),
-        np.concatenate([ledger.kinetic for ledger in ledgers]),
-        np.concatenate([ledger.spring for ledger in ledgers]),
+        t,
+        kinetic,
+        spring,
         counted(lambda ledger: ledger.loads),
         counted(lambda ledger: ledger.drives),
         named("contacts"),
         named("dampers"),
         named("impacts"),
         np.repeat(np.cumsum(jumps), sizes),
+        sum(ledger.roundoff for ledger in ledgers),
     )
 
 
@@ -187,7 +204,22 @@ def _ledger(samples: Samples) -> EnergyLedger:
     spring += 0.5 * links.gaps.stiffness @ links.gaps.depth(samples.y) ** 2
     given, taken = _jumps(samples)
     drives, none = work[1] + given, np.zeros(samples.t.size)
-    return EnergyLedger(samples.t, kinetic, spring, work[0], drives, heat, dampers, taken, none)
+    found = EnergyLedger(samples.t, kinetic, spring, work[0], drives, heat, dampers, taken, none)
+    return replace(found, roundoff=_roundoff(samples)) if found.relative_error > _OFF else found
+
+
+def _roundoff(samples: Samples) -> float:
+    """Return the kinetic energy that roundoff of all forces may give the bodies until the last time, in J."""
+    system = samples.system
+    heavy = system.inertia > 0
+    # the square of an impulse over the root of the inertia is twice an energy
+    lightness = np.divide(1.0, np.sqrt(system.inertia), out=np.zeros(system.n), where=heavy)
+    by_y, by_q, by_r = (lightness @ abs(matrix) for matrix in (system.C, system.Q, system.G.T))
+
+    def sizes(at: Samples) -> Array:
+        return np.array([by_y @ np.abs(at.y) + by_q @ np.abs(at.inputs) + by_r @ np.abs(at.forces)])
+
+    return 0.5 * float(_ROUNDOFF * integrated(samples, 1, sizes).max(initial=0.0)) ** 2
 
 
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:

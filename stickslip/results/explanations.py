@@ -41,11 +41,10 @@ def explain_result(result: Readable) -> str:
     parts = []
     for run in result.runs:
         trajectory = run.samples.trajectory
-        lines = (
-            [f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s"] if len(result.runs) > 1 else []
-        )
-        lines += _compiled(trajectory.system, trajectory.loads)
-        parts.append("\n".join([*lines, *_watched(run), *event_sentences(run)]))
+        lines = [*_compiled(trajectory.system, trajectory.loads), *_watched(run), *event_sentences(run)]
+        if len(result.runs) > 1:
+            lines.insert(0, f"From {trajectory.starts[0]:g} s to {trajectory.stops[-1]:g} s")
+        parts.append("\n".join(lines))
     return "\n\n".join(parts)
 
 
@@ -105,8 +104,7 @@ def _contacts(system: System) -> list[str]:
     alive = np.flatnonzero(system.alive[: len(contacts)]).tolist()
     lines = [f"Contacts: {len(alive)} of {len(contacts)} assembled"]
     lines += [f"  {contacts[j].name}: {_contact(system, j)}" for j in alive[:_LISTED]]
-    if len(alive) > _LISTED:
-        lines.append(f"  ... and {len(alive) - _LISTED} more")
+    lines += _left_out(len(alive))
     frictionless = [c.name for j, c in enumerate(contacts) if system.mu_s[:, j].max() == 0]
     unloaded = [c.name for j, c in enumerate(contacts) if not (system.loaded[j] or c.name in frictionless)]
     for names, reason in ((frictionless, "frictionless"), (unloaded, "never loaded")):
@@ -137,8 +135,7 @@ def _others(system: System) -> list[str]:
             )
         else:
             lines.append(f"  {element.name}: {w} = 0 for ever; no guard")
-    if len(rows) > _LISTED:
-        lines.append(f"  ... and {len(rows) - _LISTED} more")
+    lines += _left_out(len(rows))
     weightless = [body.name for body in system.scene.bodies if body.inertia == 0]
     if weightless:
         lines.append(f"  without inertia, moved by ties alone: {_listed(weightless)}")
@@ -219,12 +216,9 @@ def _normal(contact: Contact) -> str:
 
 def _loads(system: System, loads: Loads) -> list[str]:
     times = [f"{t:g}" for t in loads.breaks if not loads.goes_on(t)]
-    stops = (
-        f"{_count(len(times), 'break')}, stop times and not guards: {_listed(times)} s"
-        if times
-        else "no breaks"
-    )
-    lines = [f"Loads: {stops}"]
+    lines = ["Loads: no breaks"]
+    if times:
+        lines = [f"Loads: {_count(len(times), 'break')}, stop times and not guards: {_listed(times)} s"]
     curved = sum(signal.period is not None for signal in (*system.normals, *system.others))
     if curved:
         period = f", shortest period {loads.period:g} s" if math.isfinite(loads.period) else ""
@@ -247,8 +241,7 @@ def _feedback(system: System) -> list[str]:
     lines += [f"  {place.block.label}: {_block(place.block)}" for place in system.blocks.values()]
     if not lines:
         return []
-    more = [f"  ... and {len(lines) - _LISTED} more"] if len(lines) > _LISTED else []
-    return ["Feedback:", *lines[:_LISTED], *more]
+    return ["Feedback:", *lines[:_LISTED], *_left_out(len(lines))]
 
 
 def _form(load: Quantity) -> str:
@@ -294,9 +287,7 @@ def _watched(result: Outcome) -> list[str]:
     for modes, times in list(seen.values())[:_MODE_SETS]:
         stretches = f"{sum(times):.4g} s in {_count(len(times), 'stretch')}"
         lines.append(f"  {stretches}: {_modes(trajectory.system, modes)}")
-    if len(seen) > _MODE_SETS:
-        lines.append(f"  ... and {len(seen) - _MODE_SETS} more")
-    return lines
+    return lines + _left_out(len(seen), _MODE_SETS)
 
 
 def _modes(system: System, modes: Modes) -> str:
@@ -327,6 +318,11 @@ def _count(number: int, name: str) -> str:
         return f"1 {name}"
     plural = name[:-1] + "ies" if name[-1] == "y" else name + ("es" if name.endswith("ch") else "s")
     return f"{number} {plural}"
+
+
+def _left_out(count: int, most: int = _LISTED) -> list[str]:
+    """Return the line at the end of a list that shows the first ones of so many; none where it shows all."""
+    return [f"  ... and {count - most} more"] if count > most else []
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -24,7 +24,7 @@ from stickslip.results.samples import Samples
 from stickslip.results.tables import how_it_ended
 from stickslip.results.trajectory import Piece, Pieces, Trajectory
 
-_FORMAT = 4
+_FORMAT = 5
 _OF_PIECE = tuple(field.name for field in fields(Piece) if field.name != "path")
 _OF_PATH = tuple(field.name for field in fields(Steps))
 
@@ -63,7 +63,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
     samples = result.samples
     system, parts = samples.system, samples.trajectory.parts
     pieces = [part for part in parts if isinstance(part, Piece)]
-    arrays: dict[str, Any] = {"t": samples.t, "y": samples.y, "piece_of": samples.piece_of}
+    arrays: dict[str, Any] = {name: getattr(samples, name) for name in ("t", "piece_of", "taus", "y")}
     for name in ("force", "breakaway", "mode"):
         rows = [getattr(samples, name)(row.name) for row in system.rows]
         arrays[name] = np.array(rows).reshape(system.m, samples.t.size)
@@ -149,7 +149,7 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     for k in about.get("patchworks", []):
         parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
     trajectory = Trajectory(system, (start, stop, about["stepped"]), Pieces.of(parts))
-    samples = Samples(trajectory, data["t"], data["y"], data["piece_of"].astype(np.intp))
+    samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
     events = [_event_from_dict(row) for row in about["events"]]
     return Kept(samples, events, about["success"], about["status"], about["message"], about["stats"])
 
@@ -168,8 +168,7 @@ def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:
 def _packed(name: str, values: list[Any]) -> dict[str, NDArray[Any]]:
     """Return arrays that hold a list of numbers or arrays, some of which may be None."""
     present = np.array([value is not None for value in values], dtype=bool)
-    there = [value for value in values if value is not None]
-    rows = [np.asarray(value) for value in there]
+    rows = [np.asarray(value) for value in values if value is not None]
     flat = np.concatenate([row.ravel() for row in rows]) if rows else np.empty(0)
     shapes = np.array([row.shape for row in rows], dtype=np.intp)
     return {f"{name}.present": present, f"{name}.shapes": shapes, f"{name}.values": flat}

@@ -25,6 +25,9 @@ T = TypeVar("T", bound=np.generic)
 _VALUES = 64_000
 """Values that are computed at once: memory stays near the processor."""
 
+_ARRAYS = ("starts", "labels", "ticks", "piece_of_tick")
+"""Fields of a patchwork that stand in files under their own names."""
+
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
 
@@ -233,15 +236,9 @@ class Patchwork(PickledByFields):
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all but the scene as arrays."""
-        found: dict[str, NDArray[Any]] = {
-            "starts": self.starts,
-            "about": np.array([self.stop, self.unit, self.since]),
-            "labels": self.labels,
-            "drive positions": self.drives[0],
-            "drive velocities": self.drives[1],
-            "ticks": self.ticks,
-            "piece_of_tick": self.piece_of_tick,
-        }
+        found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _ARRAYS}
+        found["about"] = np.array([self.stop, self.unit, self.since])
+        found["drive positions"], found["drive velocities"] = self.drives
         for name, series in (("bodies", self.bodies), ("rows", self.rows)):
             found |= {f"{name} {one.name}": getattr(series, one.name) for one in fields(series)}
         return found
@@ -254,19 +251,9 @@ class Patchwork(PickledByFields):
             Series(**{one.name: arrays[f"{kind} {one.name}"] for one in fields(Series)})
             for kind in ("bodies", "rows")
         )
-        return cls(
-            system=system,
-            starts=arrays["starts"],
-            stop=stop,
-            unit=unit,
-            labels=arrays["labels"],
-            drives=(arrays["drive positions"], arrays["drive velocities"]),
-            since=since,
-            ticks=arrays["ticks"],
-            piece_of_tick=arrays["piece_of_tick"],
-            bodies=bodies,
-            rows=rows,
-        )
+        own: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
+        drives = arrays["drive positions"], arrays["drive velocities"]
+        return cls(system, stop=stop, unit=unit, since=since, drives=drives, bodies=bodies, rows=rows, **own)
 
     @cached_property
     def stops(self) -> Array:

@@ -6,7 +6,7 @@ Only where a large scene is known part by part is each name read for itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -24,7 +24,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
-from stickslip.results.trajectory import Trajectory, by_piece
+from stickslip.results.trajectory import Trajectory, at_rows, by_piece
 
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
@@ -44,10 +44,11 @@ class Samples(PickledByFields):
 
     trajectory: Trajectory = field(repr=False)
     t: Array = field(repr=False)  # (k,): times in s
-    # (size, k): states there; None where they are read when they are needed
-    kept: Array | None = field(repr=False)
     # (k,): the piece that each time belongs to: at an event there is one before and one after
     piece_of: Indices = field(repr=False)
+    taus: Array = field(repr=False)  # (k,): the times since the start of their pieces in s
+    # (size, k): states there, where they were kept; None where they are read of the trajectory
+    kept: Array | None = field(default=None, repr=False)
     # the rows whose quantities are read: all, or one of many
     rows: slice = field(default_factory=lambda: slice(None), repr=False)
 
@@ -55,18 +56,13 @@ class Samples(PickledByFields):
     def at_local(cls, trajectory: Trajectory, piece_of: Indices, taus: Array) -> Samples:
         """Return a trajectory at local times in s of its pieces."""
         t = np.minimum(trajectory.starts[piece_of] + taus, trajectory.stops[piece_of])
-        return cls._of(trajectory, t, piece_of, taus)
+        return cls(trajectory, t, piece_of, taus)
 
     @classmethod
     def at_times(cls, trajectory: Trajectory, times: Array) -> Samples:
         """Return a trajectory at times in s, right limits at events."""
         piece_of = trajectory.places(times)
-        return cls._of(trajectory, times, piece_of, trajectory.local(piece_of, times))
-
-    @classmethod
-    def _of(cls, trajectory: Trajectory, t: Array, piece_of: Indices, taus: Array) -> Samples:
-        is_wide = trajectory.system.size * t.size > _WIDE and trajectory.is_patchwork
-        return cls(trajectory, t, None if is_wide else trajectory.states(piece_of, taus), piece_of)
+        return cls(trajectory, times, piece_of, trajectory.local(piece_of, times))
 
     @property
     def system(self) -> System:
@@ -79,14 +75,28 @@ class Samples(PickledByFields):
         return self.system.scene
 
     @cached_property
-    def y(self) -> Array:
-        """States, a column for each time."""
-        return self.trajectory.states(self.piece_of, self.taus) if self.kept is None else self.kept
+    def is_wide(self) -> bool:
+        """Whether there are so many states that they are read by name."""
+        return self.trajectory.is_patchwork and self.system.size * self.t.size > _WIDE and self.kept is None
 
     @cached_property
-    def taus(self) -> Array:
-        """The times since the start of their pieces in s."""
-        return self.trajectory.local(self.piece_of, self.t)
+    def y(self) -> Array:
+        """States, a column for each time.
+
+        Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
+        """
+        if self.kept is not None:
+            return self.kept
+        found = self.trajectory.evaluated(self.piece_of, self.taus)
+        if self._held:
+            drives = self.drive_velocities if self.system.drives else None
+            self.trajectory.write_led(self._held, found[: self.system.n], drives)
+        return found
+
+    @cached_property
+    def _held(self) -> list[tuple[bytes, Indices | slice]]:
+        """Each set of held rows, and at which of the times it holds."""
+        return list(self.trajectory.by_held(self.piece_of))
 
     # -- by name ------------------------------------------------------------------------------------------
 
@@ -109,7 +119,7 @@ class Samples(PickledByFields):
     def _velocity(self, i: int) -> Array:
         n = self.system.n
         if i < n:
-            return self._by_itself(i) if self.kept is None else _line(self._lines, i)
+            return self._by_itself(i) if self.is_wide else _line(self._lines, i)
         return np.zeros_like(self.t) if i == n + self.system.drives else _line(self.drive_velocities, i - n)
 
     def _by_itself(self, body: int, integrated: bool = False) -> Array:
@@ -124,7 +134,7 @@ class Samples(PickledByFields):
         i, n = self.body(body), self.system.n
         state = self.system.position_state.get(i)
         if state is not None:
-            return self._by_itself(i, True) if self.kept is None and i < n else _line(self._lines, state)
+            return self._by_itself(i, True) if self.is_wide and i < n else _line(self._lines, state)
         if i == n + self.system.drives:
             return np.zeros_like(self.t)
         if not self.trajectory.is_dense and self.trajectory.pieces:
@@ -134,7 +144,7 @@ class Samples(PickledByFields):
             )
         if i >= n:
             return _line(self._drive_positions, i - n)
-        if self.kept is not None:
+        if not self.is_wide:
             return _line(self._body_positions, i)
         start, own = self.scene.bodies[i].position, slice(i, i + 1)
         return np.asarray(start + positions.of_bodies(self.trajectory, self.piece_of, self.taus, own)[0])
@@ -170,11 +180,11 @@ class Samples(PickledByFields):
 
     def relative_velocity(self, row: str) -> Array:
         """Return the relative velocity w of a row, in m/s or rad/s."""
-        return self._sum(row, self._velocity) if self.kept is None else self._read("relative_velocities", row)
+        return self._sum(row, self._velocity) if self.is_wide else self._read("relative_velocities", row)
 
     def power(self, row: str) -> Array:
         """Return the power ``r w`` that a row dissipates, in W."""
-        if self.kept is None:
+        if self.is_wide:
             return self.force(row) * self.relative_velocity(row)
         return self._read("powers", row)
 
@@ -192,10 +202,9 @@ class Samples(PickledByFields):
     def _read(self, table: str, row: str) -> NDArray[Any]:
         """Return the line of a row of a table; where these are large, of a table with this line only."""
         j = self.row(row)
-        if self.kept is None:
+        if self.is_wide:
             return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
-        line: NDArray[Any] = getattr(self, table)[j]
-        return line
+        return _line(getattr(self, table), j)
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
@@ -227,12 +236,22 @@ class Samples(PickledByFields):
     @cached_property
     def inputs(self) -> Array:
         """All inputs of the system, a line each."""
-        return self.trajectory.inputs(self.piece_of, self.taus, self.y)
+        if self.system.dependence is None:
+            return self._loads
+        return self.trajectory.inputs(self.piece_of, self.taus, self.y, self._loads)
+
+    @cached_property
+    def _loads(self) -> Array:
+        """All inputs, without what depends on the state."""
+        return self.trajectory.loads_at(self.piece_of, self.taus)
 
     @cached_property
     def drive_velocities(self) -> Array:
         """Velocities of the drives in m/s or rad/s, a line each."""
-        return _for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
+        if self.trajectory.is_patchwork:
+            # there may be too many other inputs
+            return _for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
+        return _for_reading(self.system.drive_velocities(self._loads))
 
     def velocities(self) -> Array:
         """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
@@ -315,6 +334,8 @@ class Samples(PickledByFields):
             np.copyto(risen, least[slow], where=self.modes[slow] != 0)
             levels[slow] = risen
         levels *= self.normals
+        if system.all_friction:
+            return _for_reading(levels)
         if system.has_stops:
             closed = self.modes[system.is_stop[rows]] == (Mode.BACKWARD if side else Mode.FORWARD)
             levels[system.is_stop[rows]] = np.where(closed, np.inf, 0.0)
@@ -368,7 +389,7 @@ class Samples(PickledByFields):
         for number, some in by_piece(self.piece_of):
             if at[some].any():
                 own = self.trajectory.motion(number)
-                rows = np.ix_(own.equations.velocity_dependent, np.arange(self.t.size)[some])
+                rows = at_rows(own.equations.velocity_dependent, some)
                 forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
 
     def _piecewise(self, q: Array) -> Array:
@@ -384,7 +405,7 @@ class Samples(PickledByFields):
 
     def _hold(self, forces: Array, pushed: Array | None) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
-        system, q, sets = self.system, self.inputs, list(self.trajectory.by_held(self.piece_of))
+        system, q, sets = self.system, self.inputs, self._held
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
@@ -397,10 +418,7 @@ class Samples(PickledByFields):
             balance = system.balance(held)
             own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
-            if isinstance(chosen, slice):
-                forces[rows, chosen] = rest
-            else:
-                forces[rows[:, None], chosen] = rest
+            forces[at_rows(rows, chosen)] = rest
 
 
 def _named(known: Mapping[str, V], name: str, what: str) -> V:
@@ -436,36 +454,49 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     if not samples.t.size:
         return out
     held = dict(by_piece(samples.piece_of))
-    last = max(held)
-    block: list[int] = []
-    edges: list[Array] = []
-    total = 0
-    for number in range(last + 1):
-        wanted = samples.taus[held[number]] if number in held else np.empty(0)
-        edges.append(_edges(trajectory, number, wanted))
-        block.append(number)
-        total += edges[-1].size * _MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)
-        if total < _AT_ONCE and number < last:
-            continue
-        for own, edge, steps in zip(block, edges, _over(trajectory, block, edges, integrand), strict=True):
+    for block in _blocks(samples, held):
+        for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
             sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
-            if own in held:
-                out[:, held[own]] = sums[:, np.searchsorted(edge, samples.taus[held[own]])]
+            if number in held:
+                places = np.arange(samples.t.size)[held[number]]
+                taus = samples.taus[places]
+                within = (taus >= edges[0]) & (taus <= edges[-1])
+                out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
             base = sums[:, -1]
-        block, edges, total = [], [], 0
     return out
 
 
+def _blocks(samples: Samples, held: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
+    """Yield what is integrated at once: pieces, and local times between which they are smooth, not too many.
+
+    `held` are the times that each piece holds.
+    """
+    most = max(_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
+    block: list[tuple[int, Array]] = []
+    total = 0
+    for number in range(max(held) + 1):
+        wanted = samples.taus[held[number]] if number in held else np.empty(0)
+        edges = _edges(samples.trajectory, number, wanted)
+        for first in range(0, max(edges.size - 1, 1), most):
+            block.append((number, edges[first : first + most + 1]))
+            total += block[-1][1].size
+            if total >= most:
+                yield block
+                block, total = [], 0
+    if block:
+        yield block
+
+
 def _over(
-    trajectory: Trajectory, block: list[int], edges: list[Array], integrand: Callable[[Samples], Array]
+    trajectory: Trajectory, block: list[tuple[int, Array]], integrand: Callable[[Samples], Array]
 ) -> list[Array]:
-    """Return the integrals between the edges, for each piece of a block."""
-    order = max(trajectory.order(number) for number in block)
+    """Return the integrals between the local times of each entry of a block."""
+    order = max(trajectory.order(number) for number, _ in block)
     nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
-    middle = np.concatenate([0.5 * (edge[1:] + edge[:-1]) for edge in edges])
-    half = np.concatenate([0.5 * (edge[1:] - edge[:-1]) for edge in edges])
-    sizes = np.array([edge.size - 1 for edge in edges])
-    piece_of = np.repeat(np.array(block, dtype=np.intp), sizes * nodes.size)
+    middle = np.concatenate([0.5 * (edges[1:] + edges[:-1]) for _, edges in block])
+    half = np.concatenate([0.5 * (edges[1:] - edges[:-1]) for _, edges in block])
+    sizes = np.array([edges.size - 1 for _, edges in block])
+    piece_of = np.repeat(np.array([number for number, _ in block], dtype=np.intp), sizes * nodes.size)
     at = Samples.at_local(trajectory, piece_of, (middle[:, None] + half[:, None] * nodes).ravel())
     values = integrand(at)
     steps = (values.reshape(values.shape[0], -1, nodes.size) @ weights) * half

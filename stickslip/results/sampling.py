@@ -42,7 +42,7 @@ def at_steps(trajectory: Trajectory) -> Samples:
     return Samples.at_local(trajectory, piece_of, np.concatenate([np.empty(0), *taus]))
 
 
-def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
+def refined(trajectory: Trajectory, points: int) -> Samples:
     """Return a trajectory at the times fit for a plot and at about `points` more, evenly spaced."""
     durations = trajectory.stops - trajectory.starts
     least = 16 if 16 * durations.size <= points else 1
@@ -59,19 +59,18 @@ def refined(trajectory: Trajectory, points: int = 1500) -> Samples:
 
 def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     """Return the pieces and local times fit for a plot."""
-    patchworks = [
-        (first, part)
-        for first, part in zip(trajectory.firsts.tolist(), trajectory.parts, strict=True)
-        if isinstance(part, Patchwork)
-    ]
+    patchworks = [part for part in trajectory.parts if isinstance(part, Patchwork)]
     steps = _looked_at(trajectory)
-    allowed = _allowed(trajectory, steps, [part for _, part in patchworks])
+    allowed = _allowed(trajectory, steps, patchworks)
     counts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
     if not patchworks:
         return _cut(steps.begins, counts, steps.sizes)
     found = [(steps.begins, counts, steps.sizes)]
-    found += [_of_patchwork(part, trajectory.system, allowed) for _, part in patchworks]
-    pieces = [trajectory.numbers, *(np.arange(first, first + part.starts.size) for first, part in patchworks)]
+    found += [_of_patchwork(part, trajectory.system, allowed) for part in patchworks]
+    pieces = [trajectory.numbers]
+    for first, part in zip(trajectory.firsts.tolist(), trajectory.parts, strict=True):
+        if isinstance(part, Patchwork):
+            pieces.append(np.arange(first, first + part.starts.size))
     piece, taus = _cut(*map(np.concatenate, zip(*found, strict=True)))
     piece = np.concatenate(pieces)[piece]
     order = np.argsort(piece, kind="stable")
@@ -163,8 +162,9 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
         high[system.moved_state] = np.maximum(high[system.moved_state], far[system.moved])
     # below 0 where nothing is known
     ranges, largest = high - low, np.maximum(-low, high)
-    for group in (slice(0, n), slice(n, size), slice(size, None)):
-        ranges[group] = np.maximum(ranges[group], _NOTHING * largest[group].max(initial=0.0))
+    # of velocities, of other states, of which there may be none, and of positions
+    of_group = np.maximum.reduceat(largest, [0, n, size]).repeat([n, size - n, n])
+    np.maximum(ranges, _NOTHING * of_group, out=ranges)
     return np.where(ranges > 0, 8 * _STRAIGHT * ranges, np.inf)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class Steps:
     def of(cls, paths: Sequence[Path]) -> Steps:
         """Return the steps of some paths, at least one; polynomials with fewer terms than others are padded."""
         begins = np.concatenate([path.taus for path in paths])
-        firsts = np.cumsum([0, *[path.taus.size for path in paths]])
+        firsts = np.array([0, *accumulate(path.taus.size for path in paths)])
         lengths = np.zeros(begins.size)
         lengths[:-1] = begins[1:] - begins[:-1]
         lengths[firsts[1:] - 1] = 0.0

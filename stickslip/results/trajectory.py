@@ -335,15 +335,6 @@ class Trajectory(PickledByFields):
             lambda part, own, times: part.forces(own, times, rows),
         )
 
-    def states(self, piece_of: Indices, taus: Array) -> Array:
-        """Return the states at local times of pieces, one column each.
-
-        Velocities of held bodies are written through the ties that hold them: equal velocities are equal to the bit.
-        """
-        found = self.evaluated(piece_of, taus)
-        self._tie(piece_of, taus, found)
-        return found
-
     def evaluated(self, piece_of: Indices, taus: Array, integrated: bool = False) -> Array:
         """Return the polynomials of the steps at local times of pieces, one column each.
 
@@ -394,13 +385,6 @@ class Trajectory(PickledByFields):
             found[some] = read(own, part.starts[own] + taus[some], own_body)[0]
         return found
 
-    def _tie(self, piece_of: Indices, taus: Array, y: Array) -> None:
-        """Write the velocities that depend on others through them, in place."""
-        held = list(self.by_held(piece_of))
-        if held:
-            drives = self.drive_velocities(piece_of, taus) if self.system.drives else None
-            self.write_led(held, y[: self.system.n], drives)
-
     def write_led(
         self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
     ) -> None:
@@ -416,10 +400,7 @@ class Trajectory(PickledByFields):
             led = balance.led_by_bodies @ v[:, chosen]
             if drives is not None:
                 led = led + balance.led_by_drives @ drives[:, chosen]
-            if isinstance(chosen, slice):
-                v[balance.dependent, chosen] = led
-            else:
-                v[balance.dependent[:, None], chosen] = led
+            v[at_rows(balance.dependent, chosen)] = led
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
@@ -431,13 +412,13 @@ class Trajectory(PickledByFields):
             if k >= 0:
                 yield sets[k], some if isinstance(chosen, slice) else chosen[some]
 
-    def inputs(self, piece_of: Indices, taus: Array, y: Array) -> Array:
-        """Return all inputs at local times and states there, as columns."""
-        found = self.loads_at(piece_of, taus)
-        dependence = self.system.dependence
-        if dependence is None:
-            return found
-        t = self.starts[piece_of] + taus
+    def inputs(self, piece_of: Indices, taus: Array, y: Array, loads: Array) -> Array:
+        """Return all inputs at local times, where loads and states are these, as columns.
+
+        Only of a scene of which some inputs depend on the state.
+        """
+        dependence, found, t = self.system.dependence, loads.copy(), self.starts[piece_of] + taus
+        assert dependence is not None
         if dependence.is_linear:
             dependence.fill(found, y, t, taus, None)
             return found
@@ -476,6 +457,11 @@ def side_by_side(found: Sequence[tuple[Indices | slice, NDArray[T]]], size: int)
     for chosen, part in found:
         whole[..., chosen] = part
     return whole
+
+
+def at_rows(rows: Indices, chosen: Indices | slice) -> tuple[Indices, Indices | slice]:
+    """Return the index of some rows of a table at some times."""
+    return (rows if isinstance(chosen, slice) else rows[:, None]), chosen
 
 
 def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
-from stickslip.engines.parts import FREE, Parts, Patch
+from stickslip.engines.parts import FREE, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
@@ -85,16 +85,15 @@ class Local:
         """
         motion, guards = now.motion, now.guards
         self._now = now
-        started = np.zeros(motion.system.m, dtype=bool)
-        started[guards.row[guards.order == 1]] = True
-        parts = self._parts = Parts(self._forest, motion, now.labels, started, self._work)
+        parts = self._parts = Parts(self._forest, motion, now.labels, self._work)
         self._due = Due(parts, self._work)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = int(np.count_nonzero(parts.mode == 0))
         self._closed = int(np.count_nonzero(parts.mode != OPEN))
         self._begin(motion.t)
-        self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t)
+        started = guards.row[guards.order == 1]
+        self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
         if self._bad.size:
             return self._ending(motion.t, self._bad, True)
         return self._loop()
@@ -147,22 +146,19 @@ class Local:
         parts.end = parts.stop
         self._bad = np.empty(0, dtype=np.intp)
         if bodies.size:
-            parts.started[parts.rows_at(bodies)] = False
             patch = parts.patch(bodies, t)
             self._tick(t, False)
-            self._expand(patch, patch.v, t)
+            self._expand(patch, patch.v, t, np.empty(0, dtype=np.intp))
 
-    def _expand(self, patch: Patch, v: Array, t: float, changed: Indices | None = None) -> None:
-        """Expand a patch, enter it among the results, and look at its guards."""
+    def _expand(self, patch: Patch, v: Array, t: float, started: Indices) -> None:
+        """Expand a patch, enter it among the results, and look at its guards; `started` are rows that begin to slip."""
         parts = self._parts
         rows, held = parts.expand(patch, v)
+        parts.started[rows], parts.started[started] = False, True
         self._enter_bodies(patch.bodies)
-        if changed is not None:
-            loose = changed[parts.mode[changed] != 0]
-            held = np.concatenate([held, loose])
-        self._enter_rows(held)
+        self._enter_rows(np.concatenate([held, started]))
         live = parts.live_rows(patch, rows)
-        if parts.is_coupled and parts.end >= parts.stop and parts.is_free[patch.bodies].any():
+        if parts.is_coupled and parts.end >= parts.stop and (parts.lead[patch.bodies] == FREE).any():
             parts.end = min(parts.stop, t + parts.unit)
         self._bad = self._due.look(rows, t, live)
 
@@ -198,19 +194,17 @@ class Local:
     def _tree(self, j: int, groups: list[int], patch: Patch, before: int) -> tuple[Tree, Indices]:
         """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
         parts, forest, t = self._parts, self._forest, patch.t
-        bodies = np.concatenate([parts.bodies_of(g) for g in groups])
+        # what is reached begins with the groups themselves
+        where = np.arange(sum(parts.bodies_of(g).size for g in groups))
         if len(groups) > 1:
-            bodies = bodies[np.argsort(forest.first[bodies])]
+            where = np.argsort(forest.first[patch.bodies[where]])
+        bodies = patch.bodies[where]
         inside = [parts.inside[g] for g in groups if g in parts.inside]
         rows = np.concatenate(inside) if inside else np.empty(0, dtype=np.intp)
         rows = np.concatenate([[j], rows[rows != j]])
-        place = parts.place
-        place[patch.bodies] = np.arange(patch.bodies.size)
-        where = place[bodies]
-        place[patch.bodies] = -1
         force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
         normal = parts.normals(rows, t)
-        forward, backward = parts.mu[0, rows] * normal, parts.mu[1, rows] * normal
+        forward, backward = parts.mu[:, rows] * normal
         if before:
             friction = forest.sign[j] * before * (forward[0] if before > 0 else backward[0])
             force[bodies == forest.child[j]] += friction
@@ -253,14 +247,12 @@ class Local:
         old = parts.mode[rows]
         changed = (mode != old).nonzero()[0]
         which = rows[changed]
-        parts.started[parts.rows_at(patch.bodies)] = False
         parts.mode[which] = parts.label[which] = mode[changed]
-        parts.started[which] = mode[changed] != 0
         parts.since[which] = t
         ends = np.concatenate([forest.child[which], forest.parent[which]])
-        parts.rub(np.unique(ends[ends >= 0]))
+        parts.rub(distinct(ends[ends >= 0]))
         self._tick(t, True)
-        self._expand(patch, v, t, which)
+        self._expand(patch, v, t, which[mode[changed] != 0])
         self._held += int(np.count_nonzero(mode[changed] == 0)) - int(np.count_nonzero(old[changed] == 0))
         self._most_held = max(self._most_held, self._held)
         self.most_guards = max(self.most_guards, self._closed + self._held)

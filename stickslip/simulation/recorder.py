@@ -112,7 +112,8 @@ class Recorder:
 
     def _kept(self, trajectory: Trajectory, times: Array) -> Samples:
         states = np.concatenate([np.empty((self._system.size, 0)), *self._states], axis=1)
-        return Samples(trajectory, times, states, np.repeat(np.arange(len(self._pieces)), self._counts))
+        piece_of = np.repeat(np.arange(len(self._pieces)), self._counts)
+        return Samples(trajectory, times, piece_of, trajectory.local(piece_of, times), states)
 
 
 def cause_of(before: int, after: int, fired: bool) -> str:

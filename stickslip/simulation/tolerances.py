@@ -161,4 +161,4 @@ def _forced(system: System, start: float, stop: float, frequency: float) -> floa
 def largest_value(signal: Signal, start: float, stop: float) -> float:
     """Return the largest absolute value at the breaks and at a few times between."""
     times = [*np.linspace(start, stop, 17).tolist(), *signal.breaks(start, stop)]
-    return max(abs(signal(t)) for t in times)
+    return max(abs(signal.at(t)) for t in times)

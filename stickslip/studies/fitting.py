@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -27,7 +27,10 @@ _EARLY = 0.3
 """Part of the time that is fitted first: phases of later events cannot be a turn off then."""
 
 _ROUGH, _STEPS = 15, 60
+"""Most steps of a rough search, and of one for the solution."""
+
 _REFUSED = 1e6
+"""Weighted residual where the scene cannot be simulated."""
 
 
 def fit(
@@ -81,18 +84,15 @@ def fit(
             f"fit: {count} measured values cannot determine {len(named)} parameters; give more data"
         )
     options = {"method": method, "rtol": between("rtol", rtol, 1e-14, 0.1), "atol": atol}
-    problem = _Problem(scene, named, measured, options)
-    own = np.array([one.value for one in named])
-    if np.any(own < low) or np.any(own > high):
-        own = np.clip(own, low, high)
-    firsts = [own]
+    problem = _Problem(scene, named, (low, high), measured, options)
+    firsts = [np.clip([one.value for one in named], low, high)]
     if starts > 1 and np.isfinite(low).all() and np.isfinite(high).all():
-        firsts += _screened(problem, low, high, starts - 1, np.random.default_rng(seed))
-    ends = _searched(problem, firsts, low, high)
+        firsts += _screened(problem, starts - 1, np.random.default_rng(seed))
+    ends = _searched(problem, firsts)
     if not ends:
         raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
-    polished = _least(problem, ends[0][0], low, high, problem.until(1.0), _STEPS, 1e-12)
-    return problem.told((polished or ends[0])[0], tuple(ends))
+    polished = _least(problem, ends[0][0], problem.stop, _STEPS, 1e-12)
+    return problem.fitted((polished or ends[0])[0], tuple(ends))
 
 
 def _bounds(parameters: Any, named: list[Parameter]) -> tuple[Array, Array]:
@@ -152,19 +152,22 @@ def _measured(scene: Scene, data: Any) -> tuple[Measured, ...]:
 
 
 class _Problem:
-    """Weighted residuals and their derivatives."""
+    """Weighted residuals and their derivatives, and the bounds of the parameters."""
 
     def __init__(
         self,
         scene: Scene,
         parameters: list[Parameter],
+        bounds: tuple[Array, Array],
         measured: tuple[Measured, ...],
         options: dict[str, Any],
     ) -> None:
         self._scene, self._parameters, self._measured, self._options = scene, parameters, measured, options
-        self._stop = max(float(one.t[-1]) for one in measured)
-        if self._stop <= 0:
+        self.bounds = bounds
+        self.stop = max(float(one.t[-1]) for one in measured)
+        if self.stop <= 0:
             raise ValueError("fit: all data are at t = 0; give data over time")
+        self.early = _EARLY * self.stop
         self.has_sigma = measured[0].sigma is not None
         self._weights = [
             np.full(one.t.size, 1.0 / (float(np.ptp(one.values)) or 1.0))
@@ -197,26 +200,23 @@ class _Problem:
             self._last = key, stop, simulated(self.scene_at(x), (0.0, stop), **self._options)
         return self._last[2]
 
-    def until(self, part: float) -> float:
-        """Return the time in s at which a part of the data ends."""
-        return part * self._stop
-
-    def _chosen(self, stop: float) -> list[slice]:
-        return [slice(0, int(np.searchsorted(one.t, stop, side="right"))) for one in self._measured]
+    def _until(self, stop: float) -> list[tuple[Measured, Array]]:
+        """Return what was measured up to a time, and its weights."""
+        counts = [int(np.searchsorted(one.t, stop, side="right")) for one in self._measured]
+        return [
+            (Measured(one.name, one.t[:count], one.values[:count], None), weight[:count])
+            for one, weight, count in zip(self._measured, self._weights, counts, strict=True)
+            if count
+        ]
 
     def residuals(self, x: Array, stop: float) -> Array:
         """Return the weighted residuals up to a time; large ones where the scene cannot be simulated."""
-        some = self._chosen(stop)
+        some = self._until(stop)
         try:
             result = self._result(x, stop)
         except (ValueError, SimulationError):
-            return np.full(sum(s.stop for s in some), _REFUSED)
-        parts = []
-        for one, weight, s in zip(self._measured, self._weights, some, strict=True):
-            if s.stop:
-                read = getattr(result.sample(one.t[s]), one.quantity)(one.of)
-                parts.append((read - one.values[s]) * weight[s])
-        return np.concatenate(parts)
+            return np.full(sum(one.t.size for one, _ in some), _REFUSED)
+        return np.concatenate([(one.read(result) - one.values) * weight for one, weight in some])
 
     def slopes(self, x: Array, stop: float) -> Array:
         """Return the derivatives of the weighted residuals, 0 where none exist."""
@@ -225,16 +225,13 @@ class _Problem:
         directions = [along_parameter(scene, one.at(scene), result.trajectory, "fit") for one in self._at(x)]
         found = from_variation(Variation(result, directions))
         self.reasons = found.reasons
-        parts = []
-        for one, weight, s in zip(self._measured, self._weights, self._chosen(stop), strict=True):
-            if s.stop:
-                read: Callable[..., Array] = getattr(found, one.quantity)
-                parts.append(read(one.of, one.t[s]) * weight[s][:, None])
-        return np.nan_to_num(np.concatenate(parts))
+        some = self._until(stop)
+        read = [getattr(found, one.quantity)(one.of, one.t) * weight[:, None] for one, weight in some]
+        return np.asarray(np.nan_to_num(np.concatenate(read)))
 
-    def told(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
+    def fitted(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
         """Return the fit at a solution."""
-        residuals, slopes = self.residuals(x, self._stop), self.slopes(x, self._stop)
+        residuals, slopes = self.residuals(x, self.stop), self.slopes(x, self.stop)
         cost = 0.5 * float(residuals @ residuals)
         spread = 1.0 if self.has_sigma else 2 * cost / max(residuals.size - x.size, 1)
         size = np.maximum(np.abs(x), 1e-300)
@@ -252,7 +249,7 @@ class _Problem:
             tuple(one.unit(scene) for one in self._parameters),
             covariance,
             scene,
-            self._result(x, self._stop),
+            self._result(x, self.stop),
             self._measured,
             cost,
             ends,
@@ -260,45 +257,43 @@ class _Problem:
         )
 
 
-def _screened(
-    problem: _Problem, low: Array, high: Array, count: int, random: np.random.Generator
-) -> list[Array]:
+def _screened(problem: _Problem, count: int, random: np.random.Generator) -> list[Array]:
     """Return the best of some random points within the bounds."""
+    low, high = problem.bounds
     points = low + (high - low) * random.random((_SCREENED * count, low.size))
-    stop = problem.until(_EARLY)
-    costs = [float(np.sum(problem.residuals(x, stop) ** 2)) for x in points]
+    costs = [float(np.sum(problem.residuals(x, problem.early) ** 2)) for x in points]
     return [points[k] for k in np.argsort(costs, kind="stable")[:count].tolist()]
 
 
-def _searched(problem: _Problem, firsts: list[Array], low: Array, high: Array) -> list[tuple[Array, float]]:
+def _searched(problem: _Problem, firsts: list[Array]) -> list[tuple[Array, float]]:
     """Return where the searches from some starts end, and their costs there, best first.
 
     Each fits the beginning of the data first; the better half of them goes on to all of it.
     """
     if len(firsts) == 1:
-        found = [_least(problem, firsts[0], low, high, problem.until(1.0), _STEPS, 1e-6)]
+        found = [_least(problem, firsts[0], problem.stop, _STEPS, 1e-6)]
     else:
-        stop = problem.until(_EARLY)
-        early = [_least(problem, first, low, high, stop, _ROUGH, 1e-4) for first in firsts]
+        early = [_least(problem, first, problem.early, _ROUGH, 1e-4) for first in firsts]
         begun = sorted((one for one in early if one is not None), key=itemgetter(1))
         begun = begun[: max(2, (len(begun) + 1) // 2)]
-        found = [_least(problem, x, low, high, problem.until(1.0), _ROUGH, 1e-4) for x, _ in begun]
+        found = [_least(problem, x, problem.stop, _ROUGH, 1e-4) for x, _ in begun]
     return sorted((one for one in found if one is not None), key=itemgetter(1))
 
 
 def _least(
-    problem: _Problem, first: Array, low: Array, high: Array, stop: float, steps: int, tolerance: float
+    problem: _Problem, first: Array, stop: float, steps: int, tolerance: float
 ) -> tuple[Array, float] | None:
+    """Return where least squares of the data up to a time lead, and the cost there; None for a start that fails."""
     from scipy.optimize import least_squares
 
     if np.any(problem.residuals(first, stop) == _REFUSED):
         return None
-    inside = np.clip(first, low, high)
+    inside = np.clip(first, *problem.bounds)
     found = least_squares(
         lambda x: problem.residuals(x, stop),
         inside,
         lambda x: problem.slopes(x, stop),
-        bounds=(low, high),
+        bounds=problem.bounds,
         x_scale=np.where(inside == 0, 1.0, np.abs(inside)),
         max_nfev=steps,
         xtol=tolerance,

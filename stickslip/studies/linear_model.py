@@ -20,7 +20,10 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
 _AHEAD = 1e-6
+"""Time in s that is simulated to find the modes."""
+
 _AT_CORNER = 1e-9
+"""Part of its size within which a quantity is at a corner of a force."""
 
 
 @dataclass(frozen=True)
@@ -189,11 +192,8 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
 def _states(system: System, motion: Motion) -> tuple[tuple[str, ...], Array, Indices]:
     """Return names of the states, how all states follow from them, and their places among these."""
     n, size = system.n, system.size
-    free = np.ones(size, dtype=bool)
-    free[motion.equations.dependent] = False
     fixed, by_others = _fixed_positions(system, motion)
-    free[fixed] = False
-    chosen = free.nonzero()[0]
+    chosen = np.setdiff1d(np.arange(size), [*motion.equations.dependent, *fixed])
     to_states = np.zeros((size, chosen.size))
     to_states[chosen, np.arange(chosen.size)] = 1.0
     to_states[fixed] = by_others @ to_states
@@ -211,11 +211,10 @@ def _fixed_positions(system: System, motion: Motion) -> tuple[Indices, Array]:
     """Return the places of positions that follow from others because stops are closed, and how they do."""
     closed = (motion.equations.is_held & system.is_stop).nonzero()[0]
     lines = np.zeros((closed.size, system.size))
-    coefficients = np.hstack([dense(system.G[closed]), dense(system.D[closed])])
-    for i, k in system.position_state.items():
-        lines[:, k] = coefficients[:, i]
     if not closed.size:
         return closed, lines
+    coefficients = np.hstack([dense(system.G[closed]), dense(system.D[closed])])
+    lines[:, system.n : system.first_bristle] = coefficients[:, system.placed]
     _, parts, order = scipy.linalg.qr(lines, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(parts))
     rank = int(np.count_nonzero(sizes > 1e-12 * sizes.max()))

@@ -95,11 +95,9 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
     if not given:
         raise ValueError(f"{what}: parameters is empty; name at least one, such as 'wheel.inertia'")
     found = [_named(scene, name, what) for name in given]
-    seen: set[str] = set()
-    for one in found:
-        if one.name in seen:
-            raise ValueError(f"{what}: parameter {one.name!r} stands twice; leave one out")
-        seen.add(one.name)
+    for k, name in enumerate(one.name for one in found):
+        if name in given[:k]:
+            raise ValueError(f"{what}: parameter {name!r} stands twice; leave one out")
     return found
 
 
@@ -125,9 +123,7 @@ def with_values(scene: Scene, parameters: Sequence[Parameter], values: Sequence[
     return scene
 
 
-def _named(scene: Scene, name: Any, what: str) -> Parameter:
-    if not isinstance(name, str):
-        raise TypeError(f"{what}: a parameter is a name such as 'wheel.inertia', got {name!r}")
+def _named(scene: Scene, name: str, what: str) -> Parameter:
     name = str(name)
     place, rest = _element(scene, name, what)
     steps: list[str | int] = []
@@ -159,13 +155,12 @@ def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
                 f"{what}: parameter {name!r}: the scene has {len(among)} {indexed[1]}, counted from 0"
             )
         return place_in(scene, among, number), name[indexed.end() :]
-    called = [
-        (k, e) for k, e in enumerate(scene.elements) if isinstance(e, Named) and name.startswith(e.name + ".")
-    ]
+    named = [(k, e) for k, e in enumerate(scene.elements) if isinstance(e, Named)]
+    called = [(k, e) for k, e in named if name.startswith(e.name + ".")]
     longest = max((len(e.name) for _, e in called), default=0)
     called = [(k, e) for k, e in called if len(e.name) == longest]
     if not called:
-        known = {e.name for e in scene.elements if isinstance(e, Named)}
+        known = {e.name for _, e in named}
         raise ValueError(
             f"{what}: parameter {name!r} begins with no element's name; write 'NAME.field' with one of "
             f"{listed(known)}, or 'springs[0].stiffness'"
@@ -183,7 +178,14 @@ def _element(scene: Scene, name: str, what: str) -> tuple[int, str]:
 
 def _leads(element: Element, rest: str) -> bool:
     match = _STEP.match(rest)
-    return match is not None and match[1] in {field.name for field in fields(element)}  # type: ignore[arg-type]
+    return match is not None and match[1] in _names_in(element)
+
+
+def _names_in(thing: Any) -> list[str]:
+    """Return the names of the fields of an element or of another part of a scene, or of the entries of a table."""
+    if isinstance(thing, Mapping):
+        return list(thing)
+    return [field.name for field in fields(thing)] if is_dataclass(thing) else []
 
 
 def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> float:
@@ -200,7 +202,9 @@ def _value(thing: Any, steps: tuple[str | int, ...], name: str, what: str) -> fl
             f"{what}: parameter {name!r} is a load over time or of the state; name a number of it"
             f"{_numbers(thing, name)} or '{name}.scale', which multiplies it"
         )
-    if isinstance(thing, bool) or not isinstance(thing, (int, float)):
+    if type(thing) is int:  # elements keep all other numbers as floats
+        raise ValueError(f"{what}: parameter {name!r} is a whole number; name one that can change a little")
+    if not isinstance(thing, float):
         raise ValueError(
             f"{what}: parameter {name!r} is {type(thing).__name__}, not a number{_numbers(thing, name)}"
         )
@@ -212,31 +216,22 @@ def _inside(thing: Any, step: str | int, name: str, what: str) -> Any:
         if not isinstance(thing, tuple) or step >= len(thing):
             raise ValueError(f"{what}: parameter {name!r}: there is no entry [{step}]")
         return thing[step]
-    if isinstance(thing, Mapping) and step in thing:
-        return thing[step]
-    if not is_dataclass(thing) or step not in {field.name for field in fields(thing)}:
-        inside = (
-            [f.name for f in fields(thing)]
-            if is_dataclass(thing)
-            else list(thing)
-            if isinstance(thing, Mapping)
-            else []
-        )
+    inside = _names_in(thing)
+    if step not in inside:
         known = ", ".join(inside) or "no fields"
-        law = getattr(thing, "law", None)
-        within = is_dataclass(law) and step in {field.name for field in fields(law)}
-        remedy = f"; write '{name.removesuffix(str(step))}law.{step}'" if within else ""
+        within = step in _names_in(getattr(thing, "law", None))
+        remedy = f"; write '{name.removesuffix(step)}law.{step}'" if within else ""
         raise ValueError(
             f"{what}: parameter {name!r}: {type(thing).__name__} has {known}, not {step!r}{remedy}"
         )
-    return getattr(thing, step)
+    return thing[step] if isinstance(thing, Mapping) else getattr(thing, step)
 
 
 def _numbers(thing: Any, name: str) -> str:
     """Return names of numbers inside a thing, as the end of a message."""
     if not is_dataclass(thing):
         return ""
-    inside = [f"'{name}.{f.name}'" for f in fields(thing) if f.name not in ("name", "a", "b", "body")]
+    inside = [f"'{name}.{one}'" for one in _names_in(thing) if one not in ("name", "a", "b", "body")]
     return f", such as {', '.join(inside[:8])}" if inside else ""
 
 

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import finite, flag
+from stickslip.model.checks import check_takes, finite, flag
 from stickslip.model.scene import Scene
 from stickslip.results.units import units
 from stickslip.simulation.arguments import Times
@@ -118,20 +119,15 @@ class Tradeoff:
     @property
     def table(self) -> str:
         """The measured calls as an aligned table."""
-        front, rows = self.work.pareto(), self.work.rows
+        rows = self.work.rows
         ends = ["below what the reference can tell" if row.error <= self.limit else "" for row in rows]
-        return aligned(
-            ["* " + row.name if row in front else "  " + row.name for row in rows],
-            {
-                "time / ms": [1e3 * row.median for row in rows],
-                self.work.error_label: [row.error for row in rows],
-                "steps": [row.steps for row in rows],
-                "nfev": [row.nfev for row in rows],
-            },
-            [f"FAILED {row.failure}" if row.failure else end for row, end in zip(rows, ends, strict=True)],
-            title="  call",
-            note="* no other call is both faster and more accurate",
-        )
+        columns = {
+            "time / ms": [1e3 * row.median for row in rows],
+            self.work.error_label: [row.error for row in rows],
+            "steps": [row.steps for row in rows],
+            "nfev": [row.nfev for row in rows],
+        }
+        return aligned(rows, self.work.pareto(), "call", columns, ends)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame, one line per measured call.
@@ -214,6 +210,8 @@ def tradeoff(
         raise TypeError(
             f"tradeoff: error must be 'velocity' or a callable of (result, reference), got {error!r}"
         )
+    if callable(error):
+        check_takes(error, 2, "tradeoff: error", "a result and the reference")
     if isinstance(budget, bool) or not (isinstance(budget, int | float) and 0 < budget < float("inf")):
         raise ValueError(f"tradeoff: budget must be a positive number of seconds, got {budget!r}")
     budget = finite(budget, "tradeoff: budget")
@@ -224,7 +222,7 @@ def tradeoff(
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     known = calls(scene, span, scale)
     setups = [
-        Setup(call.text(span), _Quiet(call, scene, span), family=call.family, call=call.text(span))
+        Setup(call.text(span), partial(_quietly, call, scene, span), call.family, call.text(span))
         for call in known
     ]
     chosen, skipped, once = _affordable(setups, budget, progress)
@@ -270,18 +268,11 @@ class _VelocityError:
         return result(times)[: self._bodies]
 
 
-@dataclass(frozen=True)
-class _Quiet:
-    """A call on a scene; what it would warn of, the measured error shows."""
-
-    call: Call
-    scene: Scene
-    span: tuple[float, float]
-
-    def __call__(self) -> Result:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return self.call.run(self.scene, self.span)
+def _quietly(call: Call, scene: Scene, span: tuple[float, float]) -> Result:
+    """Run a call on a scene; what it would warn of, the measured error shows."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return call.run(scene, span)
 
 
 def reference_of(
@@ -291,7 +282,7 @@ def reference_of(
     failure: Exception | None = None
     for tight, loose in reference_calls(1.0):
         try:
-            result, other = (_Quiet(call, scene, span)() for call in (tight, loose))
+            result, other = (_quietly(call, scene, span) for call in (tight, loose))
         except SimulationError as error:
             failure = error
             continue

@@ -112,20 +112,17 @@ class WorkPrecision:
         """
         front = self.pareto()
         for name, value in (("error", error), ("time", time)):
-            if value is not None and (
-                isinstance(value, bool) or not isinstance(value, int | float | np.number)
-            ):
+            is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if value is not None and not is_number:
                 raise TypeError(f"best: {name} must be a number, got {value!r}")
         if error is not None and time is None:
             found = next((row for row in front if row.error <= error), None)
-            wanted, nearest, remedy = f"error <= {error:g}", front[-1:], "add setups with tighter tolerances"
+            wanted, nearest = f"error <= {error:g}", front[-1:]
+            remedy = "add setups with tighter tolerances"
         elif time is not None and error is None:
             found = next((row for row in reversed(front) if row.median <= time), None)
-            wanted, nearest, remedy = (
-                f"median time <= {time:g} s",
-                front[:1],
-                "add setups with looser tolerances",
-            )
+            wanted, nearest = f"median time <= {time:g} s", front[:1]
+            remedy = "add setups with looser tolerances"
         else:
             raise TypeError(f"best: give either error= or time=, got error={error!r}, time={time!r}")
         if found is not None:
@@ -160,13 +157,9 @@ class WorkPrecision:
 
     def __str__(self) -> str:
         """Return an aligned table; columns without numbers are left out."""
-        columns = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
-        return aligned(
-            ["* " + row.name if row in self.pareto() else "  " + row.name for row in self.rows],
-            {title: [getattr(row, name or title) for row in self.rows] for title, name in columns.items()},
-            [f"FAILED {row.failure}" if row.failure else "" for row in self.rows],
-            note="* no other setup is both faster and more accurate",
-        )
+        names = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
+        columns = {title: [getattr(row, name or title) for row in self.rows] for title, name in names.items()}
+        return aligned(self.rows, self.pareto(), "setup", columns, [""] * len(self.rows))
 
 
 def work_precision(

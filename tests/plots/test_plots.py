@@ -196,6 +196,16 @@ def test_unknown_names_are_refused(wheels):
         plots.contact_forces(wheels, "clutch")
 
 
+def test_the_ground_is_drawn_at_rest(wheels):
+    ground = curve(wheels.plot(bodies=[GROUND], contacts=[]).axes[0], GROUND)
+    assert not np.any(ground.get_ydata())
+
+
+def test_no_contacts_make_an_empty_raster():
+    alone = simulate(Scene(Body("b", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    assert not plots.load_of_contacts(alone).get_yticklabels()
+
+
 def test_many_bodies_become_a_raster(chain):
     ax = plots.velocities(chain)
     values = raster(ax).reshape(30, -1)

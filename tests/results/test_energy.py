@@ -24,7 +24,10 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
+from stickslip.results import samples
 from stickslip.results.energy import energy
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
 from validation.exact import REFERENCES, reference
 
 DRY = DryFriction(0.2, 0.1)
@@ -158,6 +161,34 @@ def test_a_still_scene_has_no_error():
     assert energy(simulate(scene, (0.0, 1.0))).relative_error == 0.0
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
+@pytest.mark.parametrize("stiffness", [0.0, 1e3])
+def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
+    # these forces add up to 6e-17 N
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0),
+        *[Spring("a", "b", stiffness=stiffness)] * (stiffness > 0),
+        *(Force("b", force) for force in (0.1, 0.2, -0.3)),
+    )
+    ledger = energy(simulate(scene, (0.0, 10.0), **options))
+    assert 0 < np.abs(ledger.stored).max() < 1e-28
+    assert ledger.relative_error < 1e-2
+
+
+@pytest.mark.parametrize("speed", [1e-9, 1e-5, 1.0])
+def test_small_energies_are_no_roundoff(speed: float):
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=speed),
+        Body("b", inertia=1.0),
+        Spring("a", "b", stiffness=1e3),
+        Contact("floor", "b", GROUND, DRY, normal=1e3),
+        Force("b", 100.0),
+    )
+    ledger = energy(simulate(scene, (0.0, 1.0), method="Euler", step=1e-4))
+    assert ledger.relative_error > 1e-2
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
 def test_the_work_on_what_rides_on_a_swinging_drive(options: dict[str, Any]) -> None:
     """No state moves for itself, so steps are long beside the period 0.2 s; x = 0.05/pi (1 - cos(10 pi t))."""
@@ -203,3 +234,27 @@ def test_an_impact_between_two_runs_is_no_change_from_outside() -> None:
     assert [event.cause for event in both.events] == ["impact", "impact"]
     assert not both.energy().changes.any()
     assert both.energy().impacts["floor"][-1] == pytest.approx(whole.energy().impacts["floor"][-1], rel=1e-12)
+
+
+def test_many_times_in_one_piece_are_integrated_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    # ten thousand times of a thousand bodies would not fit into memory at once
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=3.0), Contact("floor", "a", GROUND, DryFriction(0.5, 0.4), normal=5.0)
+    )
+    result = simulate(scene, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 200))
+    whole = result.energy()
+    asked: list[int] = []
+
+    def counted(trajectory: Trajectory, piece_of: np.ndarray, taus: np.ndarray) -> Samples:
+        asked.append(taus.size)
+        return at_local(trajectory, piece_of, taus)
+
+    at_local = Samples.at_local
+    monkeypatch.setattr(Samples, "at_local", counted)
+    monkeypatch.setattr(samples, "_AT_ONCE", 500)
+    parts = energy(result.sample(result.t))
+    assert len(asked) > 10 and max(asked) < 100
+    # closed form: v = 3 - 2 t until 1.5 s, the heat is what the body loses
+    v = np.maximum(3.0 - 2.0 * result.t, 0.0)
+    for ledger in (whole, parts):
+        np.testing.assert_allclose(ledger.contacts["floor"], 4.5 - 0.5 * v**2, rtol=0, atol=1e-14)

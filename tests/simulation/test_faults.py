@@ -103,10 +103,29 @@ def test_multipliers_are_watched_for_steps_too_small(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("stickslip.engines.progress._CALLS_BETWEEN_LOOKS", 50)
     monkeypatch.setattr("stickslip.engines.progress._CALLS_AT_MOST", 100)
     scene = oscillator(lambda t: 0.1 * math.sin(t))
-    with pytest.raises(SimulationError, match="the steps have become too small") as caught:
+    with pytest.raises(SimulationError, match=r"the steps have become too small.*loosen rtol") as caught:
         simulate(scene, (0.0, 10.0), formulation="multiplier")
     assert caught.value.result.t.size > 5
     assert caught.value.t > 0.0
+
+
+@pytest.mark.slow
+def test_the_remedy_for_tolerances_below_roundoff_works() -> None:
+    """At 1 cm roundoff stretches the stiff spring so much that the light body's velocity has errors of 5e-13 m/s."""
+    scene = Scene(
+        Body("a", inertia=0.03),
+        Body("b", inertia=2e-5),
+        Contact("c", "a", GROUND, DryFriction(0.5, 0.4), normal=0.004),
+        Contact("d", "b", GROUND, DryFriction(0.2, 0.1), normal=0.04),
+        Spring("a", GROUND, stiffness=0.5, damping=2000.0),
+        Spring("b", "a", stiffness=7e6, damping=30.0),
+        Force("a", sine(0.05, 2e-5)),
+    )
+    with pytest.raises(
+        SimulationError, match=r"too small.*loosen rtol if it asks for more than roundoff leaves"
+    ):
+        simulate(scene, (0.0, 8000.0))
+    assert simulate(scene, (0.0, 8000.0), rtol=1e-5).energy().relative_error < 1e-4
 
 
 @pytest.mark.parametrize("law", [Dahl(LAW, 1e4), LuGre(LAW, 1e4)])

@@ -276,6 +276,7 @@ def test_the_bifurcation_diagram() -> None:
     assert ax.get_xlabel() == "belt.velocity [m/s | rad/s]" and ax.get_ylabel() == "amplitude of m [m | rad]"
     assert np.allclose(ax.lines[0].get_ydata(), branch.amplitudes("m"))
     assert "period" in branch.plot().get_ylabel()
+    assert branch.plot(GROUND).get_ylabel() == "amplitude of ground [m | rad]"
     plt.close("all")
 
 

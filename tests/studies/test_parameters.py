@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import permutations
+from typing import Any
 
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Gap, Scene
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Gap,
+    Sampled,
+    Scene,
+    StateSpace,
+    continue_cycle,
+    fit,
+    output,
+    position,
+    sensitivities,
+)
 from stickslip.studies.parameters import named_parameters, with_values
 from stickslip.studies.scene_sweep import SceneRuns
 
@@ -40,3 +57,23 @@ def test_a_sweep_may_vary_two_coefficients_of_a_law() -> None:
     runs = SceneRuns(scene(0.5, 0.4, -1.0, 1.0), (0.0, 20.0), {})
     # 0.5 J at a force of 0.1 N: it comes to rest after 5 m, if nothing was in its way
     assert runs(**{NAMES[0]: 0.2, NAMES[1]: 0.1, NAMES[3]: 10.0})["heat floor"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("name", ["forces[0].signal.terms[0][0].index", "clock.outputs"])
+@pytest.mark.parametrize(
+    "study",
+    [
+        lambda scene, name: sensitivities(scene, (0.0, 1.0), [name]),
+        lambda scene, name: fit(scene, [name], {"m.velocity": ([0.0, 1.0], [1.0, 0.5])}),
+        lambda scene, name: continue_cycle(scene, name, [1.0, 2.0]),
+    ],
+)
+def test_a_number_that_counts_is_no_parameter(study: Callable[[Scene, str], Any], name: str) -> None:
+    controlled = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        StateSpace("lag", [[-1.0]], [[1.0]], [[1.0], [2.0]], inputs=[position("m")]),
+        Sampled("clock", period=0.1, output=lambda t, x, u: 0.0, outputs=1),
+        Force("m", output("lag", 1)),
+    )
+    with pytest.raises(ValueError, match="is a whole number; name one that can change a little"):
+        study(controlled, name)

@@ -17,7 +17,10 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
 _ZERO = 1e-9
+"""A multiplier whose imaginary part is no larger is shown as a real number."""
+
 _NEUTRAL = 1e-6
+"""Within this distance from 1 it is not told whether a deviation grows or dies away."""
 
 
 @dataclass(frozen=True)
@@ -167,10 +170,10 @@ def _check_moves(shot: Shot) -> None:
 
 def sequence_of(result: Result) -> tuple[str, ...]:
     """Return the changes of modes of a result, without their times."""
-    return tuple(said(event) for event in result.events)
+    return tuple(mode_change(event) for event in result.events)
 
 
-def said(event: Event) -> str:
+def mode_change(event: Event) -> str:
     """Return which row changes its mode, and how."""
     before, after = Mode(event.before), Mode(event.after)
     return f"{event.contact}: {before.name} -> {after.name}"

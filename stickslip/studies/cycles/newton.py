@@ -20,8 +20,10 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
 _MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
+"""Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends."""
+
 _SURE = 1e-4
-"""Part of what is enough at which no further step is taken."""
+"""Part of the error that is enough at which no further step is taken."""
 
 _NEAR_BY, _FAR = 0.05, 0.5
 """A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
@@ -34,12 +36,12 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot; so many lengths are tried of each step."""
     enough = shot.enough
-    best: Shot | None = None
+    best = shot
     errors: list[float] = []
     for _ in range(_MOST_STEPS):
-        if best is not None and not shot.error < best.error and best.error <= enough:
+        if errors and not shot.error < best.error and best.error <= enough:
             break
-        best = shot if best is None or shot.error < best.error else best
+        best = shot if shot.error < best.error else best
         errors.append(best.error)
         stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
         if shot.error <= _SURE * shot.enough or stalls:
@@ -49,7 +51,6 @@ def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
         if following is None:
             break
         shot = following
-    assert best is not None
     if best.error > enough:
         raise CycleError(
             f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "

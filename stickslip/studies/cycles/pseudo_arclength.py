@@ -21,6 +21,8 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
 _MOST_STEPS = 12
+"""Steps of Newton's method back to the branch."""
+
 _TURNED = 0.7
 """Cosine of the angle by which the tangent may turn in a step."""
 
@@ -31,9 +33,10 @@ ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
 """What says that there is no cycle where it was looked for."""
 
 _SURE = 1e-2
-"""Part of what is enough at which no further step is taken."""
+"""Part of the error that is enough at which no further step is taken."""
 
 _AT_FOLD = 1e-9
+"""Part of a step to which a fold is found."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ class Arc:
 
     def begin(self, cycle: Cycle, value: float, forward: bool) -> Place:
         """Return the place of a cycle, from which the parameter rises or falls."""
-        _, _, tangent, _ = self._linear(cycle.shot, value)
+        _, _, tangent = self._linear(cycle.shot, value)
         return Place(cycle, value, tangent if (tangent[-1] > 0) == forward else -tangent)
 
     def step(self, place: Place, length: float) -> Place:
@@ -79,7 +82,7 @@ class Arc:
                 break
             if shot.error <= _SURE * shot.enough:
                 break
-            matrix, missed, _, _ = self._linear(shot, value)
+            matrix, missed, _ = self._linear(shot, value)
             if matrix.shape[1] != place.tangent.size:
                 raise CycleError("contacts stick or slip at the start of the cycle that did not before")
             bordered = np.vstack([matrix, place.tangent])
@@ -90,7 +93,7 @@ class Arc:
         if min(errors) > shot.enough:
             raise CycleError("no cycle was found along the branch")
         shot, value = best
-        _, _, tangent, _ = self._linear(shot, value)
+        _, _, tangent = self._linear(shot, value)
         along = float(tangent @ place.tangent)
         if abs(along) < _TURNED:
             raise CycleError("the branch bends too much for one step")
@@ -100,17 +103,14 @@ class Arc:
         """Return the place within a step where the parameter turns."""
 
         def pace(part: float) -> float:
-            return self.step(before, part).pace
+            return self.step(before, part).pace if part else before.pace
 
-        ends = before.pace, pace(length)
-        if ends[0] * ends[1] > 0:
+        if before.pace * pace(length) > 0:
             raise CycleError("the parameter does not turn there")
-        found = scipy.optimize.brentq(
-            lambda part: before.pace if part == 0 else pace(part), 0.0, length, xtol=_AT_FOLD * abs(length)
-        )
+        found = scipy.optimize.brentq(pace, 0.0, length, xtol=_AT_FOLD * abs(length))
         return self.step(before, float(found))
 
-    def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array, Array]:
+    def _linear(self, shot: Shot, value: float) -> tuple[Array, Array, Array]:
         """Return the derivatives by start, period and parameter, what is missed, and the tangent; all in scales."""
         sizes, count = shot.sizes, shot.coordinates.size
         by_parameter, _ = shot.by_parameter(self._parameter.at(shot.scene))
@@ -131,7 +131,7 @@ class Arc:
         _, parts, lines = np.linalg.svd(matrix)
         if matrix.shape[0] and parts[-1] <= 1e-10 * parts[0]:
             raise CycleError("branches of cycles cross here")
-        return matrix, missed, lines[-1], parts
+        return matrix, missed, lines[-1]
 
     def _moved(self, shot: Shot, value: float, change: Array) -> tuple[Shot, float]:
         """Return the shot after a change of start, period and parameter in their scales."""

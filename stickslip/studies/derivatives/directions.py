@@ -38,20 +38,6 @@ class Direction:
     size: float = 1.0  # of what changes: derivatives times it have the size of what they are derivatives of
 
 
-def start_of(system: System, t: float) -> tuple[Array, Array]:
-    """Return the state that a scene starts from, before held velocities are made equal, and since when rows rest."""
-    scene = system.scene
-    y = np.zeros(system.size)
-    y[: system.n] = [body.velocity for body in scene.bodies]
-    places = [*scene.bodies, *scene.drives]
-    y[system.n : system.first_bristle] = [places[i].position for i in system.placed]
-    for j, state in system.bristle_state.items():
-        y[state] = system.rows[j].deflection
-    for place in system.blocks.values():
-        y[place.first : place.first_held] = place.block.states or ()
-    return y, t - np.array([row.rested for row in system.rows])
-
-
 def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
     """Return the direction in which one parameter grows.
 
@@ -84,16 +70,11 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         raise ValueError(
             f"{what}: parameter {parameter.name!r} has no values near {parameter.value:g}: {refused}"
         )
-    starts = [start_of(system, start) for _, system, _ in near]
-    y = sum((w * s[0] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.size))
-    since = sum((w * s[1] for (w, _, _), s in zip(near, starts, strict=True)), np.zeros(nominal.m))
+    y = sum((weight * system.at_start() for weight, system, _ in near), np.zeros(nominal.size))
+    rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
+    since = sum((weight * (start - times) for weight, times in rested), np.zeros(nominal.m))
     near_ones = () if parameter.only_at_start else tuple(near)
     return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
-
-
-def along_start(name: str, y: Array, since: Array) -> Direction:
-    """Return the direction in which only the start changes."""
-    return Direction(name, (), y, since)
 
 
 def _alike(nominal: System, other: System) -> bool:

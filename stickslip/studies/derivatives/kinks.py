@@ -6,7 +6,6 @@ Each function looks at one instant, or along one motion, and returns directions 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -38,12 +37,10 @@ def at_start(
     for k, label in _off_levels(nearby, piece, motion, S, since, times):
         yield k, f"{label} starts at its level: the derivatives to the two sides differ"
     slip = motion.equations.slip
-    rows = slip[nearby.at_rest(piece, motion)[slip]]
+    rows = slip[nearby.at_rest(motion)[slip]]
     if not rows.size:
         return
-    none = np.zeros((nearby.system.m, nearby.count))
-    at, y = np.zeros(1), piece.y[:, None]
-    slopes = nearby.slopes(_relative, piece, motion, none, at, y, S[:, None, :])[:, 0]
+    slopes = nearby.slopes_at(_relative, motion, np.zeros_like(since), 0.0, motion.y, S)
     scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), times)
     for k in range(nearby.count):
         off = rows[np.abs(slopes[rows, k]) > TIE * scale[k]]
@@ -75,14 +72,12 @@ def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
             yield k, f"{system.rows[j].name!r} starts at rest, and to both sides its dwell begins later"
 
 
-def at_stops(
-    nearby: Nearby, piece: Piece, motion: Motion, S: Array, sides: Modes
-) -> Iterator[tuple[int, str]]:
+def at_stops(nearby: Nearby, motion: Motion, S: Array, sides: Modes) -> Iterator[tuple[int, str]]:
     """Find directions that move stops off a limit at which they start, or beyond it."""
     system = nearby.system
     if not sides.any():
         return
-    functions, slopes = system.piecewise, nearby.border_slopes(piece.y, motion.loads(0.0), S)
+    functions, slopes = system.piecewise, nearby.border_slopes(motion.y, motion.loads(0.0), S)
     on_side = sides[functions.row[functions.owner]]
     limit = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
     for k, direction in enumerate(nearby.directions):
@@ -182,10 +177,7 @@ def at_break(
     tau, y = float(path.taus[-1]), path.last
     near = own.guards.values(tau, y) <= _TOUCH * own.sizes(path)[0]
     at = (near & (own.guards.order != NEVER)).nonzero()[0]
-    if not at.size:
-        return
-    slopes = nearby.slopes(own.raw, piece, motion, since, np.array([tau]), y[:, None], S[:, None, :])[:, 0]
-    for i, k in own.moving(at, slopes + np.outer(own.falls(tau, y), times)):
+    for i, k in own.moved(at, tau, y, S, since, times):
         yield k, f"an event of {own.label(i)} falls on a break of a load"
 
 
@@ -197,12 +189,11 @@ def beyond_break(
     path = piece.kept_path
     if not np.any((following.modes != piece.modes) & (piece.modes == 0) & nearby.system.is_friction):
         return
-    stayed = replace(piece, t=following.t, y=path.last)
     stretch = nearby.motion_of(number + 1).stretch
-    held = Motion(motion.equations, stretch, following.t, stayed.y, piece.since)
-    y = held.exact(0.0, stayed.y)
+    held = Motion(motion.equations, stretch, following.t, path.last, piece.since)
+    y = held.exact(0.0, path.last)
     moved = S + np.outer(motion.rate(float(path.taus[-1]), path.last) - held.rate(0.0, y), times)
-    for k, label in _off_levels(nearby, stayed, held, moved, since, times):
+    for k, label in _off_levels(nearby, piece, held, moved, since, times):
         yield k, f"{label} comes to its level on a break of a load"
 
 
@@ -217,11 +208,7 @@ def _off_levels(
     guards = own.guards
     is_force = ~(guards.is_velocity | guards.is_border)
     at = ((np.abs(guards.start[0]) <= _TOUCH * guards.scale) & is_force).nonzero()[0]
-    if not at.size:
-        return
-    y = motion.exact(0.0, piece.y)
-    slopes = nearby.slopes(own.raw, piece, motion, since, np.zeros(1), y[:, None], S[:, None, :])[:, 0]
-    for i, k in own.moving(at, slopes + np.outer(own.falls(0.0, y), times)):
+    for i, k in own.moved(at, 0.0, motion.exact(0.0, motion.y), S, since, times):
         yield k, own.label(i)
 
 
@@ -240,8 +227,7 @@ def at_rest_together(
     if not rows.size:
         return
     still = np.zeros((system.m, nearby.count))
-    y = path.last[:, None]
-    slopes = nearby.slopes(_relative, piece, motion, still, np.array([tau]), y, S[:, None, :])[:, 0]
+    slopes = nearby.slopes_at(_relative, motion, still, tau, path.last, S)
     rate = motion.rate(tau, path.last)
     pace = system.relative(rate[: system.n], system.drive_accelerations(motion.loads(tau)))
     slopes = slopes + np.outer(pace, times)

@@ -14,7 +14,6 @@ from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Mask
-from stickslip.results.trajectory import Piece
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
 from stickslip.studies.derivatives.varied import VariedPiece
@@ -52,20 +51,10 @@ class Nearby:
         ]
         self.count = len(self.directions)
         # along the way: what starts from 0 is not small
-        states = np.array(
-            [
-                np.abs(piece.y) if piece.path is None else piece.path.largest
-                for piece in self.trajectory.pieces
-            ]
-        )
-        n = self.system.n
-        size = np.abs(states).max(axis=0, initial=0.0)
+        size = np.max([piece.kept_path.largest for piece in self.trajectory.pieces], axis=0)
+        n, first = self.system.n, self.system.first_bristle
         self.state_sizes = np.empty(self.system.size)
-        for group in (
-            slice(0, n),
-            slice(n, self.system.first_bristle),
-            slice(self.system.first_bristle, None),
-        ):
+        for group in (slice(n), slice(n, first), slice(first, None)):
             self.state_sizes[group] = size[group].max(initial=0.0) or 1.0
         rising = self.system.dwell[self.system.dwell > 0]
         self._dwell = float(rising.min(initial=np.inf))
@@ -101,14 +90,14 @@ class Nearby:
         y = motion.exact(taus, piece.kept_path.at(taus).T)
         return dependence.looked_up(motion.inputs(taus, y)[: self.system.inputs], y)
 
-    def near(self, piece: Piece, motion: Motion, k: int) -> list[tuple[float, Motion]]:
-        """Return the motions of the scenes near by in direction `k`, in the modes of a piece and from its state."""
+    def near(self, motion: Motion, k: int) -> list[tuple[float, Motion]]:
+        """Return the motions of the scenes near by in direction `k`, in the modes of a motion and from its state."""
         found = []
         for weight, system, loads in self.near_ones[k]:
-            equations = equations_in(piece.modes, system, piece.regions)
-            stretch = self.stretch_after(piece.t, loads)
+            equations = equations_in(motion.equations.modes, system, motion.equations.regions)
+            stretch = self.stretch_after(motion.t, loads)
             stretch.regions = motion.regions
-            found.append((weight, Motion(equations, stretch, piece.t, piece.y, piece.since)))
+            found.append((weight, Motion(equations, stretch, motion.t, motion.y, motion.since)))
         return found
 
     def along(
@@ -140,7 +129,6 @@ class Nearby:
     def slopes(
         self,
         quantity: Quantity,
-        piece: Piece,
         motion: Motion,
         since: Array,
         taus: Array,
@@ -149,21 +137,33 @@ class Nearby:
         is_straight: bool = False,
     ) -> Array:
         """Return the derivatives of a quantity at fixed local times, from the variations S there; directions last."""
-        columns = []
+        none = np.zeros_like(quantity(motion, taus, y))
+        found = np.empty((*none.shape, self.count))
         for k in range(self.count):
             parts = [
-                weight * quantity(near, taus, near.exact(taus, y))
-                for weight, near in self.near(piece, motion, k)
+                weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)
             ]
             parts += [
                 weight * quantity(moved, taus, moved.exact(taus, at))
                 for weight, moved, at in self.along(motion, since[:, k], y, S[:, :, k], is_straight)
             ]
             with np.errstate(invalid="ignore"):
-                columns.append(sum(parts, np.zeros_like(quantity(motion, taus, y))))
-        if not columns:
-            return np.zeros((*quantity(motion, taus, y).shape, 0))
-        return np.stack(columns, axis=-1)
+                found[..., k] = sum(parts, none)
+        return found
+
+    def slopes_at(
+        self,
+        quantity: Quantity,
+        motion: Motion,
+        since: Array,
+        tau: float,
+        y: Array,
+        S: Array,
+        is_straight: bool = False,
+    ) -> Array:
+        """Return the same at one local time, from one state and its variations S."""
+        at = np.array([tau])
+        return self.slopes(quantity, motion, since, at, y[:, None], S[:, None, :], is_straight)[:, 0]
 
     def border_slopes(self, y: Array, q: Array, S: Array) -> Array:
         """Return the derivatives of the borders of all gaps and stops, (borders, directions).
@@ -180,12 +180,11 @@ class Nearby:
 
     def slopes_along(self, quantity: Quantity, number: int, varied: VariedPiece, taus: Array) -> Array:
         """Return the derivatives of a quantity at fixed local times of a piece, directions last."""
-        piece = self.trajectory.pieces[number]
         motion = self.motion_of(number)
-        y = motion.exact(taus, piece.kept_path.at(taus).T)
-        return self.slopes(quantity, piece, motion, varied.since, taus, y, varied.at(taus))
+        y = motion.exact(taus, self.trajectory.pieces[number].kept_path.at(taus).T)
+        return self.slopes(quantity, motion, varied.since, taus, y, varied.at(taus))
 
-    def at_rest(self, piece: Piece, motion: Motion) -> Mask:
+    def at_rest(self, motion: Motion) -> Mask:
         """Return the rows whose relative velocity is 0 at the start of a motion."""
-        w = self.system.relative_velocity(piece.y, motion.loads(0.0))
+        w = self.system.relative_velocity(motion.y, motion.loads(0.0))
         return np.asarray(np.abs(w) <= np.maximum(REST * self.state_sizes[0], self.system.laws.rests_below))

@@ -12,7 +12,7 @@ themselves are never differenced.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,12 @@ from stickslip.equations.motion import Motion
 from stickslip.events.endings import at_limit, at_stops
 from stickslip.model.arrays import Array, Indices
 from stickslip.model.scene import Scene
+from stickslip.results.trajectory import by_piece
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
 from stickslip.studies.derivatives import kinks
-from stickslip.studies.derivatives.directions import Direction, start_of
+from stickslip.studies.derivatives.directions import Direction
 from stickslip.studies.derivatives.nearby import REST, Nearby, Quantity, total
 from stickslip.studies.derivatives.varied import VariedImpact, VariedPiece
 from stickslip.studies.derivatives.varied_flow import flow
@@ -82,14 +83,14 @@ class Variation(Nearby):
             varied = VariedPiece(taus, coefficients, since, begin, end, until)
             self.pieces.append(varied)
             for k, why, tau in kinks.at_touches(self, number, motion, varied):
-                self._refuse(piece.t + tau, k, why)
+                self._refuse(piece.t + tau, [(k, why)])
                 until[k] = min(until[k], tau)
-            for k, why in (
+            for kink in (
                 *kinks.at_corners(self, number, motion, varied),
                 *kinks.at_rise_from_nothing(self, number, motion),
             ):
-                self._refuse(piece.t, k, why)
-                until[k] = 0.0
+                self._refuse(piece.t, [kink])
+                until[kink[0]] = 0.0
             if number == last:
                 break
             S = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
@@ -102,21 +103,26 @@ class Variation(Nearby):
                     # rebounds that accumulate become short, but stay as they are for small changes
                     stays = change * direction.size * _SMALL <= length
                     if not (stays or change <= TIE * (abs(begin[k]) + abs(end[k]))):
-                        self._refuse(piece.stop, k, "two events fall together", end)
+                        self._refuse(piece.stop, [(k, "two events fall together")], end)
             S, since = self._jump(number, motion, S, since, end)
             begin = end
 
-    def _refuse(self, t: float, k: int, why: str, *derivatives: Array) -> None:
-        """Note why there is no derivative in a direction, and make its derivatives NaN."""
-        if not any(one == k for _, one, _ in self.reasons):
-            self.reasons.append((t, k, why))
-        for one in derivatives:
-            one[..., k] = np.nan
+    def _refuse(self, t: float, found: Iterable[tuple[int, str]], *derivatives: Array) -> None:
+        """Note directions in which there is no derivative, and why, and make their derivatives NaN."""
+        for k, why in found:
+            if not any(one == k for _, one, _ in self.reasons):
+                self.reasons.append((t, k, why))
+            for one in derivatives:
+                one[..., k] = np.nan
+
+    def _refuse_all(self, t: float, why: str, derivatives: Array) -> None:
+        """Do so in all directions."""
+        self._refuse(t, [(k, why) for k in range(self.count)], derivatives)
 
     def give_up(self, k: int, why: str) -> None:
         """Let there be no derivative in a direction, and say why."""
         self.reasons[:] = [one for one in self.reasons if one[1] != k]
-        self._refuse(self.trajectory.span[0], k, why)
+        self._refuse(self.trajectory.span[0], [(k, why)])
         for varied in self.pieces:
             varied.until[k] = 0.0
             varied.end[k] = np.nan
@@ -124,35 +130,38 @@ class Variation(Nearby):
     def _begin(self) -> tuple[Array, Array]:
         """Return the variations at the start, held velocities made equal."""
         piece, system = self.trajectory.pieces[0], self.system
-        n, t = system.n, piece.t
-        y, _ = start_of(system, t)
-        if (bristles := system.size - system.first_bristle) > 0:
-            y[-bristles:] = piece.y[-bristles:]
+        n, t, y = system.n, piece.t, system.at_start()
         held = ((piece.modes == 0) & system.hard).tobytes()
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
         motion = self.motion_of(0)
-        u = system.drive_velocities(motion.stretch.at(t))
+        q = motion.stretch.at(t)
+        u = system.drive_velocities(q)
         none = np.zeros_like(u)
-        sides, _ = at_stops(system, y, motion.stretch.at(t))
-        hit = sides * system.relative_velocity(y, motion.stretch.at(t)) > 0
+        sides, _ = at_stops(system, y, q)
+        hit = sides * system.relative_velocity(y, q) > 0
         impact = VariedImpact(system if hit.any() else None, y[:n], u, u, none, sides, hit)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self.near_ones[k]):
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
-                self._refuse(t, k, why, S)
+                self._refuse(t, [(k, why)], S)
                 continue
             slope, _ = impact.along(S[:n, k], 0.0)
-            parts = []
-            for weight, near, loads in direction.near:
-                own = near.drive_velocities(self.stretch_after(t, loads).at(t))
-                parts.append(weight * near.balance(held).project(impact.near(near, own, own), own))
-            S[:n, k] = system.balance(held).project(slope, none) + total(parts)
-        for k, why in kinks.at_start(self, piece, motion, S, since):
-            self._refuse(t, k, why, S)
-        for k, why in kinks.at_stops(self, piece, motion, S, sides):
-            self._refuse(t, k, why, S)
+            S[:n, k] = system.balance(held).project(slope, none) + self._of_scene(k, impact, held, t, t)
+        self._refuse(t, kinks.at_start(self, piece, motion, S, since), S)
+        self._refuse(t, kinks.at_stops(self, motion, S, sides), S)
         return S, since
+
+    def _of_scene(self, k: int, impact: VariedImpact, held: bytes, before: float, t: float) -> Any:
+        """Return what the scenes near by add in direction `k` to the derivative of the velocities after a jump at `t`.
+
+        Drives jump there from the loads that hold after `before` to those after `t`.
+        """
+        parts = []
+        for weight, near, loads in self.near_ones[k]:
+            u, now = (near.drive_velocities(self.stretch_after(start, loads).at(t)) for start in (before, t))
+            parts.append(weight * near.balance(held).project(impact.near(near, u, now), now))
+        return total(parts)
 
     def _end(self, number: int, motion: Motion, S: Array, since: Array) -> Array:
         """Return how the time changes at which a motion ends."""
@@ -161,29 +170,24 @@ class Variation(Nearby):
         span = self.trajectory.span[1] - self.trajectory.span[0]
         near_break = [i for i, b in enumerate(breaks) if abs(b - piece.stop) <= _TOGETHER * span]
         if near_break:
-            times = np.array([self._of_break(near_break[0], k) for k in range(self.count)])
-            for k, why in kinks.at_break(self, piece, motion, S, since, times):
-                self._refuse(piece.stop, k, why, times)
-            for k, why in kinks.beyond_break(self, number, motion, S, since, times):
-                self._refuse(piece.stop, k, why, times)
+            i = near_break[0]
+            moved = [sum(weight * loads.breaks[i] for weight, _, loads in near) for near in self.near_ones]
+            times = np.array(moved, dtype=float)
+            self._refuse(piece.stop, kinks.at_break(self, piece, motion, S, since, times), times)
+            self._refuse(piece.stop, kinks.beyond_break(self, number, motion, S, since, times), times)
             return times
         times = np.zeros(self.count)
         if path.hit:
             guards = VariedGuards(self, piece, motion)
             times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
-            for k, why in reasons.items():
-                self._refuse(piece.stop, k, why)
+            self._refuse(piece.stop, reasons.items())
         elif piece.end == 0 and number:
             # what the event before brings about, in its instant: a gap that touches presses a contact
             times = self.pieces[number].begin.copy()
         elif np.any(following.modes != piece.modes) and all(t != piece.stop for t, _ in self._relaxed):
             # the time of a relaxation is that at which a velocity falls below a margin: it tells nothing of the scene
-            for k in range(self.count):
-                self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here", times)
+            self._refuse_all(piece.stop, "the motion ends in a way that has no derivative here", times)
         return times
-
-    def _of_break(self, i: int, k: int) -> float:
-        return float(sum(weight * loads.breaks[i] for weight, _, loads in self.near_ones[k]))
 
     def _jump(self, number: int, motion: Motion, S: Array, since: Array, times: Array) -> tuple[Array, Array]:
         """Return the variations after an event: saltation."""
@@ -200,26 +204,21 @@ class Variation(Nearby):
         impact = self._impact(number, motion)
         equal = balance.project(impact.after(), u)
         if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self.state_sizes[0]:
-            for k in range(self.count):
-                self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here", moved)
+            self._refuse_all(piece.stop, "velocities jump in a way that has no derivative here", moved)
             return moved, since
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
-        for k, why in kinks.at_rest_together(self, number, motion, S, times, relaxed):
-            self._refuse(piece.stop, k, why, times, moved)
+        self._refuse(
+            piece.stop, kinks.at_rest_together(self, number, motion, S, times, relaxed), times, moved
+        )
         found = moved.copy()
-        for k, near_ones in enumerate(self.near_ones):
+        for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
             if differs > TIE * np.abs(slope).max(initial=0.0):
                 why = "impacts fall together: the derivatives to the two sides differ"
-                self._refuse(piece.stop, k, why, times)
+                self._refuse(piece.stop, [(k, why)], times)
                 slope = np.full(n, np.nan)
-            parts = []
-            for weight, near, loads in near_ones:
-                own = near.drive_velocities(self.stretch_after(following.t, loads).at(following.t))
-                before = near.drive_velocities(self.stretch_after(piece.t, loads).at(following.t))
-                struck = impact.near(near, before, own)
-                parts.append(weight * near.balance(held).project(struck, own))
-            found[:n, k] = balance.project(slope, rates * times[k]) + total(parts)
+            near = self._of_scene(k, impact, held, piece.t, following.t)
+            found[:n, k] = balance.project(slope, rates * times[k]) + near
         found -= np.outer(after.rate(0.0, following.y), times)
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
@@ -245,31 +244,23 @@ class Variation(Nearby):
 
     # -- what is asked for -----------------------------------------------------------------------------------
 
-    def changes(self) -> list[tuple[float, Array]]:
-        """Return the time of the end of each motion but the last in s, and how it changes."""
-        pieces = self.trajectory.pieces[:-1]
-        return [(piece.stop, varied.end) for piece, varied in zip(pieces, self.pieces, strict=False)]
-
     def states(self, times: Array) -> Array:
         """Return S at any times, (size, k, directions), right limits at events."""
-        found = np.empty((self.system.size, times.size, self.count))
-        place = self.trajectory.places(times)
-        taus = self.trajectory.local(place, times)
-        for number in np.unique(place).tolist():
-            chosen = place == number
-            found[:, chosen] = self.pieces[number].at(taus[chosen])
-        return found
+        return self._read(times, lambda number, taus: self.pieces[number].at(taus))
 
     def quantity(self, quantity: Quantity, times: Array) -> Array:
         """Return the derivatives of a quantity at any times, directions last."""
+        return self._read(
+            times, lambda number, taus: self.slopes_along(quantity, number, self.pieces[number], taus)
+        )
+
+    def _read(self, times: Array, read: Callable[[int, Array], Array]) -> Array:
+        """Return what is read of pieces at local times, for any times; the last two axes are time and direction."""
         place = self.trajectory.places(times)
         taus = self.trajectory.local(place, times)
-        parts = [
-            self.slopes_along(quantity, number, self.pieces[number], taus[place == number])
-            for number in np.unique(place).tolist()
-        ]
-        joined = np.concatenate(parts, axis=-2)
-        order = np.concatenate([(place == number).nonzero()[0] for number in np.unique(place).tolist()])
-        found = np.empty_like(joined)
-        found[..., order, :] = joined
+        parts = [(some, read(number, taus[some])) for number, some in by_piece(place)]
+        parts = parts or [(slice(None), read(0, times))]
+        found = np.empty((*parts[0][1].shape[:-2], times.size, self.count))
+        for some, part in parts:
+            found[..., some, :] = part
         return found

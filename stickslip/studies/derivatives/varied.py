@@ -70,10 +70,7 @@ class VariedImpact:
         if self.system is None:
             return self.v
         w, own = self._relative(self.system, self.before), self._relative(system, before)
-        rigid = dense(system.G[self._rigid])
-        apart, change = (
-            np.asarray(np.linalg.lstsq(rigid, one, rcond=None)[0], dtype=float) for one in (w, own - w)
-        )
+        apart, change = self._least(system, w), self._least(system, own - w)
         jump, none = now - before, np.zeros_like(before)
         moved, _ = self._linear(system, apart, change, jump, none)
         met = struck(system, apart, none, jump, self.sides, self.hit).v
@@ -87,8 +84,7 @@ class VariedImpact:
         if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
         # only relative velocities count: what bodies have in common brings no more than its roundoff
-        w = self._relative(self.system, self.before)
-        apart = np.asarray(np.linalg.lstsq(dense(self.system.G[self._rigid]), w, rcond=None)[0], dtype=float)
+        apart = self._least(self.system, self._relative(self.system, self.before))
         return self._linear(self.system, apart, change, self.now - self.before, self.pace * later)
 
     @property
@@ -99,6 +95,10 @@ class VariedImpact:
     def _relative(self, system: System, before: Array) -> Array:
         """Return the relative velocities of the rows that impacts reach."""
         return np.asarray(system.G[self._rigid] @ self.v + system.D[self._rigid] @ before)
+
+    def _least(self, system: System, w: Array) -> Array:
+        """Return the least velocities of bodies at which the rows that impacts reach have such relative velocities."""
+        return np.asarray(np.linalg.lstsq(dense(system.G[self._rigid]), w, rcond=None)[0], dtype=float)
 
     def _linear(
         self, system: System, apart: Array, change: Array, jump: Array, u: Array

@@ -37,7 +37,7 @@ class VariedGuards:
 
     def __init__(self, nearby: Nearby, piece: Piece, motion: Motion) -> None:
         self._nearby, self._piece, self._motion = nearby, piece, motion
-        rest = nearby.at_rest(piece, motion) & ~motion.equations.is_held
+        rest = nearby.at_rest(motion) & ~motion.equations.is_held
         self.guards = Guards(motion, piece.labels, rest, np.zeros(nearby.system.m, dtype=bool))
 
     def raw(self, own: Motion, taus: Array, states: Array) -> Array:
@@ -70,7 +70,7 @@ class VariedGuards:
         slopes = guards.majorant[1]
         if guards.is_border.any():
             equations = self._motion.equations
-            largest, q = np.abs(path.largest), np.abs(self._motion.start_inputs)
+            largest, q = path.largest, np.abs(self._motion.start_inputs)
             pace = np.abs(self._motion.rate(float(path.taus[-1]), path.last))
             pace[system.moved_state] = largest[system.moved]
             size, slopes = size.copy(), slopes.copy()
@@ -84,6 +84,15 @@ class VariedGuards:
         roundoff = TIE * np.maximum(self.guards.scale, self.guards.majorant[0])[some, None] / sizes
         found = np.argwhere(np.abs(slopes[some]) > roundoff)
         return [(int(some[i]), int(k)) for i, k in found]
+
+    def moved(
+        self, some: Indices, tau: float, y: Array, S: Array, since: Array, times: Array
+    ) -> list[tuple[int, int]]:
+        """Return the same at a local time that changes by `times`, from a state and its variations S."""
+        if not some.size:
+            return []
+        slopes = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S)
+        return self.moving(some, slopes + np.outer(self.falls(tau, y), times))
 
     def end(self, tau: float, S: Array, since: Array, begin: Array) -> tuple[Array, dict[int, str]]:
         """Return how the time changes at which guards come to 0, ``-(g_p + g_y S) / g'``, or why it has no derivative.
@@ -101,16 +110,7 @@ class VariedGuards:
                 range(count), "the motion ends in a way that has no derivative here"
             )
         is_straight = bool(self._straight[fired].all())
-        moved = self._nearby.slopes(
-            self.raw,
-            self._piece,
-            self._motion,
-            since,
-            np.array([tau]),
-            y[:, None],
-            S[:, None, :],
-            is_straight,
-        )[fired, 0]
+        moved = self._nearby.slopes_at(self.raw, self._motion, since, tau, y, S, is_straight)[fired]
         moved = self._with_stops(moved, fired, y, S, self._motion.loads(tau))
         falls = self.falls(tau, y)[fired]
         # slopes are those at the start: what has none there and falls later does not graze
