@@ -241,6 +241,11 @@ class Motion(Inputs):
             found += equations.K @ equations.law.forces(*self.law_arguments(tau, y))
         return found
 
+    def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
+        """Return how fast the relative velocity of a row grows."""
+        dq = np.concatenate([self.stretch.rate(self.t + tau), np.zeros(self.system.dwelling.size)])
+        return float(self.system.relative_velocity(self.rate(tau, y), dq)[row])
+
     def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
         """Return how fast states change that are no velocities: no friction force reaches them at once.
 
@@ -463,10 +468,10 @@ class Motion(Inputs):
             found += equations.push(law.slopes(*arguments) * dw)
             return found
         w, normal, lag, z = self.law_arguments(tau, y, q)
-        # normal force, dwell and bristles change slowly and smoothly: their part by a difference
+        # normal force, dwell and bristles change slowly and smoothly: their part by a difference, which for a normal
+        # force that changes as it does now is exact
         e = law.forces(w, normal, lag, z)
-        moved_q = self.inputs(tau + d, y + d * rate)
-        _, normal_d, lag_d, _ = self.law_arguments(tau + d, y, moved_q)
+        _, normal_d, lag_d, _ = self.law_arguments(tau + d, y, q + d * dq)
         z_d = z + d * rate[equations.bristle_places]
         by_time = (law.forces(w, normal_d, lag_d, z_d) - e) / d
         found += equations.push(law.slopes(w, normal, lag, z) * dw + by_time)
