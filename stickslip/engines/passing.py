@@ -3,6 +3,9 @@
 A solver stops behind the first point at which a guard is negative; the event is where that guard was 0. A velocity
 that touches 0 and turns, as that of a body which a sine moves from rest and back, dips below it by the solver's errors.
 So the solver goes on until a velocity has passed 0 by more than these.
+
+What hardly leaves rest before it comes back is lost in the errors, too: a force that is beyond its level by 1e-10 of it
+for a moment. The solver may have it beyond 0 where it is still driven away from it.
 """
 
 from __future__ import annotations
@@ -13,7 +16,9 @@ import numpy as np
 
 from stickslip.engines.along import Along
 from stickslip.equations.guards import FULLY
+from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.path import Path
+from stickslip.model.crossings import root_between
 
 _FEW = 4
 """Points that are looked at together, the last first: a velocity is not beyond 0 for long."""
@@ -28,11 +33,37 @@ def back_to_zero(along: Along, end: float) -> Path:
         for beyond in (False, True):
             step = _last_before(along, row, end, beyond)
             if step is not None:
-                found = min(found, along.root(row, step, min(float(path.taus[step + 1]), end), beyond))
+                root = along.root(row, step, min(float(path.taus[step + 1]), end), beyond)
+                found = min(found, _once_driven_back(along, row, root, end))
                 break
     if found <= 0:
         found = end
     return replace(path, hit=True) if found >= path.taus[-1] else along.motion.until(path, found, hit=True)
+
+
+def _once_driven_back(along: Along, i: int, root: float, end: float) -> float:
+    """Return the first time from a root of a guard on at which the motion drives a velocity down to 0.
+
+    One that comes to 0 falls. Where it does not, it is 0 by errors only, and has not been farther from it than these.
+    """
+    motion, guards, path = along.motion, along.guards, along.path
+    row = int(guards.row[i])
+    sign = float(motion.equations.modes[row])
+    if not guards.is_velocity[i] or abs(sign) != 1 or not 0 < root < end:
+        return root
+    least = ROUNDOFF * float(guards.majorant[1, i])
+
+    def rising(tau: float) -> float:
+        return sign * motion.relative_acceleration(tau, path.state(tau), row) + least
+
+    left = root
+    if rising(left) < 0:
+        return root
+    for right in [*path.taus[(path.taus > root) & (path.taus < end)].tolist(), end]:
+        if rising(right) < 0:
+            return root_between(rising, left, right)
+        left = right
+    return root
 
 
 def _last_before(along: Along, row: int, end: float, late: bool) -> int | None:

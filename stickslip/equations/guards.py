@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -103,6 +104,14 @@ class Guards(GuardsAtStart):
         """Guards that leave 0 without a slope."""
         return ((self.order >= 2) & (self.order < NEVER)).nonzero()[0]
 
+    @cached_property
+    def _falls(self) -> Array:
+        """Slopes that are roundoff of guards that leave 0 without one, where they fall.
+
+        One that rises helps them to leave it: without it, what is left of a short step is nothing but errors.
+        """
+        return np.asarray(np.minimum(self.start[1, self._bent], 0.0))
+
     def still_at_rest(self, tau: float) -> Indices:
         """Return the rows that leave rest at the start and have not left it by a local time, but for roundoff."""
         if self.is_plain:
@@ -172,7 +181,7 @@ class Guards(GuardsAtStart):
             start = self.first if k == 1 else self.start
             rest = g[rows] - column(start[0, rows])
             if k == 2:
-                rest -= tau * column(start[1, rows])
+                rest -= tau * column(self._falls)
             told = tau > column(settled[rows])
             lead = column(np.maximum(start[k, rows], _TINY))
             g[rows] = np.where(told, rest / np.where(told, tau, 1.0) ** k, lead)
@@ -221,7 +230,7 @@ class Guards(GuardsAtStart):
         if not self.is_plain:
             self._subtract_start(g[:, :, 0], path.taus[:-1] + half)
             if self._bent.size:
-                g[self._bent, :, 1] -= np.multiply.outer(self.start[1, self._bent], half)
+                g[self._bent, :, 1] -= np.multiply.outer(self._falls, half)
         low = g[:, :, 0] - np.abs(g[:, :, 1:]).sum(axis=2)
         if self.velocity_uncertainty:
             low += self.leeway[:, None]
@@ -238,8 +247,7 @@ class Guards(GuardsAtStart):
         first = (self.order == 1).nonzero()[0]
         g[first] -= self.first[0, first, None]
         if self._bent.size:
-            start = self.start[:, self._bent, None]
-            g[self._bent] -= start[0] + start[1] * taus
+            g[self._bent] -= self.start[0, self._bent, None] + np.multiply.outer(self._falls, taus)
 
     def smallest(self, tau: float, y: Array) -> float:
         """Return the smallest guard at a state; velocities have passed 0 once they are beyond what is uncertain."""
@@ -298,7 +306,7 @@ class Guards(GuardsAtStart):
         return remembered(rows.smallest_in_floats, made, *own, *motion.of_laws_on_lines)
 
     @cached_property
-    def _of_states(self) -> Array | None:
+    def _of_states(self) -> Any:
         """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
         equations = self.motion.equations
         if self._on_lines is None or equations.watched_by_laws[self.rows.source].any():

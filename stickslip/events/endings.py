@@ -284,7 +284,7 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
     """Tell whether most of the acceleration is gone that a moving row had at ``w = 0``, where it drove it beyond."""
     sign = float(motion.equations.modes[row])
     equal = _brought_to_rest(motion, tau, y, row)
-    driven, left = (sign * _acceleration(motion, tau, state, row) for state in (equal, y))
+    driven, left = (sign * motion.relative_acceleration(tau, state, row) for state in (equal, y))
     rates, _ = motion.equations.magnitudes(np.abs(equal), np.abs(motion.inputs(tau, equal)))
     adds_up = float((motion.system.abs_G[[row]] @ rates[: motion.system.n])[0])
     return driven < -_DRIVEN * adds_up and left > 0.5 * driven
@@ -383,7 +383,7 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     system, equations = motion.system, motion.equations
     sign = float(equations.modes[row])
     w = float(motion.watched(tau, y)[row])
-    if sign * _acceleration(motion, tau, y, row) > 0:
+    if sign * motion.relative_acceleration(tau, y, row) > 0:
         return False
     equal = _brought_to_rest(motion, tau, y, row)
     q = motion.inputs(tau, y)
@@ -391,7 +391,7 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
-    driven = sign * _acceleration(motion, tau, equal, row)
+    driven = sign * motion.relative_acceleration(tau, equal, row)
     # what drives it on at rest it does not hold
     return -_CONSTANT * scale <= driven <= AT_LIMIT * scale
 
@@ -404,10 +404,3 @@ def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
     u = system.drive_velocities(motion.loads(tau))
     equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
     return equal
-
-
-def _acceleration(motion: Motion, tau: float, y: Array, row: int) -> float:
-    system = motion.system
-    rate = motion.rate(tau, y)
-    dq = motion.stretch.rate(motion.t + tau)
-    return float(system.relative_velocity(rate, np.concatenate([dq, np.zeros(system.dwelling.size)]))[row])

@@ -42,6 +42,7 @@ from stickslip.plots.style import (
 )
 from stickslip.plots.sweep_map import sweep_map
 from stickslip.plots.work_precision import work_precision
+from stickslip.results.energy import losses
 from stickslip.results.readable import Readable
 
 __all__ = [
@@ -179,8 +180,7 @@ def energy(result: Readable, *, ax: Any = None) -> Any:
         curves["work of drives"] = ledger.drives
     if ledger.changes.any():
         curves["changes between runs"] = ledger.changes
-    heat = {f"heat of {name}": value for name, value in (ledger.contacts | ledger.dampers).items()}
-    heat |= {f"impacts of {name}": value for name, value in ledger.impacts.items() if value.any()}
+    heat = losses(ledger)
     if len(heat) > _CURVES:
         heat = {"heat of contacts and dampers": ledger.heat}
     for k, (label, value) in enumerate((curves | heat).items()):

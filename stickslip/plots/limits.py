@@ -13,7 +13,12 @@ from stickslip.results.units import units
 
 def has_limits(result: Readable, row: str) -> bool:
     """Tell whether a row is a gap or a stop."""
-    return any(element.name == row for element in (*result.scene.gaps, *result.scene.stops))
+    return row in _limited(result)
+
+
+def _limited(result: Readable) -> dict[str, Any]:
+    """Return gaps and stops by name."""
+    return {element.name: element for element in (*result.scene.gaps, *result.scene.stops)}
 
 
 @of_result
@@ -33,7 +38,7 @@ def stretch(result: Readable, row: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such gap or stop.
     """
-    elements = {element.name: element for element in (*result.scene.gaps, *result.scene.stops)}
+    elements = _limited(result)
     if not isinstance(row, str) or row not in elements:
         known = ", ".join(map(repr, elements)) or "none"
         raise ValueError(f"stretch: no gap or stop is called {row!r}; known are {known}")

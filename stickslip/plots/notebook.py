@@ -74,10 +74,8 @@ def elements_table(scene: Scene) -> str:
     """Return a table of a scene's elements, a line each."""
     rows = []
     for element in scene.elements[:_ELEMENTS]:
-        given = {one.name: getattr(element, one.name) for one in fields(element)}  # type: ignore[arg-type]
-        for one in fields(element):  # type: ignore[arg-type]
-            if given[one.name] is one.default:
-                del given[one.name]
+        every = [(one, getattr(element, one.name)) for one in fields(element)]  # type: ignore[arg-type]
+        given = {one.name: value for one, value in every if value is not one.default}
         name = given.pop("name", "")
         ends = " – ".join(given.pop(key) for key in _ENDS if key in given)
         rows.append((element.noun(), name, ends, ", ".join(f"{key} {_brief(x)}" for key, x in given.items())))

@@ -10,6 +10,7 @@ from stickslip.plots.html import STYLE, bitmap, table, vector
 from stickslip.plots.notebook import elements_table, events_table, final_table
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import apart_from_pyplot
+from stickslip.results.energy import losses
 from stickslip.results.explanations import explain_result
 from stickslip.results.readable import Readable
 from stickslip.results.shares import share
@@ -132,8 +133,7 @@ def _energy(result: Readable) -> str:
             ("work of loads", ledger.loads),
             ("work of drives", ledger.drives),
             *([("changes between runs", ledger.changes)] if ledger.changes.any() else []),
-            *((f"heat of {name}", heat) for name, heat in (ledger.contacts | ledger.dampers).items()),
-            *((f"impacts of {name}", taken) for name, taken in ledger.impacts.items() if taken.any()),
+            *losses(ledger).items(),
         )
     ]
     picture = bitmap(energy(result).figure, "energies over time")

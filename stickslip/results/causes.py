@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,8 +105,7 @@ def _reason(event: Event, law: Law | None, limits: _Limits) -> str:
     if law is None and event.before == Mode.STUCK:
         others = f" with {_another(limits)}" if limits.others else ""
         return f"its force came to 0{others}: runs free {_WORDS[event.after]}"
-    sentence = _SENTENCES.get(event.cause)
-    return event.cause if sentence is None else sentence(event, limits)
+    return _friction(event, limits)
 
 
 _AT_LIMITS = ("touches", "leaves", "impact", "leaves with another event")
@@ -140,50 +138,34 @@ def _slip_state(event: Event, character: Character, at: _Limits) -> str:
     return f"slips {_WORDS[event.after]}: |w| exceeded the pre-slip velocity {velocity:g}; {drop}"
 
 
-def _broke_away(event: Event, at: _Limits) -> str:
-    needed = f"needed {abs(at.force[0]):.6g} to stay stuck, could hold {at.level[0]:.6g}"
-    return f"broke away {_WORDS[event.after]}: {needed}; slips on with {abs(at.force[1]):.6g}"
-
-
-def _broke_away_with(event: Event, at: _Limits) -> str:
-    needed = f"needed {abs(at.force[0]):.6g} just before, could then hold {at.level[0]:.6g}"
-    change = f"{_WORDS[event.after]} by {_another(at, 'a jump of the loads')}"
-    return f"broke away {change}: {needed}; slips on with {abs(at.force[1]):.6g}"
+def _friction(event: Event, at: _Limits) -> str:
+    """Return what a contact with dry friction did."""
+    where, force, level = _WORDS.get(event.after, ""), f"{abs(at.force[0]):.6g}", f"{at.level[0]:.6g}"
+    slips = f"slips on with {abs(at.force[1]):.6g}"
+    match event.cause:
+        case "breakaway":
+            return f"broke away {where}: needed {force} to stay stuck, could hold {level}; {slips}"
+        case "breakaway with another event":
+            why = _another(at, "a jump of the loads")
+            return (
+                f"broke away {where} by {why}: needed {force} just before, could then hold {level}; {slips}"
+            )
+        case "relative velocity 0":
+            return f"its relative velocity reached 0; {_held(at)}"
+        case "stuck with another event":
+            return f"found at rest at {_another(at, 'a break of the loads')}; {_held(at)}"
+        case "relaxation":
+            left = f"velocities had become constant, {abs(at.w[0]):.3g} was left"
+            return f"relaxed to rest: {left}; {_held(at)}"
+        case "reversal":
+            return f"passed 0 without sticking: that would have needed more than the {at.level[1]:.6g} it could hold"
+        case "open":
+            now = "is now 0" if event.after == Mode.STUCK else f"now points {where}"
+            return f"carries no force; its relative velocity {now}"
+    return event.cause
 
 
 def _held(at: _Limits) -> str:
     if math.isinf(at.level[1]):
         return f"its force is {abs(at.force[1]):.6g}"
     return f"needs {abs(at.force[1]):.6g} to stay stuck, can hold {at.level[1]:.6g}"
-
-
-def _stuck(event: Event, at: _Limits) -> str:
-    return f"its relative velocity reached 0; {_held(at)}"
-
-
-def _stuck_with(event: Event, at: _Limits) -> str:
-    return f"found at rest at {_another(at, 'a break of the loads')}; {_held(at)}"
-
-
-def _relaxed(event: Event, at: _Limits) -> str:
-    return f"relaxed to rest: velocities had become constant, {abs(at.w[0]):.3g} was left; {_held(at)}"
-
-
-def _reversed(event: Event, at: _Limits) -> str:
-    return f"passed 0 without sticking: that would have needed more than the {at.level[1]:.6g} it could hold"
-
-
-def _open(event: Event, at: _Limits) -> str:
-    now = "is now 0" if event.after == Mode.STUCK else f"now points {_WORDS[event.after]}"
-    return f"carries no force; its relative velocity {now}"
-
-
-_SENTENCES: dict[str, Callable[[Event, _Limits], str]] = {
-    "breakaway": _broke_away,
-    "breakaway with another event": _broke_away_with,
-    "relative velocity 0": _stuck,
-    "stuck with another event": _stuck_with,
-    "relaxation": _relaxed,
-    "reversal": _reversed,
-    "open": _open,
-}

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.model.arrays import Array
-from stickslip.model.elements import Block, Body, Contact, Drive, Element, Sampled, StateSpace
+from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
 from stickslip.results.trajectory import Trajectory
@@ -35,38 +36,32 @@ def final_scene(trajectory: Trajectory) -> Scene:
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
-    elements: list[Element] = []
+    elements: list[Any] = []
     for element in system.scene.elements:
+        changes: dict[str, Any] = {}
         match element:
             case Body(name=name):
-                velocity, position = velocities[name], float(at.position(name)[0])
-                elements.append(replace(element, velocity=velocity, position=position))
+                changes = {"velocity": velocities[name], "position": float(at.position(name)[0])}
             case Drive(name=name):
-                elements.append(replace(element, position=float(at.position(name)[0])))
+                changes = {"position": float(at.position(name)[0])}
             case Contact(name=name):
                 j = at.row(name)
-                elements.append(
-                    replace(
-                        element,
-                        rested=stop - float(since[j]) if shown[j] == 0 else 0.0,
-                        deflection=float(at.y[system.bristle_state[j], 0])
-                        if j in system.bristle_state
-                        else 0.0,
-                        slipping=bool(abs(inner[j]) == 1 and not system.hard[j]),
-                    )
-                )
+                bristle = system.bristle_state.get(j)
+                changes = {
+                    "rested": stop - float(since[j]) if shown[j] == 0 else 0.0,
+                    "deflection": 0.0 if bristle is None else float(at.y[bristle, 0]),
+                    "slipping": bool(abs(inner[j]) == 1 and not system.hard[j]),
+                }
             case Block(name=name) | StateSpace(name=name):
-                elements.append(replace(element, states=at.states_of(name)[:, 0].tolist()))
+                changes = {"states": at.states_of(name)[:, 0].tolist()}
             case Sampled(name=name):
-                first = trajectory.span[0] if element.first is None else element.first
-                if before is None:
-                    elements.append(replace(element, first=first))
-                    continue
-                held = before.outputs_of(name)[:, 0].tolist()
-                states = before.states_of(name)[:, 0].tolist()
-                elements.append(replace(element, states=states, held=held, outputs=len(held), first=first))
-            case _:
-                elements.append(element)
+                changes = {"first": trajectory.span[0] if element.first is None else element.first}
+                if before is not None:
+                    held = before.outputs_of(name)[:, 0].tolist()
+                    states = before.states_of(name)[:, 0].tolist()
+                    changes |= {"states": states, "held": held, "outputs": len(held)}
+        one: Any = element
+        elements.append(replace(one, **changes) if changes else one)
     return Scene(*elements, motion=system.scene.motion)
 
 

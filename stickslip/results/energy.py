@@ -139,6 +139,12 @@ def energy(result: Readable) -> EnergyLedger:
     return _in_a_row(ledgers, [_at_ends(run.samples) for run in result.runs])
 
 
+def losses(ledger: EnergyLedger) -> dict[str, Array]:
+    """Return heats of contacts and dampers and what impacts took, as drawings and reports call them."""
+    found = {f"heat of {name}": heat for name, heat in (ledger.contacts | ledger.dampers).items()}
+    return found | {f"impacts of {name}": taken for name, taken in ledger.impacts.items() if taken.any()}
+
+
 def _at_ends(samples: Samples) -> EnergyLedger:
     """Return the ledger of a run at its start and its end."""
     trajectory = samples.trajectory

@@ -168,8 +168,7 @@ def _pieces(data: Mapping[str, Any], count: int) -> tuple[Piece, ...]:
 def _packed(name: str, values: list[Any]) -> dict[str, NDArray[Any]]:
     """Return arrays that hold a list of numbers or arrays, some of which may be None."""
     present = np.array([value is not None for value in values], dtype=bool)
-    there = [value for value in values if value is not None]
-    rows = [np.asarray(value) for value in there]
+    rows = [np.asarray(value) for value in values if value is not None]
     flat = np.concatenate([row.ravel() for row in rows]) if rows else np.empty(0)
     shapes = np.array([row.shape for row in rows], dtype=np.intp)
     return {f"{name}.present": present, f"{name}.shapes": shapes, f"{name}.values": flat}

@@ -6,7 +6,7 @@ Only where a large scene is known part by part is each name read for itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
@@ -454,36 +454,49 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     if not samples.t.size:
         return out
     held = dict(by_piece(samples.piece_of))
-    last = max(held)
-    block: list[int] = []
-    edges: list[Array] = []
-    total = 0
-    for number in range(last + 1):
-        wanted = samples.taus[held[number]] if number in held else np.empty(0)
-        edges.append(_edges(trajectory, number, wanted))
-        block.append(number)
-        total += edges[-1].size * _MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)
-        if total < _AT_ONCE and number < last:
-            continue
-        for own, edge, steps in zip(block, edges, _over(trajectory, block, edges, integrand), strict=True):
+    for block in _blocks(samples, held):
+        for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
             sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
-            if own in held:
-                out[:, held[own]] = sums[:, np.searchsorted(edge, samples.taus[held[own]])]
+            if number in held:
+                places = np.arange(samples.t.size)[held[number]]
+                taus = samples.taus[places]
+                within = (taus >= edges[0]) & (taus <= edges[-1])
+                out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
             base = sums[:, -1]
-        block, edges, total = [], [], 0
     return out
 
 
+def _blocks(samples: Samples, held: Mapping[int, Indices | slice]) -> Iterator[list[tuple[int, Array]]]:
+    """Yield what is integrated at once: pieces, and local times between which they are smooth, not too many.
+
+    `held` are the times that each piece holds.
+    """
+    most = max(_AT_ONCE // (_MOST_NODES * max(samples.system.size + 6 * samples.system.m, 1)), 1)
+    block: list[tuple[int, Array]] = []
+    total = 0
+    for number in range(max(held) + 1):
+        wanted = samples.taus[held[number]] if number in held else np.empty(0)
+        edges = _edges(samples.trajectory, number, wanted)
+        for first in range(0, max(edges.size - 1, 1), most):
+            block.append((number, edges[first : first + most + 1]))
+            total += block[-1][1].size
+            if total >= most:
+                yield block
+                block, total = [], 0
+    if block:
+        yield block
+
+
 def _over(
-    trajectory: Trajectory, block: list[int], edges: list[Array], integrand: Callable[[Samples], Array]
+    trajectory: Trajectory, block: list[tuple[int, Array]], integrand: Callable[[Samples], Array]
 ) -> list[Array]:
-    """Return the integrals between the edges, for each piece of a block."""
-    order = max(trajectory.order(number) for number in block)
+    """Return the integrals between the local times of each entry of a block."""
+    order = max(trajectory.order(number) for number, _ in block)
     nodes, weights = gauss_nodes(min(order + 1, _MOST_NODES))
-    middle = np.concatenate([0.5 * (edge[1:] + edge[:-1]) for edge in edges])
-    half = np.concatenate([0.5 * (edge[1:] - edge[:-1]) for edge in edges])
-    sizes = np.array([edge.size - 1 for edge in edges])
-    piece_of = np.repeat(np.array(block, dtype=np.intp), sizes * nodes.size)
+    middle = np.concatenate([0.5 * (edges[1:] + edges[:-1]) for _, edges in block])
+    half = np.concatenate([0.5 * (edges[1:] - edges[:-1]) for _, edges in block])
+    sizes = np.array([edges.size - 1 for _, edges in block])
+    piece_of = np.repeat(np.array([number for number, _ in block], dtype=np.intp), sizes * nodes.size)
     at = Samples.at_local(trajectory, piece_of, (middle[:, None] + half[:, None] * nodes).ravel())
     values = integrand(at)
     steps = (values.reshape(values.shape[0], -1, nodes.size) @ weights) * half

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any
 
@@ -27,7 +27,10 @@ _EARLY = 0.3
 """Part of the time that is fitted first: phases of later events cannot be a turn off then."""
 
 _ROUGH, _STEPS = 15, 60
+"""Most steps of a rough search, and of one for the solution."""
+
 _REFUSED = 1e6
+"""Weighted residual where the scene cannot be simulated."""
 
 
 def fit(
@@ -89,7 +92,7 @@ def fit(
     if not ends:
         raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
     polished = _least(problem, ends[0][0], problem.stop, _STEPS, 1e-12)
-    return problem.told((polished or ends[0])[0], tuple(ends))
+    return problem.fitted((polished or ends[0])[0], tuple(ends))
 
 
 def _bounds(parameters: Any, named: list[Parameter]) -> tuple[Array, Array]:
@@ -197,22 +200,23 @@ class _Problem:
             self._last = key, stop, simulated(self.scene_at(x), (0.0, stop), **self._options)
         return self._last[2]
 
-    def _chosen(self, stop: float) -> list[slice]:
-        return [slice(0, int(np.searchsorted(one.t, stop, side="right"))) for one in self._measured]
+    def _until(self, stop: float) -> list[tuple[Measured, Array]]:
+        """Return what was measured up to a time, and its weights."""
+        counts = [int(np.searchsorted(one.t, stop, side="right")) for one in self._measured]
+        return [
+            (Measured(one.name, one.t[:count], one.values[:count], None), weight[:count])
+            for one, weight, count in zip(self._measured, self._weights, counts, strict=True)
+            if count
+        ]
 
     def residuals(self, x: Array, stop: float) -> Array:
         """Return the weighted residuals up to a time; large ones where the scene cannot be simulated."""
-        some = self._chosen(stop)
+        some = self._until(stop)
         try:
             result = self._result(x, stop)
         except (ValueError, SimulationError):
-            return np.full(sum(s.stop for s in some), _REFUSED)
-        parts = []
-        for one, weight, s in zip(self._measured, self._weights, some, strict=True):
-            if s.stop:
-                read = getattr(result.sample(one.t[s]), one.quantity)(one.of)
-                parts.append((read - one.values[s]) * weight[s])
-        return np.concatenate(parts)
+            return np.full(sum(one.t.size for one, _ in some), _REFUSED)
+        return np.concatenate([(one.read(result) - one.values) * weight for one, weight in some])
 
     def slopes(self, x: Array, stop: float) -> Array:
         """Return the derivatives of the weighted residuals, 0 where none exist."""
@@ -221,14 +225,11 @@ class _Problem:
         directions = [along_parameter(scene, one.at(scene), result.trajectory, "fit") for one in self._at(x)]
         found = from_variation(Variation(result, directions))
         self.reasons = found.reasons
-        parts = []
-        for one, weight, s in zip(self._measured, self._weights, self._chosen(stop), strict=True):
-            if s.stop:
-                read: Callable[..., Array] = getattr(found, one.quantity)
-                parts.append(read(one.of, one.t[s]) * weight[s][:, None])
-        return np.nan_to_num(np.concatenate(parts))
+        some = self._until(stop)
+        read = [getattr(found, one.quantity)(one.of, one.t) * weight[:, None] for one, weight in some]
+        return np.asarray(np.nan_to_num(np.concatenate(read)))
 
-    def told(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
+    def fitted(self, x: Array, ends: tuple[tuple[Array, float], ...]) -> Fit:
         """Return the fit at a solution."""
         residuals, slopes = self.residuals(x, self.stop), self.slopes(x, self.stop)
         cost = 0.5 * float(residuals @ residuals)

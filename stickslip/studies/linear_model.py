@@ -20,7 +20,10 @@ from stickslip.model.scene import Scene
 from stickslip.simulation.simulate import simulate
 
 _AHEAD = 1e-6
+"""Time in s that is simulated to find the modes."""
+
 _AT_CORNER = 1e-9
+"""Part of its size within which a quantity is at a corner of a force."""
 
 
 @dataclass(frozen=True)

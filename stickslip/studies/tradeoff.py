@@ -119,20 +119,15 @@ class Tradeoff:
     @property
     def table(self) -> str:
         """The measured calls as an aligned table."""
-        front, rows = self.work.pareto(), self.work.rows
+        rows = self.work.rows
         ends = ["below what the reference can tell" if row.error <= self.limit else "" for row in rows]
-        return aligned(
-            ["* " + row.name if row in front else "  " + row.name for row in rows],
-            {
-                "time / ms": [1e3 * row.median for row in rows],
-                self.work.error_label: [row.error for row in rows],
-                "steps": [row.steps for row in rows],
-                "nfev": [row.nfev for row in rows],
-            },
-            [f"FAILED {row.failure}" if row.failure else end for row, end in zip(rows, ends, strict=True)],
-            title="  call",
-            note="* no other call is both faster and more accurate",
-        )
+        columns = {
+            "time / ms": [1e3 * row.median for row in rows],
+            self.work.error_label: [row.error for row in rows],
+            "steps": [row.steps for row in rows],
+            "nfev": [row.nfev for row in rows],
+        }
+        return aligned(rows, self.work.pareto(), "call", columns, ends)
 
     def to_frame(self) -> Any:
         """Return a pandas DataFrame, one line per measured call.

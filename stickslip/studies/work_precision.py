@@ -157,13 +157,9 @@ class WorkPrecision:
 
     def __str__(self) -> str:
         """Return an aligned table; columns without numbers are left out."""
-        columns = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
-        return aligned(
-            ["* " + row.name if row in self.pareto() else "  " + row.name for row in self.rows],
-            {title: [getattr(row, name or title) for row in self.rows] for title, name in columns.items()},
-            [f"FAILED {row.failure}" if row.failure else "" for row in self.rows],
-            note="* no other setup is both faster and more accurate",
-        )
+        names = {"median / s": "median", "min / s": "fastest", "error": "error", **dict.fromkeys(_COUNTERS)}
+        columns = {title: [getattr(row, name or title) for row in self.rows] for title, name in names.items()}
+        return aligned(self.rows, self.pareto(), "setup", columns, [""] * len(self.rows))
 
 
 def work_precision(

@@ -24,7 +24,10 @@ from stickslip import (
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
+from stickslip.results import samples
 from stickslip.results.energy import energy
+from stickslip.results.samples import Samples
+from stickslip.results.trajectory import Trajectory
 from validation.exact import REFERENCES, reference
 
 DRY = DryFriction(0.2, 0.1)
@@ -231,3 +234,27 @@ def test_an_impact_between_two_runs_is_no_change_from_outside() -> None:
     assert [event.cause for event in both.events] == ["impact", "impact"]
     assert not both.energy().changes.any()
     assert both.energy().impacts["floor"][-1] == pytest.approx(whole.energy().impacts["floor"][-1], rel=1e-12)
+
+
+def test_many_times_in_one_piece_are_integrated_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    # ten thousand times of a thousand bodies would not fit into memory at once
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=3.0), Contact("floor", "a", GROUND, DryFriction(0.5, 0.4), normal=5.0)
+    )
+    result = simulate(scene, (0.0, 2.0), t_eval=np.linspace(0.0, 2.0, 200))
+    whole = result.energy()
+    asked: list[int] = []
+
+    def counted(trajectory: Trajectory, piece_of: np.ndarray, taus: np.ndarray) -> Samples:
+        asked.append(taus.size)
+        return at_local(trajectory, piece_of, taus)
+
+    at_local = Samples.at_local
+    monkeypatch.setattr(Samples, "at_local", counted)
+    monkeypatch.setattr(samples, "_AT_ONCE", 500)
+    parts = energy(result.sample(result.t))
+    assert len(asked) > 10 and max(asked) < 100
+    # closed form: v = 3 - 2 t until 1.5 s, the heat is what the body loses
+    v = np.maximum(3.0 - 2.0 * result.t, 0.0)
+    for ledger in (whole, parts):
+        np.testing.assert_allclose(ledger.contacts["floor"], 4.5 - 0.5 * v**2, rtol=0, atol=1e-14)

@@ -19,7 +19,7 @@ from stickslip.simulation.result import SimulationError
 from stickslip.studies.cycles.branches import Branch, BranchPoint
 from stickslip.studies.cycles.cycle import Cycle, centred, from_zero
 from stickslip.studies.cycles.newton import closed_from, cycle_within
-from stickslip.studies.cycles.phases import cyclic, told, vanishing
+from stickslip.studies.cycles.phases import alike, in_words, vanishing
 from stickslip.studies.cycles.pseudo_arclength import ERRORS, Arc, Place
 from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
@@ -112,7 +112,7 @@ def continue_cycle(
         period = finite(period, "continue_cycle: period")
     follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
     if isinstance(scene, Cycle):
-        first = follower.reach(scene, one.value, float(wanted[0]))
+        first = follower.reach(_Reached(scene, one.value), float(wanted[0]))
     else:
         at = follower.period(float(wanted[0]))
         first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
@@ -120,7 +120,7 @@ def continue_cycle(
 
 
 class _Reached(NamedTuple):
-    """The last cycle on the way to a value, and its own value; why the way ends there, and before which value."""
+    """A cycle and its value; why the way to a further value ends there, and before which value."""
 
     cycle: Cycle
     value: float
@@ -153,32 +153,32 @@ class Follower:
         Beyond a fold it goes back over `every` value, by default the same ones. The first step is a part of the way to
         the second value.
         """
-        cycles = [first]
-        last, beyond = first, None
+        cycles, beyond = [first], None
         for before, value in zip(values[:-1].tolist(), values[1:].tolist(), strict=True):
-            near = self._toward(last, before, value, first_step)
+            last = _Reached(cycles[-1], before)
+            near = self._toward(last, value, first_step)
             first_step = 1.0
             found: Cycle | Branch | None = near.cycle
             if near.why:
-                found = self._past(near, last, before, value, values if every is None else every)
+                found = self._past(near, last, value, values if every is None else every)
             if not isinstance(found, Cycle):
                 beyond = found
                 break
-            self._between(last, before, found, value)
-            last = found
-            cycles.append(last)
-        told = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
-        return Branch(self._parameter.name, values, tuple(told), tuple(self._points), beyond)
+            self._between(last, _Reached(found, value))
+            cycles.append(found)
+        every_cycle = [*map(from_zero, cycles), *[None] * (values.size - len(cycles))]
+        return Branch(self._parameter.name, values, tuple(every_cycle), tuple(self._points), beyond)
 
-    def reach(self, cycle: Cycle, before: float, value: float) -> Cycle:
+    def reach(self, start: _Reached, value: float) -> Cycle:
         """Return the cycle at a value from that at another one, by smaller steps where it has to be."""
-        found = self._toward(cycle, before, value)
+        found = self._toward(start, value)
         if found.why:
             raise CycleError(found.why)
         return found.cycle
 
-    def _toward(self, cycle: Cycle, at: float, value: float, first: float = 1.0) -> _Reached:
+    def _toward(self, start: _Reached, value: float, first: float = 1.0) -> _Reached:
         """Return how far the way to a value leads, with a first step that is a part of it."""
+        cycle, at = start.cycle, start.value
         # steps that roundoff leaves nothing of lead nowhere
         least = float(np.spacing(max(abs(at), abs(value))))
         step, failed = math.copysign(max(first * abs(value - at), least), value - at), False
@@ -189,7 +189,7 @@ class Follower:
             aim = value if abs(value - at) <= abs(step) * (1 + 1e-9) else at + step
             try:
                 following = self._step(cycle, at, aim)
-                if cyclic(following.sequence) != cyclic(cycle.sequence):
+                if not alike(following, cycle):
                     if (beyond - aim) * (value - at) > 0:
                         raise CycleError("the search leads to the other branch of a fold")
                     self._check_way_back(following, aim, cycle, at)
@@ -206,8 +206,7 @@ class Follower:
     def _check_way_back(self, following: Cycle, aim: float, cycle: Cycle, at: float) -> None:
         """Refuse a cycle of another sequence of modes that does not lead back: it belongs to another branch."""
         back = self._step(following, aim, at)
-        same = abs(back.period - cycle.period) <= _SAME * cycle.period
-        if not same or cyclic(back.sequence) != cyclic(cycle.sequence):
+        if abs(back.period - cycle.period) > _SAME * cycle.period or not alike(back, cycle):
             raise CycleError("the search leads to another branch of cycles")
 
     def _step(self, cycle: Cycle, before: float, value: float) -> Cycle:
@@ -219,46 +218,48 @@ class Follower:
 
     # -- where it does not go on -------------------------------------------------------------------------------
 
-    def _past(
-        self, near: _Reached, last: Cycle, before: float, value: float, every: Array
-    ) -> Cycle | Branch | None:
+    def _past(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
         """Return the cycle at a value to which no small steps lead, or what comes beyond the end before it.
 
         That is the branch beyond a fold, or that of cycles without the phase that vanishes at the end; None for none.
         """
-        rises = value > before
-        if not vanishing(near.cycle):
-            turned = self._round(near, value, value - before)
-            if isinstance(turned, Cycle):
-                return turned
-            if turned is not None:
-                fold, place = turned
-                self._between(last, before, near.cycle, near.value)
-                said = "a multiplier is 1: two cycles meet, and the branch turns back"
-                self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
-                apart = abs(place.value - fold.value)
-                return self._beyond(_Reached(place.cycle, place.value), apart, rises, before, every)
+        spacing = value - last.value
+        turned = None if vanishing(near.cycle) else self._round(near, value, spacing)
+        if isinstance(turned, Cycle):
+            return turned
+        if turned is None:
+            return self._past_end(near, last, value, every)
+        fold, place = turned
+        self._between(last, near)
+        said = "a multiplier is 1: two cycles meet, and the branch turns back"
+        self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
+        apart = abs(place.value - fold.value)
+        return self._beyond(_Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
+
+    def _past_end(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
+        """Do so where the branch does not turn smoothly: find its end, and whether cycles of another sequence go on."""
+        spacing = value - last.value
         # that one step was too long does not tell where the branch ends
-        passed, other = self._last(near._replace(end=value), self._accuracy * abs(value - before))
+        passed, other = self._last(near._replace(end=value), self._accuracy * abs(spacing))
         a, at, why, end = passed[-1]
         phases, inner = vanishing(a), None
-        if a.period > _GROWN * last.period:
+        if a.period > _GROWN * last.cycle.period:
             phases, why = [], "the period grows without bound"
         if other is None and phases and not a.forced:
             inner = self._within(passed)
         if inner is None:
-            further = self._toward(*((other or passed[-1])[:2]), value)
+            further = self._toward(other or passed[-1], value)
             if not further.why:
                 return further.cycle
             if phases and other is not None and _differ(a, other.cycle) < _MEETS:
                 inner = other
-        self._between(last, before, a, at)
+        self._between(last, passed[-1])
         goes_on = inner is not None and not inner.cycle.neutral
         if goes_on:
             why = "cycles without it begin there, and the branch turns back"
         elif inner is not None:
             why = "the branch ends in a family of cycles without it (a multiplier is 1)"
-        elif _speed(a) < _SHRUNK * _speed(last):
+        elif _speed(a) < _SHRUNK * _speed(last.cycle):
             why = "the cycles shrink to a state of rest (a Hopf bifurcation)"
         elif phases:
             why += (
@@ -271,10 +272,10 @@ class Follower:
             return None
         # the fold is somewhere between the last cycle and the end
         apart = max(abs(inner.value - at), abs(inner.value - end))
-        return self._beyond(inner, apart, rises, before, every)
+        return self._beyond(inner, apart, last.value, spacing > 0, every)
 
     def _beyond(
-        self, first: _Reached, apart: float, rose: bool, before: float, every: Array
+        self, first: _Reached, apart: float, before: float, rose: bool, every: Array
     ) -> Branch | None:
         """Return the branch that goes back over the values from a cycle beyond a fold, so far apart from it.
 
@@ -303,7 +304,7 @@ class Follower:
                 except ERRORS as error:
                     near = near._replace(why=str(error))
                     continue
-                if cyclic(one.sequence) == cyclic(near.cycle.sequence):
+                if alike(one, near.cycle):
                     near = near._replace(cycle=one, value=value)
                     passed.append(near)
                     break
@@ -336,7 +337,7 @@ class Follower:
             for _ in range(_MOST_PLACES):
                 try:
                     following = arc.step(place, length)
-                    if cyclic(following.cycle.sequence) != cyclic(near.cycle.sequence):
+                    if not alike(following.cycle, near.cycle):
                         raise CycleError("the arc leads to another sequence of modes")
                 except ERRORS:
                     length *= 0.5
@@ -346,7 +347,7 @@ class Follower:
                 if following.pace * place.pace <= 0:
                     return arc.fold(place, length), following
                 if (following.value - value) * place.pace >= 0:
-                    return self.reach(following.cycle, following.value, value)
+                    return self.reach(_Reached(following.cycle, following.value), value)
                 if vanishing(following.cycle):
                     return None
                 place, length = following, min(1.5 * length, 1.0)
@@ -356,48 +357,44 @@ class Follower:
 
     # -- what changes between two values -----------------------------------------------------------------------
 
-    def _between(self, a: Cycle, before: float, b: Cycle, value: float) -> None:
-        if cyclic(a.sequence) != cyclic(b.sequence):
-            self._other_sequence(a, before, b, value)
+    def _between(self, a: _Reached, b: _Reached) -> None:
+        """Note where multipliers pass the unit circle, or the sequence of modes changes, from one cycle to another."""
+        if not alike(a.cycle, b.cycle):
+            self._other_sequence(a, b)
             return
+        accuracy = self._accuracy * abs(b.value - a.value)
         for kind, (test, said) in _PASSES.items():
-            if test(a) * test(b) >= 0:
+            if test(a.cycle) * test(b.cycle) >= 0:
                 continue
 
             def at(x: float, test: Callable[[Cycle], float] = test) -> float:
-                near, of = (a, before) if abs(x - before) <= abs(x - value) else (b, value)
-                return test(self.reach(near, of, x))
+                return test(self.reach(a if abs(x - a.value) <= abs(x - b.value) else b, x))
 
             try:
-                found = float(
-                    scipy.optimize.brentq(at, before, value, xtol=self._accuracy * abs(value - before))
-                )
+                found = float(scipy.optimize.brentq(at, a.value, b.value, xtol=accuracy))
             except (CycleError, SimulationError):
-                found = 0.5 * (before + value)
+                found = 0.5 * (a.value + b.value)
             self._points.append(BranchPoint(found, kind, said))
 
-    def _other_sequence(self, a: Cycle, before: float, b: Cycle, value: float) -> None:
+    def _other_sequence(self, a: _Reached, b: _Reached) -> None:
         """Find by bisection where the sequence of modes changes."""
-        first = cyclic(a.sequence)
-        smallest = self._accuracy * abs(value - before)
-        while abs(value - before) > smallest:
-            middle = 0.5 * (before + value)
-            if middle in (before, value):
+        smallest = self._accuracy * abs(b.value - a.value)
+        while abs(b.value - a.value) > smallest:
+            middle = 0.5 * (a.value + b.value)
+            if middle in (a.value, b.value):
                 break
-            for near, of in ((a, before), (b, value)):
+            for near in (a, b):
                 with suppress(CycleError, SimulationError):
-                    one = self.reach(near, of, middle)
+                    one = _Reached(self.reach(near, middle), middle)
                     break
             else:
                 break
-            if cyclic(one.sequence) == first:
-                a, before = one, middle
-            else:
-                b, value = one, middle
-        said = told(a, b)
-        if abs(value - before) > smallest:
-            said += f"; somewhere between {before:.9g} and {value:.9g}"
-        self._points.append(BranchPoint(0.5 * (before + value), "sequence", said))
+            # all along `a` is of the first sequence
+            a, b = (one, b) if alike(one.cycle, a.cycle) else (a, one)
+        said = in_words(a.cycle, b.cycle)
+        if abs(b.value - a.value) > smallest:
+            said += f"; somewhere between {a.value:.9g} and {b.value:.9g}"
+        self._points.append(BranchPoint(0.5 * (a.value + b.value), "sequence", said))
 
 
 def _speed(cycle: Cycle) -> float:

@@ -17,7 +17,10 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import named_parameters
 
 _ZERO = 1e-9
+"""A multiplier whose imaginary part is no larger is shown as a real number."""
+
 _NEUTRAL = 1e-6
+"""Within this distance from 1 it is not told whether a deviation grows or dies away."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,10 @@ def cycle_of(shot: Shot) -> Cycle:
 
     If it does not move, or the map over one period has no derivative, that is a `CycleError`.
     """
-    _check_moves(shot)
+    if not shot.forced:
+        found = shot.coordinates.of(shot.result.y)
+        if np.ptp(found, axis=1).max(initial=0.0) <= 1e-9 * np.abs(found).max(initial=0.0):
+            raise CycleError("no cycle was found: the motion comes to a state that does not change")
     return Cycle(
         shot.period,
         shot.multipliers(),
@@ -156,21 +162,12 @@ def from_zero(cycle: Cycle) -> Cycle:
     return replace(cycle, scene=scene, result=result, sequence=sequence_of(result))
 
 
-def _check_moves(shot: Shot) -> None:
-    """Refuse a state of rest for a cycle."""
-    if shot.forced:
-        return
-    found = shot.coordinates.of(shot.result.y)
-    if np.ptp(found, axis=1).max(initial=0.0) <= 1e-9 * np.abs(found).max(initial=0.0):
-        raise CycleError("no cycle was found: the motion comes to a state that does not change")
-
-
 def sequence_of(result: Result) -> tuple[str, ...]:
     """Return the changes of modes of a result, without their times."""
-    return tuple(said(event) for event in result.events)
+    return tuple(mode_change(event) for event in result.events)
 
 
-def said(event: Event) -> str:
+def mode_change(event: Event) -> str:
     """Return which row changes its mode, and how."""
     before, after = Mode(event.before), Mode(event.after)
     return f"{event.contact}: {before.name} -> {after.name}"

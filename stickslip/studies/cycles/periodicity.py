@@ -16,7 +16,7 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
-from stickslip.studies.derivatives.directions import Direction, along_start
+from stickslip.studies.derivatives.directions import Direction
 
 
 def check_loads(system: System, period: float) -> None:
@@ -66,10 +66,18 @@ def read_positions(system: System) -> Array:
     return np.asarray(found[:rank])
 
 
-def seen(system: System, y: Array, read: Array) -> Array:
-    """Return what has to close of states (or columns of them): velocities, positions that are read, all others."""
-    n, first = system.n, system.first_bristle
-    return np.concatenate([y[:n], read @ y[n:first], y[first:]])
+class Closing:
+    """What has to close after a period: velocities, positions that are read, and all other states."""
+
+    def __init__(self, system: System) -> None:
+        self._n, self._first, self._read = system.n, system.first_bristle, read_positions(system)
+        # velocities are of one size, and so are positions
+        self.groups = slice(self._n), slice(self._n, self._n + self._read.shape[0])
+
+    def of(self, y: Array) -> Array:
+        """Return what has to close of a state, or of columns of them."""
+        n, first = self._n, self._first
+        return np.concatenate([y[:n], self._read @ y[n:first], y[first:]])
 
 
 def _movable(system: System, held: Mask, read: Array) -> Array:
@@ -115,11 +123,11 @@ class Coordinates:
     def directions(self) -> list[Direction]:
         """Return the directions in which each coordinate grows."""
         none = np.zeros(self.system.m)
-        found = [along_start(f"state {k}", column, none) for k, column in enumerate(self.to_states.T)]
+        found = [Direction(f"state {k}", (), column, none) for k, column in enumerate(self.to_states.T)]
         for row in self.aged.tolist():
             since = none.copy()
             since[row] = -1.0
-            found.append(along_start(f"age {row}", np.zeros(self.system.size), since))
+            found.append(Direction(f"age {row}", (), np.zeros(self.system.size), since))
         return found
 
     def sizes(self, result: Result) -> Array:

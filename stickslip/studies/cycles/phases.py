@@ -16,33 +16,27 @@ _BEFORE, _LATEST, _GRAZES = 1e-4, 1e-2, 0.3
 many periods before it is 0, but in the last part of the motion that leads there."""
 
 
-def cyclic(sequence: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the first of all rotations of a sequence in the order of the alphabet."""
-    return min((sequence[k:] + sequence[:k] for k in range(len(sequence))), default=())
+def alike(a: Cycle, b: Cycle) -> bool:
+    """Tell whether two cycles have the same changes of modes, wherever their periods begin."""
+    one, other = a.sequence, b.sequence
+    rotations = (other[k:] + other[:k] for k in range(max(len(other), 1)))
+    return one in rotations
 
 
-def told(a: Cycle, b: Cycle) -> str:
+def in_words(a: Cycle, b: Cycle) -> str:
     """Return in words how the sequence of one cycle becomes that of another."""
     new, old = Counter(b.sequence) - Counter(a.sequence), Counter(a.sequence) - Counter(b.sequence)
     parts = []
-    for found, word in ((new, "begins"), (old, "ceases")):
-        names = sorted({one.split(":")[0] for one in found})
-        for name in names:
-            sticks = any(one.startswith(f"{name}:") and "STUCK" in one for one in found)
-            both = any(one.split(":")[0] == name for one in new) and any(
-                one.split(":")[0] == name for one in old
-            )
-            if both and word == "ceases":
-                continue
-            if both:
+    for found, others, word in ((new, old, "begins"), (old, new, "ceases")):
+        names, too = ({one.split(":")[0] for one in some} for some in (found, others))
+        for name in sorted(names):
+            if name not in too:
+                sticks = any(one.startswith(f"{name}:") and "STUCK" in one for one in found)
+                does = "stick" if sticks else "reverse"
+                parts.append(f"{name!r} {word} to {does} (its relative velocity grazes 0)")
+            elif found is new:
                 parts.append(f"{name!r} changes its order of sticking, reversing and slipping")
-            elif sticks:
-                parts.append(f"{name!r} {word} to stick (its relative velocity grazes 0)")
-            else:
-                parts.append(f"{name!r} {word} to reverse (its relative velocity grazes 0)")
-    if not parts:
-        parts = ["the same changes of modes come in another order"]
-    return "; ".join(parts)
+    return "; ".join(parts) or "the same changes of modes come in another order"
 
 
 def vanishing(cycle: Cycle) -> list[str]:

@@ -21,6 +21,8 @@ from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.parameters import Parameter
 
 _MOST_STEPS = 12
+"""Steps of Newton's method back to the branch."""
+
 _TURNED = 0.7
 """Cosine of the angle by which the tangent may turn in a step."""
 
@@ -31,9 +33,10 @@ ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
 """What says that there is no cycle where it was looked for."""
 
 _SURE = 1e-2
-"""Part of what is enough at which no further step is taken."""
+"""Part of the tolerance below which no further step is taken."""
 
 _AT_FOLD = 1e-9
+"""Part of a step to which a fold is found."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,9 @@ class Arc:
             errors.append(shot.error)
             if shot.error <= min(errors):
                 best = shot, value
-            elif min(errors) <= shot.enough:
+            elif min(errors) <= shot.tolerance:
                 break
-            if shot.error <= _SURE * shot.enough:
+            if shot.error <= _SURE * shot.tolerance:
                 break
             matrix, missed, _ = self._linear(shot, value)
             if matrix.shape[1] != place.tangent.size:
@@ -87,7 +90,7 @@ class Arc:
             if np.abs(change).max() > _FAR * abs(length):
                 raise CycleError("the branch bends too much for one step")
             shot, value = self._moved(shot, value, change)
-        if min(errors) > shot.enough:
+        if min(errors) > shot.tolerance:
             raise CycleError("no cycle was found along the branch")
         shot, value = best
         _, _, tangent = self._linear(shot, value)

@@ -8,7 +8,6 @@ direction of the motion where the period is free.
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,16 +19,9 @@ from stickslip.model.checks import finite
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import compiled
-from stickslip.studies.cycles.cycle import Cycle, from_zero, said
+from stickslip.studies.cycles.cycle import Cycle, from_zero, mode_change
 from stickslip.studies.cycles.newton import closed
-from stickslip.studies.cycles.periodicity import (
-    check_constant,
-    check_loads,
-    middle_of,
-    read_positions,
-    scene_at,
-    seen,
-)
+from stickslip.studies.cycles.periodicity import Closing, check_constant, check_loads, middle_of, scene_at
 from stickslip.studies.cycles.shooting import CycleError, Shot
 from stickslip.studies.derivatives.variations import simulated
 
@@ -37,6 +29,8 @@ _NEAR = 0.05
 """Part of its size within which a motion comes back to where a search begins."""
 
 _TURNS, _LONGER, _TRIES = 12, 4.0, 5
+"""A first transient lasts so many turns; each further one is so many times as long, and so many are tried."""
+
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
@@ -105,7 +99,10 @@ def limit_cycle(
         if guess is not None:
             raise ValueError("limit_cycle: give the period or a guess of it, not both")
         check_loads(system, period)
-        given = partial(_of_period, period, options)
+
+        def given(start: Scene) -> Cycle:
+            return from_zero(closed(Shot(start, period, True, options).between_events()))
+
         if transient == 0:
             return given(scene)
         periods = 50 if transient is None else max(1, math.ceil(transient / period - 1e-9))
@@ -123,11 +120,6 @@ def limit_cycle(
     return _once(_after_transient(scene, guess, transient, options))
 
 
-def _of_period(period: float, options: dict[str, Any], start: Scene) -> Cycle:
-    """Return the forced cycle near a start."""
-    return from_zero(closed(Shot(start, period, True, options).between_events()))
-
-
 def _once(cycle: Cycle) -> Cycle:
     """Return a cycle of free period as one turn, where it was found as several."""
     count = len(cycle.sequence)
@@ -135,7 +127,7 @@ def _once(cycle: Cycle) -> Cycle:
         if count % turns:
             continue
         shot = Shot(cycle.scene, cycle.period / turns, False, cycle.shot.options)
-        if shot.error <= 1e3 * shot.enough:
+        if shot.error <= 1e3 * shot.tolerance:
             return closed(shot)
     return cycle
 
@@ -146,16 +138,11 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     If the motion only comes back after several periods, that is a `CycleError`.
     """
     result = simulated(scene, (0.0, periods * period), **options)
-    system: System = result.trajectory.system
-    times = period * np.arange(periods + 1)
-    states = result(np.minimum(times, result.trajectory.pieces[-1].stop))
-    read = read_positions(system)
-    n = system.n
-    z = seen(system, states, read)
-    size = np.ptp(seen(system, result.y, read), axis=1)
-    size[:n] = size[:n].max()
-    last = n + read.shape[0]
-    size[n:last] = size[n:last].max(initial=0.0)
+    closing, times = Closing(result.trajectory.system), period * np.arange(periods + 1)
+    z = closing.of(result(np.minimum(times, result.trajectory.pieces[-1].stop)))
+    size = np.ptp(closing.of(result.y), axis=1)
+    for group in closing.groups:
+        size[group] = size[group].max(initial=0.0)
     size[size == 0] = 1.0
     apart = [
         float(np.abs((z[:, -1] - z[:, -1 - k]) / size).max(initial=0.0))
@@ -230,31 +217,24 @@ def _has_ended(result: Result) -> bool:
     motion = result.trajectory.motion(len(result.trajectory.pieces) - 1)
     if last.end < 0.5 * (last.stop - result.trajectory.pieces[0].t):
         return False
-    read = read_positions(result.trajectory.system)
-    rate = motion.rate(last.end, last.kept_path.last)
-    moves = seen(result.trajectory.system, rate, read)
+    moves = Closing(motion.system).of(motion.rate(last.end, last.kept_path.last))
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
 
 
 def left_of(result: Result) -> float:
     """Return the range of velocities in the last quarter of a motion as a part of that in the quarter before."""
-    start, stop = float(result.t[0]), float(result.t[-1])
-    third, last = (
-        np.ptp(
-            result.sample(np.linspace(start + a * (stop - start), start + b * (stop - start), 2000)).y, axis=1
-        )
-        for a, b in ((0.5, 0.75), (0.75, 1.0))
-    )
-    n = result.trajectory.system.n
-    return float(last[:n].max() / max(third[:n].max(), 1e-300))
+    start, whole, n = float(result.t[0]), float(result.t[-1] - result.t[0]), result.trajectory.system.n
+    quarters = (np.linspace(start + a * whole, start + (a + 0.25) * whole, 2000) for a in (0.5, 0.75))
+    third, last = (np.ptp(result.sample(times).y[:n], axis=1).max() for times in quarters)
+    return float(last / max(third, 1e-300))
 
 
 def _marks(result: Result) -> tuple[Array, list[str]]:
     """Return times that may come back and what happens then: events, or where these cease turns of the fastest body."""
     middle = 0.5 * (result.t[0] + result.t[-1])
     if len(result.events) >= 4 and result.events[-1].t >= middle:
-        return np.array([event.t for event in result.events]), [said(event) for event in result.events]
+        return np.array([event.t for event in result.events]), [mode_change(event) for event in result.events]
     t = np.linspace(result.t[0], result.t[-1], 4000)
     v = result.sample(t).y[: result.trajectory.system.n]
     later = t >= middle
@@ -268,20 +248,16 @@ def _marks(result: Result) -> tuple[Array, list[str]]:
 def _return_of(result: Result, guess: float | None) -> tuple[Scene, float] | None:
     """Return a start and about the period where the end of a motion has come back to where it was before, else None."""
     times, names = _marks(result)
-    count = times.size
-    system: System = result.trajectory.system
-    read = read_positions(system)
+    count, closing = times.size, Closing(result.trajectory.system)
     for back in range(1, count // 2):
         first, second = count - 1 - back, count - 1 - 2 * back
-        if second < 0 or names[first:] != names[second : first + 1]:
+        if names[first:] != names[second : first + 1]:
             continue
         about, before = times[-1] - times[first], times[first] - times[second]
         if abs(about - before) > _NEAR * about or (guess is not None and abs(about - guess) > 0.3 * guess):
             continue
-        states = result(np.array([times[-1], times[first]]))
-        z = seen(system, states, read)
-        whole = result.sample(np.linspace(times[first], times[-1], 200)).y
-        whole = seen(system, whole, read)
+        z = closing.of(result(np.array([times[-1], times[first]])))
+        whole = closing.of(result.sample(np.linspace(times[first], times[-1], 200)).y)
         if np.abs(z[:, 0] - z[:, 1]).max() > _NEAR * max(float(np.ptp(whole, axis=1).max()), 1e-300):
             continue
         at = middle_of(result, float(times[first]), float(times[-1]))

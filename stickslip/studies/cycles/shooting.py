@@ -12,11 +12,11 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Complex
 from stickslip.model.scene import Scene
 from stickslip.studies.cycles.periodicity import (
+    Closing,
     Coordinates,
     middle_of,
     read_positions,
     scene_at,
-    seen,
     started,
 )
 from stickslip.studies.derivatives.directions import along_parameter
@@ -28,7 +28,10 @@ _CLOSED = 1e-10
 much."""
 
 _ZERO = 1e-9
+"""A multiplier no larger than this is 0."""
+
 _ROUNDOFF = 1e-13
+"""Singular values below this part of the largest entry of the map over one period are roundoff."""
 
 
 class CycleError(RuntimeError):
@@ -63,20 +66,20 @@ class Shot:
         self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
 
     @property
-    def enough(self) -> float:
-        """Below which error it counts as closed."""
+    def tolerance(self) -> float:
+        """The error up to which it counts as closed."""
         return _CLOSED if self.result.stats["engine"] == "Taylor series" else 1e3 * _CLOSED
 
     @property
     def _elsewhere(self) -> float:
         """By what part of its size the motion misses its start in what is held at the start and may move at the end."""
-        system, read = self.system, read_positions(self.system)
-        n, places = system.n, system.n + read.shape[0]
-        off = np.abs(seen(system, self.stop, read) - seen(system, self.start, read))[:places]
-        size = np.ptp(seen(system, self.result.y, read), axis=1)[:places]
-        parts = [off[:n].max(initial=0.0) / max(size[:n].max(initial=0.0), 1e-300)]
-        parts.append(off[n:].max(initial=0.0) / max(size[n:].max(initial=0.0), 1e-300))
-        return float(max(parts))
+        closing = Closing(self.system)
+        off = np.abs(closing.of(self.stop) - closing.of(self.start))
+        size = np.ptp(closing.of(self.result.y), axis=1)
+        groups = closing.groups
+        return max(
+            float(off[g].max(initial=0.0)) / max(float(size[g].max(initial=0.0)), 1e-300) for g in groups
+        )
 
     def between_events(self) -> Shot:
         """Return the shot from the middle of the longest motion: an event at the start has no derivative."""

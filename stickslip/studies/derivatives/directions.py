@@ -77,11 +77,6 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
 
 
-def along_start(name: str, y: Array, since: Array) -> Direction:
-    """Return the direction in which only the start changes."""
-    return Direction(name, (), y, since)
-
-
 def _alike(nominal: System, other: System) -> bool:
     """Tell whether two scenes have the same states, and contacts that dwell and carry forces."""
     return (

@@ -18,9 +18,11 @@ from stickslip.studies.derivatives.nearby import REST, Nearby, total
 from stickslip.studies.derivatives.varied import VariedPiece
 from stickslip.studies.derivatives.varied_guards import TIE, VariedGuards
 
-_LOOKS, _NEAR, _TOUCH = 8, 1e-2, 1e-9
-"""Looks at the guards in each step; part of its size below which a guard is followed to its minimum, and at which that
-is a touch."""
+_LOOKS = 8
+"""At so many times in each step all guards are looked at."""
+
+_NEAR, _TOUCH = 1e-2, 1e-9
+"""A guard below the first part of its size is followed to its minimum; a minimum below the second part touches 0."""
 
 _ROUNDOFF = 1e-13
 """Part of its size by which a guard has to rise on both sides of a touch."""

@@ -29,7 +29,7 @@ _FINE = 1e-4
 
 
 def total(parts: Sequence[Any]) -> Any:
-    """Return the sum of weighted values near by. Added one by one to something else, constants would leave roundoff."""
+    """Return the sum of weighted values near by: their weights add up to 0, so what is constant leaves no roundoff."""
     return sum(parts[1:], parts[0]) if parts else 0.0
 
 

@@ -89,7 +89,11 @@ class Sensitivities:
             If there is no such row, or a time lies outside.
         """
         row = self.result.samples.row(contact)
-        return self._read(lambda at: self.variation.quantity(_force_of(row), at), times)
+
+        def force(motion: Motion, taus: Array, y: Array) -> Array:
+            return np.asarray(motion.row_forces(taus, y)[row])
+
+        return self._read(lambda at: self.variation.quantity(force, at), times)
 
     def heat(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the heat of a contact from the start to fixed times, by default to the end.
@@ -200,13 +204,14 @@ def sensitivities(
 def from_variation(variation: Variation) -> Sensitivities:
     """Return the derivatives that a variation holds."""
     result, names = variation.result, tuple(one.name for one in variation.directions)
-    return Sensitivities(names, result, event_changes(variation), _reasons(variation), variation)
+    return Sensitivities(names, result, _event_changes(variation), _reasons(variation), variation)
 
 
-def event_changes(variation: Variation) -> Array:
+def _event_changes(variation: Variation) -> Array:
     """Return the derivatives of the times of the events of a result, one line each."""
     found = np.full((len(variation.result.events), variation.count), np.nan)
-    changes = dict(variation.changes())
+    pieces = variation.trajectory.pieces[:-1]
+    changes = {piece.stop: varied.end for piece, varied in zip(pieces, variation.pieces, strict=False)}
     # what happens at the start does so at the start
     begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
     changes[variation.trajectory.span[0]] = np.where(begun, 0.0, np.nan)
@@ -239,13 +244,6 @@ def _velocity_of(i: int) -> Callable[[Motion, Array, Array], Array]:
         )
 
     return velocity
-
-
-def _force_of(row: int) -> Callable[[Motion, Array, Array], Array]:
-    def force(motion: Motion, taus: Array, y: Array) -> Array:
-        return np.asarray(motion.row_forces(taus, y)[row])
-
-    return force
 
 
 def _powers(motion: Motion, taus: Array, y: Array) -> Array:

@@ -12,7 +12,7 @@ themselves are never differenced.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -83,14 +83,14 @@ class Variation(Nearby):
             varied = VariedPiece(taus, coefficients, since, begin, end, until)
             self.pieces.append(varied)
             for k, why, tau in kinks.at_touches(self, number, motion, varied):
-                self._refuse(piece.t + tau, k, why)
+                self._refuse(piece.t + tau, [(k, why)])
                 until[k] = min(until[k], tau)
-            for k, why in (
+            for kink in (
                 *kinks.at_corners(self, number, motion, varied),
                 *kinks.at_rise_from_nothing(self, number, motion),
             ):
-                self._refuse(piece.t, k, why)
-                until[k] = 0.0
+                self._refuse(piece.t, [kink])
+                until[kink[0]] = 0.0
             if number == last:
                 break
             S = coefficients[-1].sum(axis=0) if coefficients.shape[0] else S
@@ -103,21 +103,26 @@ class Variation(Nearby):
                     # rebounds that accumulate become short, but stay as they are for small changes
                     stays = change * direction.size * _SMALL <= length
                     if not (stays or change <= TIE * (abs(begin[k]) + abs(end[k]))):
-                        self._refuse(piece.stop, k, "two events fall together", end)
+                        self._refuse(piece.stop, [(k, "two events fall together")], end)
             S, since = self._jump(number, motion, S, since, end)
             begin = end
 
-    def _refuse(self, t: float, k: int, why: str, *derivatives: Array) -> None:
-        """Note why there is no derivative in a direction, and make its derivatives NaN."""
-        if not any(one == k for _, one, _ in self.reasons):
-            self.reasons.append((t, k, why))
-        for one in derivatives:
-            one[..., k] = np.nan
+    def _refuse(self, t: float, found: Iterable[tuple[int, str]], *derivatives: Array) -> None:
+        """Note directions in which there is no derivative, and why, and make their derivatives NaN."""
+        for k, why in found:
+            if not any(one == k for _, one, _ in self.reasons):
+                self.reasons.append((t, k, why))
+            for one in derivatives:
+                one[..., k] = np.nan
+
+    def _refuse_all(self, t: float, why: str, derivatives: Array) -> None:
+        """Do so in all directions."""
+        self._refuse(t, [(k, why) for k in range(self.count)], derivatives)
 
     def give_up(self, k: int, why: str) -> None:
         """Let there be no derivative in a direction, and say why."""
         self.reasons[:] = [one for one in self.reasons if one[1] != k]
-        self._refuse(self.trajectory.span[0], k, why)
+        self._refuse(self.trajectory.span[0], [(k, why)])
         for varied in self.pieces:
             varied.until[k] = 0.0
             varied.end[k] = np.nan
@@ -139,14 +144,12 @@ class Variation(Nearby):
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self.near_ones[k]):
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
-                self._refuse(t, k, why, S)
+                self._refuse(t, [(k, why)], S)
                 continue
             slope, _ = impact.along(S[:n, k], 0.0)
             S[:n, k] = system.balance(held).project(slope, none) + self._of_scene(k, impact, held, t, t)
-        for k, why in kinks.at_start(self, piece, motion, S, since):
-            self._refuse(t, k, why, S)
-        for k, why in kinks.at_stops(self, motion, S, sides):
-            self._refuse(t, k, why, S)
+        self._refuse(t, kinks.at_start(self, piece, motion, S, since), S)
+        self._refuse(t, kinks.at_stops(self, motion, S, sides), S)
         return S, since
 
     def _of_scene(self, k: int, impact: VariedImpact, held: bytes, before: float, t: float) -> Any:
@@ -170,24 +173,20 @@ class Variation(Nearby):
             i = near_break[0]
             moved = [sum(weight * loads.breaks[i] for weight, _, loads in near) for near in self.near_ones]
             times = np.array(moved, dtype=float)
-            for k, why in kinks.at_break(self, piece, motion, S, since, times):
-                self._refuse(piece.stop, k, why, times)
-            for k, why in kinks.beyond_break(self, number, motion, S, since, times):
-                self._refuse(piece.stop, k, why, times)
+            self._refuse(piece.stop, kinks.at_break(self, piece, motion, S, since, times), times)
+            self._refuse(piece.stop, kinks.beyond_break(self, number, motion, S, since, times), times)
             return times
         times = np.zeros(self.count)
         if path.hit:
             guards = VariedGuards(self, piece, motion)
             times, reasons = guards.end(float(path.taus[-1]), S, since, self.pieces[number].begin)
-            for k, why in reasons.items():
-                self._refuse(piece.stop, k, why)
+            self._refuse(piece.stop, reasons.items())
         elif piece.end == 0 and number:
             # what the event before brings about, in its instant: a gap that touches presses a contact
             times = self.pieces[number].begin.copy()
         elif np.any(following.modes != piece.modes) and all(t != piece.stop for t, _ in self._relaxed):
             # the time of a relaxation is that at which a velocity falls below a margin: it tells nothing of the scene
-            for k in range(self.count):
-                self._refuse(piece.stop, k, "the motion ends in a way that has no derivative here", times)
+            self._refuse_all(piece.stop, "the motion ends in a way that has no derivative here", times)
         return times
 
     def _jump(self, number: int, motion: Motion, S: Array, since: Array, times: Array) -> tuple[Array, Array]:
@@ -205,18 +204,18 @@ class Variation(Nearby):
         impact = self._impact(number, motion)
         equal = balance.project(impact.after(), u)
         if np.abs(equal - following.y[:n]).max(initial=0.0) > _JUMP * self.state_sizes[0]:
-            for k in range(self.count):
-                self._refuse(piece.stop, k, "velocities jump in a way that has no derivative here", moved)
+            self._refuse_all(piece.stop, "velocities jump in a way that has no derivative here", moved)
             return moved, since
         relaxed = {name for t, name in self._relaxed if t == piece.stop}
-        for k, why in kinks.at_rest_together(self, number, motion, S, times, relaxed):
-            self._refuse(piece.stop, k, why, times, moved)
+        self._refuse(
+            piece.stop, kinks.at_rest_together(self, number, motion, S, times, relaxed), times, moved
+        )
         found = moved.copy()
         for k in range(self.count):
             slope, differs = impact.along(moved[:n, k], times[k])
             if differs > TIE * np.abs(slope).max(initial=0.0):
                 why = "impacts fall together: the derivatives to the two sides differ"
-                self._refuse(piece.stop, k, why, times)
+                self._refuse(piece.stop, [(k, why)], times)
                 slope = np.full(n, np.nan)
             near = self._of_scene(k, impact, held, piece.t, following.t)
             found[:n, k] = balance.project(slope, rates * times[k]) + near
@@ -244,11 +243,6 @@ class Variation(Nearby):
         return VariedImpact(acts, path.last[: system.n], u[0], u[1], pace, sides, hit)
 
     # -- what is asked for -----------------------------------------------------------------------------------
-
-    def changes(self) -> list[tuple[float, Array]]:
-        """Return the time of the end of each motion but the last in s, and how it changes."""
-        pieces = self.trajectory.pieces[:-1]
-        return [(piece.stop, varied.end) for piece, varied in zip(pieces, self.pieces, strict=False)]
 
     def states(self, times: Array) -> Array:
         """Return S at any times, (size, k, directions), right limits at events."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,15 +90,20 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
 
     Steps are joined as long as S is a polynomial there: its last coefficient tells.
     """
-    path = piece.kept_path
+    path, size, count = piece.kept_path, nearby.system.size, nearby.count
+    nodes = _radau()[0]
     ends, found = [0.0], []
 
     def follow(edges: Indices, S: Array) -> Array:
         """Follow S over the solver's steps from edge to edge, and return it at the last one."""
-        for step, first, last in zip(
-            _collocations(nearby, piece, motion, since, path.taus[edges]), edges[:-1], edges[1:], strict=True
-        ):
-            c, following = step(S)
+        begins, lengths = path.taus[edges[:-1]], np.diff(path.taus[edges])
+        taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
+        y, still = motion.exact(taus, path.at(taus).T), np.zeros((size, taus.size, count))
+        forcing = nearby.slopes(Motion.rate, motion, since, taus, y, still)
+        forcing = np.moveaxis(forcing.reshape(size, lengths.size, nodes.size, count), 0, 2)
+        for i, (first, last) in enumerate(pairwise(edges)):
+            at = slice(i * nodes.size, (i + 1) * nodes.size)
+            c, following = _collocation(motion, float(lengths[i]), taus[at], y[:, at], forcing[i], S)
             if last - first > 1 and _is_rough(c):
                 S = follow(np.unique(np.linspace(first, last, _SPLIT + 1).astype(int)), S)
                 continue
@@ -112,32 +117,22 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
     return np.array(ends), np.array(found)
 
 
-def _collocations(
-    nearby: Nearby, piece: Piece, motion: Motion, since: Array, edges: Array
-) -> Iterator[Callable[[Array], tuple[Array, Array]]]:
-    """Yield for each of some steps what makes of S at its start the coefficients in it, and S at its end."""
-    path, size = piece.kept_path, nearby.system.size
-    nodes, weights, to_powers = _radau()
-    lengths, stages = np.diff(edges), nodes.size
-    taus = (edges[:-1, None] + lengths[:, None] * nodes).ravel()
-    y = motion.exact(taus, path.at(taus).T)
-    still = np.zeros((size, taus.size, nearby.count))
-    forcing = nearby.slopes(Motion.rate, motion, since, taus, y, still)
-    forcing = np.moveaxis(forcing.reshape(size, lengths.size, stages, nearby.count), 0, 2)
-    for i, h in enumerate(lengths.tolist()):
+def _collocation(
+    motion: Motion, h: float, taus: Array, y: Array, forcing: Array, S: Array
+) -> tuple[Array, Array]:
+    """Return the coefficients of S in a step of length `h`, from S at its start, and S at its end.
 
-        def step(S: Array, i: int = i, h: float = h) -> tuple[Array, Array]:
-            at = range(i * stages, (i + 1) * stages)
-            slopes = np.array([dense(motion.jacobian(float(taus[j]), y[:, j])) for j in at])
-            blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
-            whole = np.eye(stages * size) - blocks.reshape(stages * size, stages * size)
-            right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing[i])
-            # what is NaN in one direction is so in no other
-            stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(stages * size, -1))
-            stage = stage.reshape(stages, size, nearby.count) + 0 * right
-            return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
-
-        yield step
+    The state `y` and the rates `forcing` that S does not cause are those at the times of the stages.
+    """
+    _, weights, to_powers = _radau()
+    slopes = np.array([dense(motion.jacobian(tau, y[:, j])) for j, tau in enumerate(taus.tolist())])
+    blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
+    whole = np.eye(y.size) - blocks.reshape(y.size, y.size)
+    right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing)
+    # what is NaN in one direction is so in no other
+    stage = np.linalg.solve(whole, np.nan_to_num(right).reshape(y.size, -1))
+    stage = stage.reshape(right.shape) + 0 * right
+    return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
 
 
 def _is_rough(c: Array) -> bool:

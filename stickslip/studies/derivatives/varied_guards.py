@@ -141,9 +141,9 @@ class VariedGuards:
         return moved
 
     def _flies(self, i: int, tau: float, falls: float) -> float:
-        """Return how fast the stop is left, or fallen back to, that a guard watches, as a part of all speeds.
+        """Return the speed at which a stop is left or reached again, as a part of the speeds of the whole motion.
 
-        It is infinity for other guards, and where the fall to the stop is slower at its end than before.
+        It is infinite for guards that watch no stop, and where the stop is reached more slowly than on average.
         """
         guards, system = self.guards, self._nearby.system
         if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] > 1:

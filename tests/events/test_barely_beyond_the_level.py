@@ -1,0 +1,93 @@
+"""A force that is beyond its level by next to nothing, for a moment: the contact lets go, and sticks again at once."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    DryFriction,
+    Force,
+    Scene,
+    feedback,
+    piecewise_linear,
+    position,
+    signal,
+    simulate,
+    sine,
+)
+from stickslip.model.laws import Law
+from stickslip.model.quantities import Load
+
+NORMAL, OMEGA, PEAK = 17.1, 6.7, 0.5428
+LEVEL = 0.3 * NORMAL
+CURVES = {
+    "Stribeck": DryFriction(0.3, 0.2, stribeck_velocity=0.2),
+    "kinetic": DryFriction(0.3, 0.2, kinetic=lambda w: 0.3 + 0.1 * w),
+    "Coulomb": DryFriction(0.3, 0.3),
+}
+SOLVERS: list[dict[str, Any]] = [
+    {},
+    {"method": "Adams", "formulation": "merged"},
+    {"formulation": "multiplier"},
+]
+START, MOST_RESTARTS = 0.3, 30
+
+
+def swing(t: float) -> float:
+    return math.cos(OMEGA * (t - PEAK))
+
+
+def pushed(law: Law, load: Load) -> Scene:
+    return Scene(
+        Body("clock", inertia=1.0, velocity=1.0, position=START),
+        Body("block", inertia=1.9),
+        Contact("rub", "block", GROUND, law, normal=NORMAL),
+        Force("block", load),
+    )
+
+
+def pressed(law: Law, normal: Load) -> Scene:
+    return Scene(
+        Body("clock", inertia=1.0, velocity=1.0, position=START),
+        Body("block", inertia=1.9),
+        Contact("rub", "block", GROUND, law, normal=normal),
+        Force("block", piecewise_linear([0.0, 0.1], [0.0, LEVEL])),
+    )
+
+
+def scene(law: Law, kind: str, excess: float) -> Scene:
+    """The load is beyond the level by `excess` of it at `PEAK`, as a load or a lack of normal force."""
+    high, low, period = LEVEL * (1 + excess), NORMAL * (1 - excess), 2 * math.pi / OMEGA
+    if kind == "sine":
+        return pushed(law, sine(high, 1 / period, math.pi / 2 - OMEGA * PEAK))
+    if kind == "function":
+        return pushed(law, signal(lambda t: high * swing(t), period=period))
+    if kind == "feedback":
+        return pushed(law, feedback(lambda x: high * swing(x), position("clock")))
+    if kind == "normal sine":
+        return pressed(law, sine(2 * low, 1 / period, -math.pi / 2 - OMEGA * PEAK, 3 * low))
+    return pressed(law, signal(lambda t: low * (3 - 2 * swing(t)), period=period))
+
+
+@pytest.mark.parametrize("excess", [1e-9, 1e-10, 1e-11, 1e-12, 1e-14])
+@pytest.mark.parametrize("kind", ["sine", "function", "feedback", "normal sine", "normal function"])
+@pytest.mark.parametrize("name", CURVES)
+def test_a_contact_lets_go_and_sticks_again(name: str, kind: str, excess: float) -> None:
+    for options in SOLVERS:
+        result = simulate(scene(CURVES[name], kind, excess), (START, 0.9), rtol=1e-9, atol=1e-11, **options)
+        found = [(int(event.before), int(event.after)) for event in result.events]
+        assert found == [(0, 1), (1, 0)] or (excess < 1e-11 and not found)
+        # cos x = 1 / (1 + excess), or of the normal force 3 - 2 cos x = 1 / (1 - excess)
+        half = math.sqrt((1 if "normal" in kind else 2) * excess) / OMEGA
+        if found:
+            assert result.events[0].t == pytest.approx(PEAK - half, abs=0.02 * half + 1e-7)
+            # the velocity in between is far below the errors of the solvers
+            assert result.events[1].t - PEAK < 5e-3
+        assert abs(result.position("block")[-1]) < 1e-10
+        assert result.stats["restarts"] < MOST_RESTARTS
