@@ -332,17 +332,7 @@ def _sweep(chosen: argparse.Namespace) -> int:
     scene, given = _scene_file(chosen)
     options = _options(chosen, given)
     runs = SceneRuns(scene, options.pop("span"), options)
-    grid: dict[str, list[float]] = {}
-    for text in chosen.vary:
-        path, equals, values = text.partition("=")
-        if not equals:
-            raise _BadInput(f"--vary {text}: write FIELD=VALUES, such as floor.normal=1,5,10")
-        if path in grid:
-            raise _BadInput(f"--vary {path} stands twice; list all its values at once")
-        with _refusals(f"--vary {text}: "):
-            grid[path] = values_of(values)
-            # a field that does not exist is told here, and not once for each point
-            runs.at({path: grid[path][0]})
+    grid = _grid(runs, chosen.vary)
     varied = [path for path, values in grid.items() if len(values) > 1]
     if chosen.plot and len(varied) != 2:
         raise _BadInput(f"--plot draws a map over two fields, but {len(varied)} vary; see --csv")
@@ -361,6 +351,22 @@ def _sweep(chosen: argparse.Namespace) -> int:
     if chosen.plot and code == _OK:
         _draw_map(runs, found, varied, chosen)
     return _FAILED if found.failures and code == _OK else code
+
+
+def _grid(runs: SceneRuns, texts: Sequence[str]) -> dict[str, list[float]]:
+    """Return the values of each field that `--vary` names."""
+    grid: dict[str, list[float]] = {}
+    for text in texts:
+        path, equals, values = text.partition("=")
+        if not equals:
+            raise _BadInput(f"--vary {text}: write FIELD=VALUES, such as floor.normal=1,5,10")
+        if path in grid:
+            raise _BadInput(f"--vary {path} stands twice; list all its values at once")
+        with _refusals(f"--vary {text}: "):
+            grid[path] = values_of(values)
+            # a field that does not exist is told here, and not once for each point
+            runs.at({path: grid[path][0]})
+    return grid
 
 
 def _write_points(runs: SceneRuns, found: SweepResult, path: str) -> None:

@@ -11,6 +11,7 @@ Rows that lock the same motion leave lambda undetermined; the forces of least no
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -70,6 +71,12 @@ class Balance:
             self._S = part.S
             self.parting, self.loop = part.parting, part.loop
         self._finish()
+
+    @property
+    def reach(self) -> float:
+        """How many accelerations all forces change at most, one force on each body; inf where no matrix tells."""
+        led: Any = self.T
+        return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
 
     @property
     def has_loops(self) -> bool:

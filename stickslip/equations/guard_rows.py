@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from stickslip.equations.matrices import scaled
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import is_quickly_made
@@ -29,8 +30,15 @@ class InModes(Protocol):
     at_level: Indices
     pressed: Indices
     borders: Indices
-    E: Array
-    H: Array
+    is_assembled: bool
+
+    @property
+    def E(self) -> Any:
+        """The map from states to what is watched."""
+
+    @property
+    def H(self) -> Any:
+        """The map from inputs to what is watched, of a small scene."""
 
     def watch(self, y: Array) -> Array:
         """Return what is watched of columns of states."""
@@ -144,9 +152,9 @@ class GuardRows:
         return np.asarray(ends[np.array(sizes) > 0])
 
     @cached_property
-    def by_state(self) -> Array:
-        """The guards from the states of a small scene."""
-        return np.asarray(self.turn[:, None] * self.equations.E[self.source])
+    def by_state(self) -> Any:
+        """The guards from the states."""
+        return scaled(self.turn, self.equations.E[self.source])
 
     @cached_property
     def by_input(self) -> Array:
@@ -158,8 +166,8 @@ class GuardRows:
 
     def of_states(self, y: Array) -> Array:
         """Return what columns of states add to the guards."""
-        if not self.equations.system.sparse:
-            return self.by_state @ y
+        if self.equations.is_assembled:
+            return np.asarray(self.by_state @ y)
         return np.asarray(self.turn[:, None] * self.equations.watch(y)[self.source])
 
     def of_inputs(self, q: Array) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -305,7 +306,7 @@ class Guards(GuardsAtStart):
         return remembered(rows.smallest_in_floats, made, *own, *motion.of_laws_on_lines)
 
     @cached_property
-    def _of_states(self) -> Array | None:
+    def _of_states(self) -> Any:
         """The guards from the states of a motion whose inputs are lines, where no law's force reaches them."""
         equations = self.motion.equations
         if self._on_lines is None or equations.watched_by_laws[self.rows.source].any():

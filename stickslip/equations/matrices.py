@@ -57,6 +57,29 @@ def assembled(size: int, blocks: Sequence[Block]) -> Any:
     return scipy.sparse.csr_array((values, (row, column)), shape=(size, size))
 
 
+def scaled(factors: Array, matrix: Any) -> Any:
+    """Return a matrix with each row multiplied by its factor, dense or sparse as it is."""
+    if isinstance(matrix, np.ndarray):
+        return factors[:, None] * matrix
+    return (scipy.sparse.diags_array(factors) @ matrix).tocsr()
+
+
+def stacked(rows: int, parts: Sequence[tuple[slice | Indices, Any]]) -> Any:
+    """Return an array of so many rows from parts, each at its rows; a sparse matrix if the first part is one."""
+    first = parts[0][1]
+    if isinstance(first, np.ndarray):
+        found = np.zeros((rows, *first.shape[1:]))
+        for at, part in parts:
+            found[at] = part
+        return found
+    every = np.arange(rows)
+    entries = [(every[at], scipy.sparse.coo_array(part)) for at, part in parts]
+    row = np.concatenate([at[part.row] for at, part in entries])
+    column = np.concatenate([part.col for _, part in entries])
+    values = np.concatenate([part.data for _, part in entries])
+    return scipy.sparse.csr_array((values, (row, column)), shape=(rows, first.shape[1]))
+
+
 def row_maxima(matrix: Any) -> Array:
     """Return the largest absolute value in each row (k,)."""
     if not matrix.shape[0] or not matrix.shape[1]:

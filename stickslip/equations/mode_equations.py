@@ -12,17 +12,20 @@ import scipy
 
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import Waves
-from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima
+from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima, scaled, stacked
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.equations.taylor import ORDER, TaylorMap, is_quickly_made, is_small
-from stickslip.model.arrays import Array, Mask, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.laws.table import VelocityDependentForces
 
 _LOCKED = 1e-11
 """Part of its coefficients that is left of a row where it cannot move."""
 
 _MOST_MAPS = 50
+
+_NEAR = 8
+"""Accelerations on average that the force on one body changes, up to which sparse maps are put together."""
 
 _IN_FLOATS = 48
 """Terms of the rates up to which plain floats are faster than arrays."""
@@ -101,10 +104,11 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
-        self.feeds_back = system.has_couplings
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
-        if not system.sparse:
-            self._assemble()
+        # where forces depend on velocity, a solver applies the maps many times
+        self.is_assembled = not system.sparse or (
+            self.velocity_dependent.size > 0 and self.balance.reach <= _NEAR * system.n
+        )
 
     # -- piecewise-linear functions --------------------------------------------------------------------------
 
@@ -177,8 +181,7 @@ class ModeEquations:
         bounded least norm).
         """
         system = self.system
-        G, D = dense(system.G), dense(system.D)
-        scale = np.maximum(row_maxima(G), row_maxima(D))
+        G, scale = dense(system.G), system.largest_lever
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
         dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
@@ -196,22 +199,59 @@ class ModeEquations:
         left = row_maxima(G @ balance.T)
         if not but_by_drives:
             left = np.maximum(left, row_maxima(G @ balance.U + D))
-        return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
+        return np.asarray(left <= _LOCKED * system.largest_lever[rows])
 
     # -- the maps --------------------------------------------------------------------------------------------
 
-    def _assemble(self) -> None:
-        system = self.system
-        size, total = system.size, system.inputs + system.dwelling.size
-        self._AE, self._BH = self._of_states(np.eye(size)), self._of_inputs(np.eye(total))
-        some = self.velocity_dependent
-        self._KL = (
-            self._of_friction(np.eye(system.m)[:, some]) if some.size else np.zeros((size + self.rows, 0))
-        )
-        (self.A, self.E), (self.B, self.H), (self.K, self.L) = (
-            (both[:size], both[size:]) for both in (self._AE, self._BH, self._KL)
-        )
-        self.feeds_back = bool(self.A[: system.n].any() or self.A[system.first_block :].any())
+    @cached_property
+    def _AE(self) -> Any:
+        """The map from states to rates and watched quantities; this and `_KL` only if `is_assembled`."""
+        return self._of_states(self._units(self.system.size))
+
+    @cached_property
+    def _BH(self) -> Any:
+        """The map from inputs, of a small scene."""
+        return self._of_inputs(np.eye(self.system.inputs + self.system.dwelling.size))
+
+    @cached_property
+    def _KL(self) -> Any:
+        """The map from the forces that depend on velocity."""
+        return self._of_friction(self._units(self.system.m)[:, self.velocity_dependent])
+
+    def _units(self, size: int) -> Any:
+        return scipy.sparse.eye_array(size, format="csr") if self.system.sparse else np.eye(size)
+
+    @cached_property
+    def A(self) -> Any:
+        """Rates from states."""
+        return self._AE[: self.system.size]
+
+    @cached_property
+    def E(self) -> Any:
+        """Watched quantities from states."""
+        return self._AE[self.system.size :]
+
+    @cached_property
+    def H(self) -> Any:
+        """Watched quantities from inputs."""
+        return self._BH[self.system.size :]
+
+    @cached_property
+    def K(self) -> Any:
+        """Rates from the forces that depend on velocity."""
+        return self._KL[: self.system.size]
+
+    @cached_property
+    def L(self) -> Any:
+        """Watched quantities from the same."""
+        return self._KL[self.system.size :]
+
+    @cached_property
+    def feeds_back(self) -> bool:
+        """Whether states change the rates of velocities or of blocks."""
+        if self.system.sparse:
+            return self.system.has_couplings
+        return bool(self.A[: self.system.n].any() or self.A[self.system.first_block :].any())
 
     @cached_property
     def _with_guards(self) -> tuple[Array, Array]:
@@ -248,31 +288,34 @@ class ModeEquations:
 
     def apply(self, y: Array) -> Array:
         """Return ``A y`` and ``E y`` in one array, for one state or for columns of them."""
-        return self._AE @ y if not self.system.sparse else self._of_states(y)
+        found: Array = self._AE @ y if self.is_assembled else self._of_states(y)
+        return found
 
     def watch(self, y: Array) -> Array:
         """Return ``E y`` for columns of states."""
-        return self.E @ y if not self.system.sparse else self._of_states(y)[self.system.size :]
+        found: Array = self.E @ y if self.is_assembled else self._of_states(y)[self.system.size :]
+        return found
 
     def respond(self, q: Array) -> Array:
         """Return ``B q`` and ``H q`` in one array."""
-        return self._BH @ q if not self.system.sparse else self._of_inputs(q)
+        found: Array = self._of_inputs(q) if self.system.sparse else self._BH @ q
+        return found
 
     def push(self, e: Array) -> Array:
         """Return ``K e`` and ``L e`` in one array."""
-        if not self.system.sparse:
+        if self.is_assembled:
             found: Array = self._KL @ e
             return found
         wide = np.zeros((self.system.m, *e.shape[1:]))
         wide[self.velocity_dependent] = e
-        return self._of_friction(wide)
+        return np.asarray(self._of_friction(wide))
 
     @cached_property
     def watched_by_laws(self) -> Mask:
         """Tell what watched quantities the forces that depend on velocity may reach."""
         m, found = self.system.m, np.zeros(self.rows, dtype=bool)
         if self.velocity_dependent.size:
-            found[m:] = True if self.system.sparse else self.L[m:].any(axis=1)
+            found[m:] = row_maxima(self.L[m:]) > 0 if self.is_assembled else True
         return found
 
     @cached_property
@@ -280,59 +323,56 @@ class ModeEquations:
         """Whether the forces that depend on velocity may reach anything that is watched."""
         return bool(self.watched_by_laws.any())
 
-    def _of_states(self, y: Array) -> Array:
-        system, balance = self.system, self.balance
-        n = system.n
-        moved = np.array(y)
-        moved[:n] = balance.T @ y[:n]
-        out = self._out(self.C @ moved, moved[:n], None, None, system.block_C @ moved)
-        if self.borders.size:
-            out[-self.borders.size :] = self._border_y @ moved
-        return out
+    def _of_states(self, y: Any) -> Any:
+        system, n = self.system, self.system.n
+        led = self.balance.T @ y[:n]
+        moved = stacked(system.size, [(slice(n), led), (slice(n, system.size), y[n:])])
+        borders = self._border_y @ moved if self.borders.size else None
+        return self._out(self.C @ moved, led, None, None, system.block_C @ moved, borders)
 
-    def _of_inputs(self, q: Array) -> Array:
-        system, balance = self.system, self.balance
-        n = system.n
+    def _of_inputs(self, q: Any) -> Any:
+        system, n = self.system, self.system.n
         u = system.drive_velocities(q)
-        led = balance.U @ u
-        moved = np.zeros((system.size, *q.shape[1:]))
-        moved[:n] = led
+        led = self.balance.U @ u
+        moved = stacked(system.size, [(slice(n), led)])
         given = q[: system.inputs]
         forces = self.C @ moved + self.Q @ given - system.GT @ (self.friction @ q)
         blocks = system.block_C @ moved + system.block_Q @ given
-        out = self._out(forces, led, u, system.drive_accelerations(q), blocks)
-        if self.borders.size:
-            out[-self.borders.size :] = self._border_y @ moved + self._border_q @ given
-        return out
+        borders = self._border_y @ moved + self._border_q @ given if self.borders.size else None
+        return self._out(forces, led, u, system.drive_accelerations(q), blocks, borders)
 
-    def _of_friction(self, r: Array) -> Array:
-        system = self.system
-        return self._out(-(system.GT @ r), None, None, None, None)
+    def _of_friction(self, r: Any) -> Any:
+        return self._out(-(self.system.GT @ r), None, None, None, None, None)
 
-    def _out(
-        self, forces: Array, v: Array | None, u: Array | None, rate: Array | None, blocks: Array | None
-    ) -> Array:
-        """Return rates and watched quantities from forces on the bodies, velocities, and the rates of blocks."""
+    def _out(self, forces: Any, v: Any, u: Any, rate: Any, blocks: Any, borders: Any) -> Any:
+        """Return rates and watched quantities.
+
+        They follow from forces on the bodies, velocities of bodies and drives, accelerations of drives, rates of blocks
+        and what the borders see: columns of these, one of each or a sparse matrix, None where there are none.
+        """
         system, balance = self.system, self.balance
         n, size, m = system.n, system.size, system.m
-        out = np.zeros((size + self.rows, *forces.shape[1:]))
-        acceleration = out[:n] = balance.accelerations(forces, rate)
+        acceleration = balance.accelerations(forces, rate)
+        parts: list[tuple[slice | Indices, Any]] = [(slice(n), acceleration)]
         if blocks is not None:
-            out[system.first_block : size] = blocks
+            parts.append((slice(system.first_block, size), blocks))
         if v is not None:
-            out[system.moved_state] = v[system.moved]
-            out[size : size + m] = system.G @ v
-        if u is not None:
-            out[system.carried_state] = u[system.carried]
-            if system.drives:
-                out[size : size + m] += system.D @ u
+            w = system.G @ v
+            parts.append((system.moved_state, v[system.moved]))
+            if u is not None:
+                parts.append((system.carried_state, u[system.carried]))
+                w = w + system.D @ u if system.drives else w
+            parts.append((slice(size, size + m), w))
+        first = size + m + self.held.size
         if self.held.size:
-            out[size + m : size + m + self.held.size] = balance.held_forces(forces, acceleration, rate)
+            parts.append((slice(size + m, first), balance.held_forces(forces, acceleration, rate)))
         if self._shares is not None:
             inertia = system.inertia if forces.ndim == 1 else system.inertia[:, None]
-            first = size + m + self.held.size
-            out[first : first + self.at_level.size] = self._shares @ (forces - inertia * acceleration)
-        return out
+            own = self._shares @ (forces - inertia * acceleration)
+            parts.append((slice(first, first + self.at_level.size), own))
+        if borders is not None:
+            parts.append((slice(size + self.rows - self.borders.size, size + self.rows), borders))
+        return stacked(size + self.rows, parts)
 
     def consistent(self, y: Array, u: Array) -> Array:
         """Write the dependent velocities of a state (or rows of its columns) through T, in place."""
@@ -365,8 +405,8 @@ class ModeEquations:
     def law_jacobian(self, slopes: Array) -> Any:
         """Return what the velocity-dependent rows add to ``d y' / d y``: ``K diag(dr/dw) W``."""
         system, n = self.system, self.system.n
-        if not system.sparse:
-            return self.K @ (slopes[:, None] * self._led_velocities)
+        if self.is_assembled:
+            return self.K @ scaled(slopes, self._led_velocities)
         rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
         pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
         forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
@@ -381,7 +421,7 @@ class ModeEquations:
 
     def jacobian(self) -> Any:
         """Return ``A``, dense or sparse as the scene is."""
-        if not self.system.sparse:
+        if self.is_assembled:
             return self.A
         system, T, n, size = self.system, self.balance.T, self.system.n, self.system.size
         fold = scipy.sparse.block_diag([T, scipy.sparse.eye_array(size - n)], format="csr")
@@ -444,24 +484,25 @@ class ModeEquations:
     @cached_property
     def laws_in_floats(self) -> list[Callable[[float, float], float]] | None:
         """The forces that depend on velocity in plain floats, None where arrays are the better way."""
+        if self.system.sparse:
+            return None
         terms = np.count_nonzero(self.A) + np.count_nonzero(self.K)
         return self.law.in_floats() if terms <= _IN_FLOATS else None
 
     @cached_property
-    def _led_velocities(self) -> Array:
+    def _led_velocities(self) -> Any:
         """The relative velocities of the velocity-dependent rows from the states, led ones among them."""
         return self._from_states(self.system.G @ self.balance.T)
 
     @cached_property
-    def law_velocities(self) -> Array:
-        """The relative velocities of the velocity-dependent rows from the states of a small scene, without drives."""
+    def law_velocities(self) -> Any:
+        """The relative velocities of the velocity-dependent rows from the states, without drives."""
         return self._from_states(self.system.G)
 
-    def _from_states(self, from_velocities: Array) -> Array:
+    def _from_states(self, from_velocities: Any) -> Any:
         """Return the lines of the velocity-dependent rows, with all states in place of the velocities."""
-        found = np.zeros((self.velocity_dependent.size, self.system.size))
-        found[:, : self.system.n] = from_velocities[self.velocity_dependent]
-        return found
+        some, size = self.velocity_dependent, self.system.size
+        return stacked(size, [(slice(self.system.n), from_velocities[some].T)]).T
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:
         """Return what adds up in the borders, from absolute values of states and inputs."""

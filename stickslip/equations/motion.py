@@ -84,9 +84,10 @@ class Motion(Inputs):
 
         The inputs `q` need not be given.
         """
-        equations, lines = self.equations, self._lines
+        equations = self.equations
         rows, places = equations.velocity_dependent, equations.bristle_places
-        if q is None and lines is not None and not isinstance(tau, np.ndarray):
+        lines = None if q is not None or isinstance(tau, np.ndarray) else self._lines
+        if lines is not None:
             w: Array = equations.law_velocities @ y
             w += lines.w
             normal = lines.normal
@@ -115,9 +116,14 @@ class Motion(Inputs):
 
     @cached_property
     def _lines(self) -> _Lines | None:
-        """What the inputs of a small motion do, where they are lines."""
+        """What the inputs of a motion do whose maps are put together, where they are lines."""
         system, equations = self.system, self.equations
-        if system.sparse or self.rises_push or not self.is_straight or self.dependence is not None:
+        if (
+            not equations.is_assembled
+            or self.rises_push
+            or not self.is_straight
+            or self.dependence is not None
+        ):
             return None
         value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
         slope[: system.inputs] = self.stretch.slope
@@ -172,7 +178,7 @@ class Motion(Inputs):
 
     @property
     def is_on_lines(self) -> bool:
-        """Whether the motion is small and its inputs are lines."""
+        """Whether its maps are put together and its inputs are lines."""
         return self._lines is not None
 
     def law_forces(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:

@@ -241,10 +241,8 @@ class Trajectory(PickledByFields):
     @cached_property
     def numbers(self) -> Indices:
         """Their numbers."""
-        return np.array(
-            [k for k, part in zip(self.firsts.tolist(), self.parts, strict=True) if isinstance(part, Piece)],
-            dtype=np.intp,
-        )
+        is_whole = np.array([isinstance(part, Piece) for part in self.parts], dtype=bool)
+        return np.asarray(self.firsts[is_whole])
 
     @cached_property
     def steps_of_paths(self) -> Blocks:

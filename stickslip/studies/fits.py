@@ -108,14 +108,17 @@ class Fit:
         """How many times as large as the standard deviations of the noise the residuals are; 1 where none are given."""
         if any(one.sigma is None for one in self.measured):
             return 1.0
-        count = sum(one.t.size for one in self.measured) - self.values.size
-        return float(np.sqrt(2 * self.cost / max(count, 1)))
+        return float(np.sqrt(2 * self.cost / self._freedom))
 
     @property
     def fits(self) -> bool:
         """Whether the residuals are no larger than noise makes them, to five standard deviations."""
-        count = sum(one.t.size for one in self.measured) - self.values.size
-        return bool(self.misfit**2 <= 1 + 5 * np.sqrt(2 / max(count, 1)))
+        return bool(self.misfit**2 <= 1 + 5 * np.sqrt(2 / self._freedom))
+
+    @property
+    def _freedom(self) -> int:
+        """Degrees of freedom: how many more values were measured than parameters fitted, at least 1."""
+        return max(sum(one.t.size for one in self.measured) - self.values.size, 1)
 
     def residuals(self) -> dict[str, Array]:
         """Return what was measured less what the fitted scene does, by the names of the data."""

@@ -224,17 +224,21 @@ class Follower:
         That is the branch beyond a fold, or that of cycles without the phase that vanishes at the end; None for none.
         """
         spacing = value - last.value
-        if not vanishing(near.cycle):
-            turned = self._round(near, value, spacing)
-            if isinstance(turned, Cycle):
-                return turned
-            if turned is not None:
-                fold, place = turned
-                self._between(last, near)
-                said = "a multiplier is 1: two cycles meet, and the branch turns back"
-                self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
-                apart = abs(place.value - fold.value)
-                return self._beyond(_Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
+        turned = None if vanishing(near.cycle) else self._round(near, value, spacing)
+        if isinstance(turned, Cycle):
+            return turned
+        if turned is None:
+            return self._past_end(near, last, value, every)
+        fold, place = turned
+        self._between(last, near)
+        said = "a multiplier is 1: two cycles meet, and the branch turns back"
+        self._points.append(BranchPoint(fold.value, "fold", said, from_zero(fold.cycle)))
+        apart = abs(place.value - fold.value)
+        return self._beyond(_Reached(place.cycle, place.value), apart, last.value, spacing > 0, every)
+
+    def _past_end(self, near: _Reached, last: _Reached, value: float, every: Array) -> Cycle | Branch | None:
+        """Do so where the branch does not turn smoothly: find its end, and whether cycles of another sequence go on."""
+        spacing = value - last.value
         # that one step was too long does not tell where the branch ends
         passed, other = self._last(near._replace(end=value), self._accuracy * abs(spacing))
         a, at, why, end = passed[-1]

@@ -131,7 +131,10 @@ def cycle_of(shot: Shot) -> Cycle:
 
     If it does not move, or the map over one period has no derivative, that is a `CycleError`.
     """
-    _check_moves(shot)
+    if not shot.forced:
+        found = shot.coordinates.of(shot.result.y)
+        if np.ptp(found, axis=1).max(initial=0.0) <= 1e-9 * np.abs(found).max(initial=0.0):
+            raise CycleError("no cycle was found: the motion comes to a state that does not change")
     return Cycle(
         shot.period,
         shot.multipliers(),
@@ -157,15 +160,6 @@ def from_zero(cycle: Cycle) -> Cycle:
     scene = scene_at(shot.result, shot.period)
     result = Shot(scene, shot.period, True, shot.options).result
     return replace(cycle, scene=scene, result=result, sequence=sequence_of(result))
-
-
-def _check_moves(shot: Shot) -> None:
-    """Refuse a state of rest for a cycle."""
-    if shot.forced:
-        return
-    found = shot.coordinates.of(shot.result.y)
-    if np.ptp(found, axis=1).max(initial=0.0) <= 1e-9 * np.abs(found).max(initial=0.0):
-        raise CycleError("no cycle was found: the motion comes to a state that does not change")
 
 
 def sequence_of(result: Result) -> tuple[str, ...]:

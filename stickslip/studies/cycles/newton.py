@@ -23,11 +23,10 @@ _MOST_STEPS, _MOST_TRIALS, _PATIENCE = 25, 6, 4
 """Most steps, and most lengths that are tried of each; after so many steps with little gain the search ends."""
 
 _SURE = 1e-4
-"""Part of the error that is enough at which no further step is taken."""
+"""Part of the tolerance below which no further step is taken."""
 
 _NEAR_BY, _FAR = 0.05, 0.5
-"""A cycle that lies further from what was foretold than this part of its size, and than this part of what was to
-change, is another one."""
+"""A cycle that lies further from its prediction than these parts of its size and of the change is another one."""
 
 _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 """Parts by which a cycle is made smaller to find one just within it."""
@@ -35,23 +34,23 @@ _INWARDS = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 def closed(shot: Shot, trials: int = _MOST_TRIALS) -> Cycle:
     """Return the cycle to which Newton's method leads from a shot; so many lengths are tried of each step."""
-    enough = shot.enough
+    tolerance = shot.tolerance
     best = shot
     errors: list[float] = []
     for _ in range(_MOST_STEPS):
-        if errors and not shot.error < best.error and best.error <= enough:
+        if errors and not shot.error < best.error and best.error <= tolerance:
             break
         best = shot if shot.error < best.error else best
         errors.append(best.error)
         stalls = len(errors) > _PATIENCE and errors[-1] > 0.3 * errors[-1 - _PATIENCE]
-        if shot.error <= _SURE * shot.enough or stalls:
+        if shot.error <= _SURE * shot.tolerance or stalls:
             break
         change, longer = shot.solve(-shot.missed)
         following = _nearer(shot, change, longer, trials)
         if following is None:
             break
         shot = following
-    if best.error > enough:
+    if best.error > tolerance:
         raise CycleError(
             f"no cycle was found: Newton's method comes to a standstill where the motion over {best.period:.6g} s "
             f"misses its start by {best.error:.2g} of its size; begin nearer to the cycle (transient=..., guess=...)"
@@ -119,11 +118,11 @@ def closed_from(
     period = slower * change if longer is None else longer
     if shot.forced:
         check_loads(compiled(scene), shot.period + period)
-    foretold = shot.moved(along * change, period, scene, shot.start + begin * change)
+    predicted = shot.moved(along * change, period, scene, shot.start + begin * change)
     # where whole steps lead nowhere the parameter has changed too much
-    found = closed(foretold, trials=2)
-    off = _apart(found.shot, foretold)
-    if off > max(_NEAR_BY, _FAR * _apart(foretold, shot)):
+    found = closed(predicted, trials=2)
+    off = _apart(found.shot, predicted)
+    if off > max(_NEAR_BY, _FAR * _apart(predicted, shot)):
         raise CycleError("the search leads to a cycle far from the one before")
     return found
 

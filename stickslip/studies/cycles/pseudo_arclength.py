@@ -33,7 +33,7 @@ ERRORS = (CycleError, SimulationError, np.linalg.LinAlgError)
 """What says that there is no cycle where it was looked for."""
 
 _SURE = 1e-2
-"""Part of the error that is enough at which no further step is taken."""
+"""Part of the tolerance below which no further step is taken."""
 
 _AT_FOLD = 1e-9
 """Part of a step to which a fold is found."""
@@ -78,9 +78,9 @@ class Arc:
             errors.append(shot.error)
             if shot.error <= min(errors):
                 best = shot, value
-            elif min(errors) <= shot.enough:
+            elif min(errors) <= shot.tolerance:
                 break
-            if shot.error <= _SURE * shot.enough:
+            if shot.error <= _SURE * shot.tolerance:
                 break
             matrix, missed, _ = self._linear(shot, value)
             if matrix.shape[1] != place.tangent.size:
@@ -90,7 +90,7 @@ class Arc:
             if np.abs(change).max() > _FAR * abs(length):
                 raise CycleError("the branch bends too much for one step")
             shot, value = self._moved(shot, value, change)
-        if min(errors) > shot.enough:
+        if min(errors) > shot.tolerance:
             raise CycleError("no cycle was found along the branch")
         shot, value = best
         _, _, tangent = self._linear(shot, value)

@@ -127,7 +127,7 @@ def _once(cycle: Cycle) -> Cycle:
         if count % turns:
             continue
         shot = Shot(cycle.scene, cycle.period / turns, False, cycle.shot.options)
-        if shot.error <= 1e3 * shot.enough:
+        if shot.error <= 1e3 * shot.tolerance:
             return closed(shot)
     return cycle
 

@@ -66,8 +66,8 @@ class Shot:
         self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
 
     @property
-    def enough(self) -> float:
-        """Below which error it counts as closed."""
+    def tolerance(self) -> float:
+        """The error up to which it counts as closed."""
         return _CLOSED if self.result.stats["engine"] == "Taylor series" else 1e3 * _CLOSED
 
     @property

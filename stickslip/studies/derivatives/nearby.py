@@ -29,7 +29,7 @@ _FINE = 1e-4
 
 
 def total(parts: Sequence[Any]) -> Any:
-    """Return the sum of weighted values near by. Added one by one to something else, constants would leave roundoff."""
+    """Return the sum of weighted values near by: their weights add up to 0, so what is constant leaves no roundoff."""
     return sum(parts[1:], parts[0]) if parts else 0.0
 
 
@@ -50,6 +50,8 @@ class Nearby:
             for one in directions
         ]
         self.count = len(self.directions)
+        # of what changes in each direction
+        self.sizes = np.array([one.size for one in self.directions])
         # along the way: what starts from 0 is not small
         size = np.max([piece.kept_path.largest for piece in self.trajectory.pieces], axis=0)
         n, first = self.system.n, self.system.first_bristle

@@ -80,8 +80,8 @@ class VariedGuards:
 
     def moving(self, some: Indices, slopes: Array) -> list[tuple[int, int]]:
         """Return guards among some, and directions that move them by more than roundoff."""
-        sizes = np.array([one.size for one in self._nearby.directions])
-        roundoff = TIE * np.maximum(self.guards.scale, self.guards.majorant[0])[some, None] / sizes
+        largest = np.maximum(self.guards.scale, self.guards.majorant[0])[some, None]
+        roundoff = TIE * largest / self._nearby.sizes
         found = np.argwhere(np.abs(slopes[some]) > roundoff)
         return [(int(some[i]), int(k)) for i, k in found]
 
@@ -141,9 +141,9 @@ class VariedGuards:
         return moved
 
     def _flies(self, i: int, tau: float, falls: float) -> float:
-        """Return how fast the stop is left, or fallen back to, that a guard watches, as a part of all speeds.
+        """Return the speed at which a stop is left or reached again, as a part of the speeds of the whole motion.
 
-        It is infinity for other guards, and where the fall to the stop is slower at its end than before.
+        It is infinite for guards that watch no stop, and where the stop is reached more slowly than on average.
         """
         guards, system = self.guards, self._nearby.system
         if not guards.is_border[i] or self.is_continuous(i) or guards.order[i] > 1:
