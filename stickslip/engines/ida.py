@@ -22,7 +22,7 @@ from stickslip.engines.sundials import IDA
 from stickslip.engines.through_points import path_through
 from stickslip.engines.work import Work, solved
 from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import Block, assembled, dense, row_maxima
+from stickslip.equations.matrices import Block, assembled, dense
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices
@@ -141,9 +141,8 @@ class _Residual:
         """Return the projector on the directions in which forces are not unique, rows scaled as for the least norm."""
         if not self._motion.equations.balance.has_loops:
             return None
-        G, D = dense(self._G), dense(self._D)
-        scale = np.maximum(row_maxima(G), row_maxima(D))
-        unit = G / scale[:, None]
+        scale = self._system.largest_lever[held]
+        unit = dense(self._G) / scale[:, None]
         values, vectors = np.linalg.eigh(unit @ unit.T)
         free = vectors[:, values < 1e-9 * values.max()]
         # the least norm is that of lambda * scale

@@ -13,7 +13,7 @@ import numpy as np
 
 from stickslip.engines.base import Method, Task
 from stickslip.engines.roots import first_root, first_touch, may_vanish
-from stickslip.engines.work import BEYOND, Work, grows
+from stickslip.engines.work import BEYOND, SolverFailure, Work, grows
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import NEVER
 from stickslip.equations.loads import Loads
@@ -27,7 +27,9 @@ _REMAINDER = 1e-17
 _TO_LAST = np.arange(ORDER - 1.0, 0.0, -1.0)
 """How many orders there are from each one to the last but one."""
 
-_MOST_STEPS = 1_000_000
+_AT_ONCE, _AT_MOST = 50_000, 1e9
+"""Steps after which what was followed is handed over, and how many of them a motion may need at that pace."""
+
 _LOG_REMAINDER = math.log(_REMAINDER)
 _NOTHING, _NONE = 1e-250, 1e-267
 """Sizes below which a term counts as 0, and which 0 then has beside it."""
@@ -93,9 +95,17 @@ class Series:
             ends.append(tau)
             if motion.has_left(tau, y):
                 break
-            if len(pieces) > _MOST_STEPS:
-                raise ArithmeticError("the series needs too many steps; use method='BDF'")
-        return Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
+            if len(pieces) == _AT_ONCE:
+                # nobody need keep a long motion whole: it goes on from here
+                break
+        path = Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
+        if len(pieces) == _AT_ONCE and tau * _AT_MOST < _AT_ONCE * horizon:
+            raise SolverFailure(
+                f"the last {_AT_ONCE} steps took {tau:.3g} s of {horizon:.3g} s: the end is out of reach",
+                "simulate a shorter time, or leave out what oscillates or decays so fast",
+                path,
+            )
+        return path
 
     def _past_bounds(
         self, motion: Motion, guards: Guards, watched: Indices, tau: float, y: Array, longest: float
@@ -148,6 +158,9 @@ class Series:
             g[0] -= guards.allowance
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards)
+            if h < longest:
+                # it begins and ends at times that are numbers: what many steps round adds up
+                h = (tau + h) - tau
             if h < scale or scale < longest:
                 # a step that ends with the motion says nothing about longer ones
                 self._guess = _GROWTH * h

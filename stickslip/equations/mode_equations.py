@@ -181,8 +181,7 @@ class ModeEquations:
         bounded least norm).
         """
         system = self.system
-        G, D = dense(system.G), dense(system.D)
-        scale = np.maximum(row_maxima(G), row_maxima(D))
+        G, scale = dense(system.G), system.largest_lever
         held = G[self.held] / scale[self.held][:, None]
         bodies = np.abs(held).any(axis=0).nonzero()[0]
         dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
@@ -200,7 +199,7 @@ class ModeEquations:
         left = row_maxima(G @ balance.T)
         if not but_by_drives:
             left = np.maximum(left, row_maxima(G @ balance.U + D))
-        return np.asarray(left <= _LOCKED * np.maximum(row_maxima(G), row_maxima(D)))
+        return np.asarray(left <= _LOCKED * system.largest_lever[rows])
 
     # -- the maps --------------------------------------------------------------------------------------------
 

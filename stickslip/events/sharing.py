@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.equations.guards import Guards
-from stickslip.equations.matrices import dense, row_maxima
+from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
 from stickslip.model.arrays import Array, Indices
@@ -43,9 +43,8 @@ def share(motion: Motion, guards: Guards) -> Share | None:
     held, balance = motion.equations.held, motion.equations.balance
     if not balance.has_loops:
         return None
-    G, D = dense(motion.system.G[held]), dense(motion.system.D[held])
-    scale = np.maximum(row_maxima(G), row_maxima(D))
-    self_stress = _null_space(G / scale[:, None])
+    scale = motion.system.largest_lever[held]
+    self_stress = _null_space(dense(motion.system.G[held]) / scale[:, None])
     limits = ((~guards.is_velocity) & (guards.direction != 0)).nonzero()[0]
     place = np.searchsorted(held, guards.row[limits])
     free = np.abs(self_stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS

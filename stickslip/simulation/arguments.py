@@ -172,7 +172,7 @@ def _check_drives(system: System) -> None:
     if not system.drives or not ties.size:
         return
     G, D = dense(system.G[ties]), dense(system.D[ties])
-    scale = np.maximum(row_maxima(G), row_maxima(D))[:, None]
+    scale = system.largest_lever[ties][:, None]
     # what is left of the rows once their bodies are eliminated binds the drives
     left, values, _ = np.linalg.svd(G / scale)
     bound = np.any(np.abs(left[:, (values > _BROKEN).sum() :].T @ (D / scale)) > _BROKEN, axis=0)

@@ -29,6 +29,9 @@ _HALVINGS, _AT_MOST = 16, 1000
 _LAST, _RESOLVED, _FAR = 4, 1e-9, 4.0
 """The last terms tell, where they are such a part of what varies; beyond so many times that it stays off 0."""
 
+_SHORTLY, _OFF = 1e-3, 10.0
+"""How long before it bends and stays at 0 a quantity is off 0, as a part of the parts about, and by how much noise."""
+
 _PARTS = 4
 """Parts of the shortest period of the loads within which a quantity is a polynomial."""
 
@@ -65,7 +68,7 @@ class Watch:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
         found: list[Crossing] = []
         edges, values, sizes = self._parts(motion, path)
-        after = list(self._signs)
+        after, lengths = list(self._signs), np.diff(edges)
         for k, event in enumerate(self._events if edges.size > 1 else []):
             rough, noise = (part * float(sizes[k].max(initial=0.0)) for part in (ROUGH, TINY))
             of_one = self._along(motion, path, k)
@@ -83,6 +86,13 @@ class Watch:
                 sign = 0
             self._passed[k] = False
             for left, row in enumerate(values[k]):
+                if sign and left and at_0[left] and not at_0[left - 1]:
+                    tau = _first_at_0(of_one, edges[left - 1], edges[left], noise)
+                    before = tau - _SHORTLY * min(lengths[left - 1 : left + 1])
+                    if abs(of_one(before)) > _OFF * noise:
+                        # it bends there and stays, as what is cut off does: it has not died away, nor goes through
+                        found.append(Crossing(tau, event, -sign, stays=True))
+                        sign = 0
                 least = rough if sign == 0 else noise
                 for tau, now in signs_along(edges[left], edges[left + 1], row, of_one, least, noise):
                     if sign == -now:
@@ -105,7 +115,7 @@ class Watch:
         nodes, to_series = chebyshev_nodes(DEGREE), from_nodes(DEGREE)
         left, length = edges[:-1], np.diff(edges)
         done: list[tuple[Array, Array, Array]] = []
-        for _ in range(_HALVINGS):
+        for count in range(_HALVINGS + 1):
             taus = left[:, None] + length[:, None] * nodes
             values, sizes = self._values(motion, path, taus.ravel())
             values, sizes = (one.reshape(len(self._events), *taus.shape) for one in (values, sizes))
@@ -114,7 +124,7 @@ class Watch:
             varies = c[:, :, 1:].sum(axis=2)
             rough = c[:, :, -_LAST:].max(axis=2) > _RESOLVED * varies + ROUGH * sizes.max(axis=2)
             halved = (rough & (c[:, :, 0] <= _FAR * varies)).any(axis=0)
-            if not 0 < halved.sum() <= _AT_MOST:
+            if count == _HALVINGS or not 0 < halved.sum() <= _AT_MOST:
                 break
             done[-1] = left[~halved], values[:, ~halved], sizes[:, ~halved]
             length = np.repeat(0.5 * length[halved], 2)
@@ -133,6 +143,16 @@ class Watch:
 
     def _along(self, motion: Motion, path: Path, k: int) -> Callable[[float], float]:
         return lambda tau: float(self._values(motion, path, np.array([tau]))[0][k, 0])
+
+
+def _first_at_0(value: Callable[[float], float], left: float, right: float, noise: float) -> float:
+    """Return the time from which on a quantity is 0, but for noise: it is at `right`, and not long before."""
+    while left < (middle := 0.5 * (left + right)) < right:
+        if abs(value(middle)) <= noise:
+            right = middle
+        else:
+            left = middle
+    return right
 
 
 def signs_along(

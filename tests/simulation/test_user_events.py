@@ -33,6 +33,7 @@ from stickslip import (
     position,
     power,
     relative_velocity,
+    saturate,
     simulate,
     sine,
     velocity,
@@ -241,6 +242,33 @@ def test_what_comes_to_0_and_stays_there_is_an_event(way: dict[str, Any]) -> Non
     assert (stopped.status, stopped.t[-1]) == (1, synchronous.t)
     further = simulate(stopped.final_scene(), (float(stopped.t[-1]), 2.0), events=events, **way)
     assert further.status == 0 and [event.contact for event in further.events] == ["cone"]
+
+
+@pytest.mark.parametrize("limit", [0.1, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 0.01}])
+def test_what_is_cut_off_comes_to_its_limit_and_stays(way: dict[str, Any], limit: float) -> None:
+    """Nothing but the events reads it: v = cos t is above the limit up to acos(limit), and again before 2 pi."""
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=1.0))
+    cut = saturate(velocity("a"), -limit, limit)
+    events = [When("top", cut - limit), When("bottom", cut + limit), When("middle", cut)]
+    found = [(e.t, e.contact, e.cause) for e in simulate(scene, (0.0, 6.5), events=events, **way).events]
+    corner = math.acos(limit)
+    assert [one[1:] for one in found] == [
+        ("middle", "fell through 0"),
+        ("bottom", "fell to 0"),
+        ("middle", "rose through 0"),
+        ("top", "rose to 0"),
+    ]
+    exact = [0.5 * math.pi, math.pi - corner, 1.5 * math.pi, 2 * math.pi - corner]
+    assert [one[0] for one in found] == pytest.approx(exact, abs=1e-6 if way else 1e-11)
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 0.25}])
+def test_a_limit_that_is_reached_at_the_end_of_a_step(way: dict[str, Any]) -> None:
+    scene = Scene(Body("a", inertia=1.0, velocity=1.0))
+    full = When("full", saturate(position("a"), -1.0, 3.0) - 3.0, stop=True)
+    (event,) = simulate(scene, (0.0, 10.0), events=[full], **way).events
+    assert (event.cause, event.t) == ("rose to 0", pytest.approx(3.0, abs=1e-12))
 
 
 def test_what_dies_away_does_not_come_to_0() -> None:
