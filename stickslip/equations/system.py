@@ -31,8 +31,8 @@ from stickslip.model.quantities import Expression, Output, Position, RelativeVel
 from stickslip.model.scene import Scene
 from stickslip.model.signals import ZERO, Constant, Load, PiecewiseLinear, Signal
 
-_DENSE_LIMIT = 150
-"""Bodies and rows together from which matrices are kept sparse."""
+_DENSE_LIMIT = 220
+"""Bodies and rows together from which matrices are kept sparse: up to there products of dense ones take less time."""
 
 _REMEMBERED_SPARSE, _MODE_BYTES = 4, 50_000_000
 """So many sets of modes of a large scene are remembered, and memory for those of a smaller one."""
