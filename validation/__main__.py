@@ -60,7 +60,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
-        *analysis.rows(analysis.QUICK_SCENES if quick else analysis.SCENES),
+        *analysis.rows(analysis.QUICK_SCENES if quick else range(family)),
         *continuation.rows(),
         *forms.ROWS,
         *engines.rows(family if quick else scenes, quick),
@@ -123,7 +123,8 @@ def _parser() -> argparse.ArgumentParser:
         "--scenes",
         type=int,
         metavar="N",
-        help=f"number of random scenes ({SCENES}, quick {QUICK_SCENES}); a fifth as many in each family of the oracle",
+        help=f"number of random scenes ({SCENES}, quick {QUICK_SCENES}); a fifth as many in each family of the oracle "
+        "and with derivatives",
     )
     parser.add_argument(
         "--jobs",

@@ -500,8 +500,8 @@ def _leine_end() -> tuple[float, str]:
     )
 
 
-QUICK_SCENES, SCENES = (12, 33, 39, 47), range(300)
-"""Numbers of random scenes; the quick ones have a stop, a gap, a stop on a drive, and a saturated controller."""
+QUICK_SCENES = (12, 33, 39, 47)
+"""Numbers of random scenes that have a stop, a gap, a stop on a drive, and a saturated controller."""
 
 
 # -- fits --------------------------------------------------------------------------------------------------------

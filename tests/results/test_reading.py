@@ -92,9 +92,9 @@ def calls(run: Callable[[], Any], own: bool = False) -> tuple[Any, int]:
     return found, counted
 
 
-@pytest.mark.parametrize("count", [4, 12, 60])
+@pytest.mark.parametrize("count", [4, 12, 120])
 def test_reading_everything_is_a_fraction_of_the_work_of_simulating(count: int) -> None:
-    # 60 blocks are assembled as sparse matrices, the others as dense ones
+    # 120 blocks are assembled as sparse matrices, the others as dense ones
     scene = blocks(count)
     result, simulated = calls(lambda: simulate(scene, (0.0, 15.0)))
     assert len(result.events) >= 4

@@ -185,7 +185,7 @@ def test_a_row_of_wagons_hands_its_momentum_on() -> None:
 
     Both go on at half the speed meanwhile, so the next gap is shorter by half of that time.
     """
-    small, large = (simulate(wagons(n), (0, 3)) for n in (5, 100))
+    small, large = (simulate(wagons(n), (0, 3)) for n in (5, 120))
     half = math.pi * math.sqrt(1 / 800)
     touches = [0.5 + k * (0.5 + half / 2) for k in range(5)]
     expected = [t for touch in touches for t in (touch, touch + half)]
