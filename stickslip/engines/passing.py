@@ -47,10 +47,9 @@ def _once_driven_back(along: Along, i: int, root: float, end: float) -> float:
     One that comes to 0 falls. Where it does not, it is 0 by errors only, and has not been farther from it than these.
     """
     motion, guards, path = along.motion, along.guards, along.path
-    row = int(guards.row[i])
-    sign = float(motion.equations.modes[row])
-    if not guards.is_velocity[i] or abs(sign) != 1 or not 0 < root < end:
+    if i not in guards.passing or not 0 < root < end:
         return root
+    row, sign = int(guards.row[i]), float(guards.rows.turn[i])
     least = ROUNDOFF * float(guards.majorant[1, i])
 
     def rising(tau: float) -> float:

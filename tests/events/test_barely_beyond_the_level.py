@@ -13,7 +13,9 @@ from stickslip import (
     Contact,
     DryFriction,
     Force,
+    Mode,
     Scene,
+    Stop,
     feedback,
     piecewise_linear,
     position,
@@ -91,3 +93,38 @@ def test_a_contact_lets_go_and_sticks_again(name: str, kind: str, excess: float)
             assert result.events[1].t - PEAK < 5e-3
         assert abs(result.position("block")[-1]) < 1e-10
         assert result.stats["restarts"] < MOST_RESTARTS
+
+
+@pytest.mark.parametrize("lift", [1e-9, 1e-10, 1e-11, 1e-12])
+def test_a_stop_is_lifted_twice_and_closes_again(lift: float) -> None:
+    """A load presses a body against its stop, but for a moment of each period; an open contact hangs on the body."""
+    omega, first, pressing = 7.906, 0.56474, 2.616
+    for options in SOLVERS:
+        for kind in ("function", "feedback"):
+            if kind == "function":
+                load: Load = signal(
+                    lambda t: pressing * (1 - (1 + 2 * lift) * math.cos(omega * (t - first))),
+                    period=2 * math.pi / omega,
+                )
+            else:
+                load = feedback(
+                    lambda x: pressing * (1 - (1 + 2 * lift) * math.cos(omega * (x - first))),
+                    position("clock"),
+                )
+            machine = Scene(
+                Body("clock", inertia=1.0, velocity=1.0),
+                Body("lid", inertia=1.243, position=1.0),
+                Stop("seat", "lid", GROUND, upper=1.0),
+                Force("lid", load),
+                Contact("rub", "lid", GROUND, CURVES["Stribeck"], normal=0.0),
+            )
+            result = simulate(machine, (0.0, 1.6), rtol=1e-9, atol=1e-11, **options)
+            lifts = [
+                event.t for event in result.events if event.contact == "seat" and event.after == Mode.OPEN
+            ]
+            period, half = 2 * math.pi / omega, math.sqrt(4 * lift) / omega
+            expected = [first - half, first - half + period]
+            assert lifts == pytest.approx(expected, abs=0.02 * half + 1e-7)
+            assert result.mode("seat")[-1] == Mode.FORWARD
+            assert abs(result.position("lid")[-1] - 1.0) < 1e-9
+            assert result.stats["restarts"] < MOST_RESTARTS

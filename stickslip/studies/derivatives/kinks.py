@@ -44,14 +44,9 @@ def at_start(
         return
     slopes = nearby.slopes_at(_relative, motion, np.zeros_like(since), 0.0, motion.y, S)
     scale = _speed_slopes(nearby, S, np.zeros(nearby.system.n), times)
-    for k in range(nearby.count):
-        off = rows[np.abs(slopes[rows, k]) > TIE * scale[k]]
-        if off.size:
-            name = repr(nearby.system.rows[int(off[0])].name)
-            yield (
-                k,
-                f"{name} starts at relative velocity 0 and begins to slip: the derivatives to the two sides differ",
-            )
+    for k, i in _moved(slopes[rows], TIE * scale):
+        label = f"{nearby.system.rows[rows[i]].name!r} starts at relative velocity 0"
+        yield k, f"{label} and begins to slip: the derivatives to the two sides differ"
 
 
 def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
@@ -62,16 +57,15 @@ def at_dwells(nearby: Nearby) -> Iterator[tuple[int, str]]:
     trajectory, system = nearby.trajectory, nearby.system
     piece = trajectory.pieces[0]
     rows = system.dwelling[(piece.modes == 0)[system.dwelling]]
-    for k, direction in enumerate(nearby.directions):
-        off = system.G @ direction.y[: system.n]
-        off = off + total(
-            [
-                weight * near.relative_velocity(piece.y, loads.after(piece.t).at(piece.t))
-                for weight, near, loads in nearby.near_ones[k]
-            ]
-        )
-        for j in rows[np.abs(off[rows]) > TIE * nearby.state_sizes[0] / direction.size].tolist()[:1]:
-            yield k, f"{system.rows[j].name!r} starts at rest, and to both sides its dwell begins later"
+    slopes = np.empty((system.m, nearby.count))
+    for k, near_ones in enumerate(nearby.near_ones):
+        velocities = [
+            weight * near.relative_velocity(piece.y, loads.after(piece.t).at(piece.t))
+            for weight, near, loads in near_ones
+        ]
+        slopes[:, k] = system.G @ nearby.directions[k].y[: system.n] + total(velocities)
+    for k, i in _moved(slopes[rows], TIE * nearby.state_sizes[0] / nearby.sizes):
+        yield k, f"{system.rows[rows[i]].name!r} starts at rest, and to both sides its dwell begins later"
 
 
 def at_stops(nearby: Nearby, motion: Motion, S: Array, sides: Modes) -> Iterator[tuple[int, str]]:
@@ -82,11 +76,10 @@ def at_stops(nearby: Nearby, motion: Motion, S: Array, sides: Modes) -> Iterator
     functions, slopes = system.piecewise, nearby.border_slopes(motion.y, motion.loads(0.0), S)
     on_side = sides[functions.row[functions.owner]]
     limit = functions.is_stop[functions.owner] & (np.where(functions.beyond == 1, 1, -1) == on_side)
-    for k, direction in enumerate(nearby.directions):
-        off = (limit & (np.abs(slopes[:, k]) > TIE / direction.size)).nonzero()[0]
-        if off.size:
-            label = functions.labels[functions.owner[off[0]]]
-            yield k, f"{label} starts at its limit: the derivatives to the two sides differ"
+    borders = limit.nonzero()[0]
+    for k, i in _moved(slopes[borders], TIE / nearby.sizes):
+        label = functions.labels[functions.owner[borders[i]]]
+        yield k, f"{label} starts at its limit: the derivatives to the two sides differ"
 
 
 def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece) -> Iterator[tuple[int, str]]:
@@ -106,9 +99,8 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
             if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
                 continue
             slopes = nearby.slopes_along(looked_up, number, varied, np.array([0.5 * piece.end]))[i, 0]
-            for k, direction in enumerate(nearby.directions):
-                if abs(slopes[k]) > TIE * abs(corner or 1.0) / direction.size:
-                    yield k, f"a table stays at its corner {corner:g}"
+            for k, _ in _moved(slopes[None], TIE * abs(corner or 1.0) / nearby.sizes):
+                yield k, f"a table stays at its corner {corner:g}"
 
 
 def at_rise_from_nothing(nearby: Nearby, number: int, motion: Motion) -> Iterator[tuple[int, str]]:
@@ -243,9 +235,15 @@ def at_rest_together(
 def _speed_slopes(nearby: Nearby, S: Array, rate: Array, times: Array) -> Array:
     """Return for each direction the size of what adds up in derivatives of velocities."""
     n = nearby.system.n
-    sizes = np.array([one.size for one in nearby.directions])
     found = np.abs(S[:n]).max(axis=0, initial=0.0) + np.abs(rate[:n]).max(initial=0.0) * np.abs(times)
-    return np.asarray(found + 1e-4 * nearby.state_sizes[0] / sizes)
+    return np.asarray(found + 1e-4 * nearby.state_sizes[0] / nearby.sizes)
+
+
+def _moved(slopes: Array, limits: Array) -> Iterator[tuple[int, int]]:
+    """Yield directions in which some line changes by more than the limit there, and the first line that does."""
+    off = np.abs(slopes) > limits
+    for k in np.flatnonzero(off.any(axis=0)).tolist():
+        yield k, int(off[:, k].argmax())
 
 
 def _relative(motion: Motion, taus: Array, y: Array) -> Array:

@@ -50,6 +50,8 @@ class Nearby:
             for one in directions
         ]
         self.count = len(self.directions)
+        # of what changes in each direction
+        self.sizes = np.array([one.size for one in self.directions])
         # along the way: what starts from 0 is not small
         size = np.max([piece.kept_path.largest for piece in self.trajectory.pieces], axis=0)
         n, first = self.system.n, self.system.first_bristle

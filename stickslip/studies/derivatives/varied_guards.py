@@ -80,8 +80,8 @@ class VariedGuards:
 
     def moving(self, some: Indices, slopes: Array) -> list[tuple[int, int]]:
         """Return guards among some, and directions that move them by more than roundoff."""
-        sizes = np.array([one.size for one in self._nearby.directions])
-        roundoff = TIE * np.maximum(self.guards.scale, self.guards.majorant[0])[some, None] / sizes
+        largest = np.maximum(self.guards.scale, self.guards.majorant[0])[some, None]
+        roundoff = TIE * largest / self._nearby.sizes
         found = np.argwhere(np.abs(slopes[some]) > roundoff)
         return [(int(some[i]), int(k)) for i, k in found]
 

@@ -21,7 +21,6 @@ def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
     trajectory = variation.trajectory
     place = trajectory.places(times)
     local = trajectory.local(place, times)
-    sizes = np.array([one.size for one in variation.directions])
     parts: list[Array] = []
     total: Array | float = 0.0
     for number in range(int(place.max(initial=-1)) + 1):
@@ -33,7 +32,7 @@ def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
         ends = np.array([0.0, piece.end])
         limits = quantity(motion, ends, motion.exact(ends, path.at(ends).T))[:, :, None]
         sums = _sums(variation, quantity, number, edges)
-        rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / sizes
+        rough = _ROUGH * np.abs(limits).max(initial=0.0) * piece.end / variation.sizes
         for _ in range(_REFINED):
             if edges.size < 2:
                 break
