@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, Reach, first_step, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series
@@ -40,7 +40,7 @@ class Cvode:
     def __init__(self, task: Task, kind: str) -> None:
         self._task, self._kind, self._order = task, kind, band_order(task.system)
         self._tolerance = LOCAL * task.rtol, LOCAL * task.atol
-        self.work = Work()
+        self.work, self._reach = Work(), Reach()
         self._series: Series | None = None
         if task.exact_at_rest:
             self._series = Series(task)
@@ -58,7 +58,7 @@ class Cvode:
             return self._series.advance(motion, guards, horizon)
         self._motion = Selected(motion, self._order, self._task.merged)
         self._lookout = Lookout(guards, self._task.interruption, self.work)
-        return follow(motion, guards, horizon, self._solve, self._task.interruption)
+        return follow(motion, guards, horizon, self._solve, self._task.interruption, self._reach)
 
     def _solve(self, tau: float, progress: Progress) -> Path:
         selected, work, self._progress = self._motion, self.work, progress

@@ -29,6 +29,9 @@ _ROOT = 2
 _FIRST = 1e-3
 """Longest first step as a part of the time ahead."""
 
+_LOST, _FARTHER = 200, 2.0
+"""Steps that are many to be lost, and how many times as far as where the event was to go the next time."""
+
 _SHORT = (0.9, 0.5, 0.25, 0.1)
 """How far to go again where something failed, as parts of the time at which it did: steps grow tenfold at most."""
 
@@ -45,6 +48,19 @@ def first_step(motion: Motion, rtol: float, atol: Array) -> float:
     worst = min(float(bend.max(initial=0.0)), 1e300)
     longest = _FIRST * motion.horizon
     return min(longest, 0.1 / worst**0.5) if worst > 0 else longest
+
+
+class Reach:
+    """How far a solver goes before its points are looked at: what it computes beyond an event between them is lost."""
+
+    def __init__(self) -> None:
+        self.longest = np.inf
+
+    def note(self, path: Path, missed: float | None) -> None:
+        """Note when a path had an event that the solver did not see: where much was lost, the next ones are shorter."""
+        self.longest *= _FARTHER
+        if missed is not None and path.taus.size - path.taus.searchsorted(missed) > _LOST:
+            self.longest = _FARTHER * missed
 
 
 class Lookout:
@@ -95,16 +111,18 @@ def follow(
     horizon: float,
     solve: Callable[[float, Progress], Path],
     interruption: Interruption,
+    reach: Reach,
 ) -> Path:
-    """Advance to the first event, also where it lies between computed points.
+    """Advance to the first event, also where it lies between computed points, or as far as the reach.
 
     ``solve(horizon, progress)`` advances to the first point at which a guard is negative.
     """
-    path = _protected(motion, horizon, solve, interruption)
+    path = _protected(motion, min(horizon, reach.longest), solve, interruption)
     if not guards.size or path.taus.size < 2:
         return path
     along = Along(motion, guards, path)
     missed = first_dip(along)
+    reach.note(path, None if missed is None else missed.tau)
     if missed is not None and missed.touched is not None:
         return motion.until(path, missed.tau, touched=missed.touched)
     if missed is not None:

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, first_step, follow, longest_step
+from stickslip.engines.follow import LOCAL, Lookout, Reach, first_step, follow, longest_step
 from stickslip.engines.linear_solver import sparsity_pattern, write_sparse
 from stickslip.engines.progress import Progress
 from stickslip.engines.sundials import IDA
@@ -45,7 +45,7 @@ class Ida:
     def __init__(self, task: Task) -> None:
         self._task = task
         self._rtol, self._atol = LOCAL * task.rtol, LOCAL * task.atol
-        self.work = Work()
+        self.work, self._reach = Work(), Reach()
 
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
@@ -54,7 +54,7 @@ class Ida:
         def solve(tau: float, progress: Progress) -> Path:
             return self._solve(motion, guards, equations, tau, progress)
 
-        return follow(motion, guards, horizon, solve, self._task.interruption)
+        return follow(motion, guards, horizon, solve, self._task.interruption, self._reach)
 
     def _solve(
         self, motion: Motion, guards: Guards, equations: _Residual, horizon: float, progress: Progress
