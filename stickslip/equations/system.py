@@ -213,6 +213,7 @@ class System:
         self.all_hard = bool((self.hard | self.is_gap).all())
         self.has_dead_bands = bool((self.hard & (c.rests_below > 0)).any())
         self.free = ~(c.sticks | c.has_slip_state)
+        self.has_velocity_laws = bool((self.free | c.curved | c.has_slip_state).any())
         self.starts_slipping = np.array([row.slipping for row in book.rows], dtype=bool)
         # rise of the static coefficient with the dwell, forward and backward
         rise = np.maximum(self.mu_s - self.least, 0.0)

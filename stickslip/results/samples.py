@@ -378,12 +378,12 @@ class Samples(PickledByFields):
 
     def _act(self, forces: Array) -> None:
         """Write the forces of rows whose law depends on velocity, or that rest at a level."""
-        (modes, _), laws = self._modes, self.system.laws
-        for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
-            if (rests := modes == mode).any():
-                levels = self.backward_levels if side else self.forward_levels
+        modes, _ = self._modes
+        if modes.max(initial=0) >= AT_HIGH:
+            for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
+                rests, levels = modes == mode, self.backward_levels if side else self.forward_levels
                 forces[rests] = sign * levels[rests]
-        if not (self.system.free | laws.curved | laws.has_slip_state).any():
+        if not self.system.has_velocity_laws:
             return
         at = np.any(velocity_dependent_in(modes, self.system), axis=0)
         for number, some in by_piece(self.piece_of):

@@ -280,7 +280,7 @@ class Trajectory(PickledByFields):
     @cached_property
     def _held(self) -> tuple[list[bytes], Indices]:
         """All sets of held rows as keys of balances, and the number of the set of each; -1 for the empty set."""
-        held = np.ascontiguousarray(((self._modes[0] == 0) & self.system.hard[:, None]).T)
+        held = (self._modes[0].T == 0) & self.system.hard
         number: dict[bytes, int] = {bytes(self.system.m): -1}
         sets = [number.setdefault(row.tobytes(), len(number) - 1) for row in held]
         return list(number)[1:], np.array(sets)
