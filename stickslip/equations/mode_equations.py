@@ -506,6 +506,11 @@ class ModeEquations:
 
     def border_magnitudes(self, y: Array, q: Array) -> Array:
         """Return what adds up in the borders, from absolute values of states and inputs."""
+        by_state, by_input = self._border_sizes
+        return np.asarray(by_state @ y + by_input @ q[: self.system.inputs])
+
+    @cached_property
+    def _border_sizes(self) -> tuple[Any, Any]:
+        """The maps of `border_magnitudes`."""
         functions = self.system.piecewise
-        found = functions.abs_border_y[self.borders] @ y
-        return np.asarray(found + functions.abs_border_q[self.borders] @ q[: self.system.inputs])
+        return functions.abs_border_y[self.borders], functions.abs_border_q[self.borders]
