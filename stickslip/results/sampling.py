@@ -62,7 +62,7 @@ def _fit(trajectory: Trajectory) -> tuple[Indices, Array]:
     patchworks = [part for part in trajectory.parts if isinstance(part, Patchwork)]
     steps = _looked_at(trajectory)
     allowed = _allowed(trajectory, steps, patchworks)
-    counts = _clipped((steps.bends / allowed).max(axis=1, initial=0.0))
+    counts = _clipped(steps.worst(allowed))
     if not patchworks:
         return _cut(steps.begins, counts, steps.sizes)
     found = [(steps.begins, counts, steps.sizes)]
@@ -115,8 +115,9 @@ class _Look(NamedTuple):
 
     begins: Array  # (k,): local time in s at which each step begins; the last of a path has no length
     sizes: Indices  # (p,): how many steps each path has
-    bends: Array  # (k, quantities): bounds of second derivatives, if each step had the length 1
     moved: Array  # (k, n): how far the bodies come in each step
+    # (steps, quantities): bounds of second derivatives, if each step had the length 1, of some steps after others
+    bends: tuple[Array, ...]
     # (states,): in all steps
     low: Array
     high: Array
@@ -130,7 +131,12 @@ class _Look(NamedTuple):
         size = derivatives @ np.abs(steps.coefficients)
         bends = np.concatenate([size[:, 0], size[:, 1, :n] * h], axis=1)
         low, high = values[:, :-1].min(axis=(0, 1)), values[:, :-1].max(axis=(0, 1))
-        return cls(steps.begins, steps.sizes, bends, values[:, -1, :n] * h, low, high)
+        return cls(steps.begins, steps.sizes, values[:, -1, :n] * h, (bends,), low, high)
+
+    def worst(self, allowed: Array) -> Array:
+        """Return the largest bound in each step, as a part of what is allowed."""
+        parts = [(bends / allowed).max(axis=1, initial=0.0) for bends in self.bends]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0), *parts])
 
 
 def _looked_at(trajectory: Trajectory) -> _Look:
@@ -139,13 +145,14 @@ def _looked_at(trajectory: Trajectory) -> _Look:
     found = [_Look.at(steps, n) for steps in trajectory.steps_of_paths]
     if len(found) == 1:
         return found[0]
-    none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, size + n)), np.empty((0, n))
-    begins, sizes, bends, moved = (
-        np.concatenate(parts) for parts in zip(none, *(look[:4] for look in found), strict=True)
+    none = np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, n))
+    begins, sizes, moved = (
+        np.concatenate(parts) for parts in zip(none, *(look[:3] for look in found), strict=True)
     )
+    bends = tuple(own for look in found for own in look.bends)
     low = reduce(np.minimum, [look.low for look in found], np.full(size, np.inf))
     high = reduce(np.maximum, [look.high for look in found], np.full(size, -np.inf))
-    return _Look(begins, sizes, bends, moved, low, high)
+    return _Look(begins, sizes, moved, bends, low, high)
 
 
 def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
