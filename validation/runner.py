@@ -15,6 +15,9 @@ from typing import Any
 from validation.rows import Outcome, Row, judge
 from validation.tried import patience
 
+_GRACE = 1.0
+"""Time in s that a process has to end by itself."""
+
 
 def run(
     rows: Sequence[Row], prepare: Callable[[], None] | None = None, jobs: int = 1
@@ -95,9 +98,11 @@ class _Worker:
         self._end()
 
     def _end(self) -> None:
+        # one that waits for rows ends by itself, and tidies up
+        self._line.close()
+        self._process.join(_GRACE)
         self._process.kill()
         self._process.join()
-        self._line.close()
 
 
 def _serve(line: Connection, prepare: Callable[[], None] | None) -> None:
