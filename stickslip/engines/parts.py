@@ -259,7 +259,7 @@ class Parts:
     # -- patches ---------------------------------------------------------------------------------------------
 
     def reach(self, groups: list[int]) -> Indices:
-        """Return the bodies of some groups and of all that these reach."""
+        """Return the bodies of some groups, first, and of all others that these reach."""
         if not self.is_coupled:
             return np.concatenate([self.bodies_of(g) for g in groups])
         near, group, lead = self.forest.neighbours, self.group, self.lead

@@ -50,11 +50,16 @@ def assembled(size: int, blocks: Sequence[Block]) -> Any:
         for rows, columns, block in blocks:
             found[rows, columns] += dense(block)
         return found
-    every = np.arange(size)
-    parts = [(every[rows], every[columns], scipy.sparse.coo_array(block)) for rows, columns, block in blocks]
-    entries = [(rows[part.row], columns[part.col], part.data) for rows, columns, part in parts]
+    return _sparse((size, size), blocks)
+
+
+def _sparse(shape: tuple[int, int], blocks: Sequence[Block]) -> Any:
+    """Return a sparse matrix as the sum of blocks."""
+    of_rows, of_columns = np.arange(shape[0]), np.arange(shape[1])
+    parts = [(of_rows[i], of_columns[j], scipy.sparse.coo_array(block)) for i, j, block in blocks]
+    entries = [(i[part.row], j[part.col], part.data) for i, j, part in parts]
     row, column, values = map(np.concatenate, zip(*entries, strict=True))
-    return scipy.sparse.csr_array((values, (row, column)), shape=(size, size))
+    return scipy.sparse.csr_array((values, (row, column)), shape=shape)
 
 
 def scaled(factors: Array, matrix: Any) -> Any:
@@ -72,12 +77,7 @@ def stacked(rows: int, parts: Sequence[tuple[slice | Indices, Any]]) -> Any:
         for at, part in parts:
             found[at] = part
         return found
-    every = np.arange(rows)
-    entries = [(every[at], scipy.sparse.coo_array(part)) for at, part in parts]
-    row = np.concatenate([at[part.row] for at, part in entries])
-    column = np.concatenate([part.col for _, part in entries])
-    values = np.concatenate([part.data for _, part in entries])
-    return scipy.sparse.csr_array((values, (row, column)), shape=(rows, first.shape[1]))
+    return _sparse((rows, first.shape[1]), [(at, slice(None), part) for at, part in parts])
 
 
 def row_maxima(matrix: Any) -> Array:

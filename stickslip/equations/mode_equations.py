@@ -409,7 +409,7 @@ class ModeEquations:
             return self.K @ scaled(slopes, self._led_velocities)
         rows = (system.G @ self.balance.T).tocsr()[self.velocity_dependent]
         pushed = scipy.sparse.csr_array(system.GT)[:, self.velocity_dependent]
-        forces = -(pushed @ (scipy.sparse.diags_array(slopes) @ rows))
+        forces = -(pushed @ scaled(slopes, rows))
         return assembled(system.size, [(slice(n), slice(n), self.balance.accelerations(forces))])
 
     @cached_property

@@ -58,7 +58,7 @@ def machine(count: int, on_the_ground: bool) -> Scene:
     )
 
 
-def motions(scene: Scene, modes: dict[str, int]) -> Motion:
+def motion_in(scene: Scene, modes: dict[str, int]) -> Motion:
     system = compiled(scene)
     assert isinstance(system, System)
     given = np.array(
@@ -84,9 +84,9 @@ def test_sparse_is_dense(
     monkeypatch: pytest.MonkeyPatch, on_the_ground: bool, held: Sequence[int], is_together: bool
 ) -> None:
     modes = {f"c{i}": 0 for i in held} | {"brush": 0}
-    one = motions(machine(12, on_the_ground), modes)
+    one = motion_in(machine(12, on_the_ground), modes)
     monkeypatch.setattr(systems, "_DENSE_LIMIT", 0)
-    other = motions(machine(12, on_the_ground), modes)
+    other = motion_in(machine(12, on_the_ground), modes)
     assert other.system.sparse and not one.system.sparse
     assert other.equations.is_assembled is is_together
     random = np.random.default_rng(3)
