@@ -100,7 +100,7 @@ class Run:
         # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
-        impact = struck(system, y[: system.n], u, u, sides, hit) if hit.any() else None
+        impact = struck(system, y[: system.n], u, u, sides, hit, self._wanted.rebound) if hit.any() else None
         if impact is not None:
             y[: system.n] = impact.v
         sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0
