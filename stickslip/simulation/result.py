@@ -107,7 +107,7 @@ class Result(Presented):
 
     @property
     def y(self) -> Array:
-        """States, shape (size, n): velocities of bodies, positions that springs or quantities read, bristles, blocks."""
+        """States, shape (size, n): velocities, positions that springs or quantities read, bristles, blocks."""
         return self.samples.y
 
     @property
