@@ -3,7 +3,7 @@
 Carlson and Langer (1989) pulled a row of blocks over rough ground and counted the events that are larger than a
 magnitude, the logarithm of the slip summed over the blocks. Their friction falls with velocity. Here it drops when a
 block lets go, and the levels differ at random: the slope is not theirs, but many events are small, and few run far.
-Neighbours that slip at a time slip in one event. 100 blocks take 3 s; 1000 blocks for 10,000 s, 1.5 minutes.
+Neighbours that slip at the same time slip in one event. 100 blocks take 3 s; 1000 blocks for 10,000 s, 1.5 minutes.
 """
 
 import sys
