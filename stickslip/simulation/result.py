@@ -57,7 +57,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True)
 class Result(Presented):
-    """A simulated motion, in the manner of scipy's `solve_ivp`.
+    """A simulated motion, in the manner of scipy's `solve_ivp`; ``result(t)`` are the states at any times `t` in s.
 
     Attributes
     ----------

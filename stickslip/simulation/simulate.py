@@ -71,7 +71,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
         names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
     rtol, atol : float
-        Relative and absolute tolerance of the states; the series needs none.
+        Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional
