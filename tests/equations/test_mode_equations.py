@@ -112,7 +112,7 @@ def test_sparse_is_dense(
 
 
 def test_responses_are_the_same_by_parts_and_by_a_matrix() -> None:
-    """What is asked for seldom is not put together: the first responses come part by part, later ones by one product."""
+    """The first responses of a larger scene come part by part, later ones from one product."""
     equations = motion_in(machine(12, True), {"c0": 0, "c5": 0}).equations
     q = np.random.default_rng(4).normal(size=(equations.system.inputs + equations.system.dwelling.size, 3))
     first, *_, last = [equations.respond(q) for _ in range(12)]
