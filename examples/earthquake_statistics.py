@@ -48,7 +48,7 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
     graph = coo_array((np.ones(len(links)), np.transpose(links)), (len(slips), len(slips)))
     size = np.sort(np.bincount(connected_components(graph)[1], lengths))[::-1]
     slope = np.polyfit(*np.log10([size, number := np.arange(size.size) + 1])[:, size.size // 4 :], 1)[0]
-    print(f"{len(result.events)} changes of modes make {size.size} events; their number falls as slip^{slope:.2f}")
+    print(f"{len(result.events)} changes of modes make {size.size} events: these fall as slip^{slope:.2f}")
     axes = (drawing := Figure(figsize=(7.0, 5.0), layout="constrained")).subplots()
     axes.loglog(size, number, "k.", markersize=4)
     axes.set(xlabel="slip of an event, all blocks [m]", ylabel="number of events at least as large")
