@@ -14,6 +14,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
     PreSlip,
     Scene,
     Spring,
@@ -164,10 +165,12 @@ def test_a_still_scene_has_no_error():
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("stiffness", [0.0, 1e3])
 def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
-    # these forces add up to 6e-17 N
+    # these forces add up to 6e-17 N; what has no inertia has no energy
     scene = Scene(
         Body("a", inertia=1.0),
         Body("b", inertia=2.0),
+        Body("wheel", inertia=0.0),
+        Gear("gear", "wheel", "b", ratio=2.0),
         *[Spring("a", "b", stiffness=stiffness)] * (stiffness > 0),
         *(Force("b", force) for force in (0.1, 0.2, -0.3)),
     )

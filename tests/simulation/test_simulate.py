@@ -149,6 +149,26 @@ def test_relaxation_margin_is_the_velocity_found_at(margin: float) -> None:
     assert margin < result.relative_velocity("c")[first - 1]
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("force", "changes"), [(-2e-7, [0]), (2e-7, [])])
+def test_relaxation_is_the_same_in_both_directions(side: int, force: float, changes: list[int]) -> None:
+    """A force far below the level of 5 N brings to rest what it brakes; what it drives goes on with 7e-8 m/s."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=side),
+        Damper("a", GROUND, damping=3.0),
+        Contact("c", "a", GROUND, DryFriction(mu_static=0.5, mu_coulomb=0.0), normal=10.0),
+        Force("a", side * force),
+    )
+    result = simulate(scene, (0.0, 20.0))
+    assert [int(event.after) for event in result.events] == changes
+    if changes:
+        # v = exp(-3 t) + F / 3 (1 - exp(-3 t)) comes to the margin of 1e-6 m/s, and not to 0
+        assert result.events[0].cause == "relaxation"
+        assert result.events[0].t <= math.log((1 - force / 3) / (1e-6 - force / 3)) / 3 + 1e-9
+    else:
+        assert result.velocity("a")[-1] == pytest.approx(side * force / 3, rel=1e-6)
+
+
 def test_without_a_velocity_margin_relaxation_is_never_found() -> None:
     """Down to the solver's own noise: below its tolerance the sign of w means nothing."""
     scene = Scene(
