@@ -178,7 +178,10 @@ def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
 def chain(in_pairs: bool) -> Scene:
     """Return bodies coupled by springs and dampers: all rub on the ground, or every second on the one before."""
     names = [f"b{i}" for i in range(36)]
-    laws = DryFriction(0.5, 0.3, mu_static_backward=0.6, mu_coulomb_backward=0.2), DryFriction(0.4, 0.3, dwell=0.2)
+    laws = (
+        DryFriction(0.5, 0.3, mu_static_backward=0.6, mu_coulomb_backward=0.2),
+        DryFriction(0.4, 0.3, dwell=0.2),
+    )
     push = piecewise_linear([0.0, 1.0, 2.0], [0.0, 6.0, -6.0])
     return Scene(
         *(Body(name, inertia=1.0 + 0.05 * i, velocity=0.4 * math.sin(i)) for i, name in enumerate(names)),

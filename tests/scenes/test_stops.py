@@ -389,7 +389,10 @@ def test_of_many_stops_those_rebound_at_once_that_start_at_a_limit() -> None:
         Stop("far", "b", GROUND, upper=4, restitution=0.5),
     )
     result = simulate(scene, (0, 2))
-    assert [(e.t, e.contact, e.cause) for e in result.events] == [(0.0, "s", "impact"), (1.5, "far", "impact")]
+    assert [(e.t, e.contact, e.cause) for e in result.events] == [
+        (0.0, "s", "impact"),
+        (1.5, "far", "impact"),
+    ]
     assert result.velocity("a")[0] == -1.0
 
 

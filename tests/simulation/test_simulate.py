@@ -27,6 +27,7 @@ from stickslip import (
     simulate,
     sine,
     triangle,
+    velocity,
 )
 from validation.exact import REFERENCES, reference
 from validation.published import CLUTCH_EVENTS, CLUTCH_SPEEDS, coupled_clutches
@@ -167,6 +168,39 @@ def test_relaxation_is_the_same_in_both_directions(side: int, force: float, chan
         assert result.events[0].t <= math.log((1 - force / 3) / (1e-6 - force / 3)) / 3 + 1e-9
     else:
         assert result.velocity("a")[-1] == pytest.approx(side * force / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_leaves_rest_does_not_relax_with_others(side: int) -> None:
+    """Inside the margin b grows as exp(t), while a falls into it as exp(-3 t)."""
+    rough = DryFriction(mu_static=0.5, mu_coulomb=0.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0, velocity=1e-6 * side),
+        Damper("a", GROUND, damping=3.0),
+        Force("b", 1.0 * velocity("b")),
+        Contact("of a", "a", GROUND, rough, normal=10.0),
+        Contact("of b", "b", GROUND, rough, normal=10.0),
+    )
+    result = simulate(scene, (0.0, 5.0), velocity_margin=1e-3)
+    assert [(event.contact, event.cause) for event in result.events] == [("of a", "relaxation")]
+    assert result.velocity("b")[-1] == pytest.approx(1e-6 * side * math.exp(5.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ("series", *METHODS))
+def test_before_time_0_all_is_the_same(method: str) -> None:
+    """1 m/s fall with 1 m/s2; 3 (t + 3) N come to the level of 2 N 2/3 s after the start, and to 6 N."""
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=v) for name, v in (("a", 1.0), ("b", 0.0))),
+        *(Contact(f"of {name}", name, GROUND, DryFriction(0.2, 0.1), normal=10.0) for name in "ab"),
+        Force("b", piecewise_linear([-3.0, -1.0], [0.0, 6.0])),
+    )
+    result = simulate(scene, (-3.0, -1.0), method=method)
+    assert told(result) == [("of b", 0, 1), ("of a", 1, 0)]
+    assert [event.t for event in result.events] == pytest.approx([-3.0 + 2 / 3, -2.0], abs=1e-8)
+    assert result.t[0] == -3.0 and result.t[-1] == -1.0
+    # 6 N s less 0.67 N s, and friction of 1 N for 4/3 s
+    assert result.velocity("b")[-1] == pytest.approx(6.0 - 2 / 3 - 4 / 3, abs=1e-7)
 
 
 def test_without_a_velocity_margin_relaxation_is_never_found() -> None:
