@@ -219,7 +219,7 @@ def _roundoff(samples: Samples) -> float:
     def sizes(at: Samples) -> Array:
         return np.array([by_y @ np.abs(at.y) + by_q @ np.abs(at.inputs) + by_r @ np.abs(at.forces)])
 
-    return 0.5 * float(_ROUNDOFF * integrated(samples, 1, sizes).max(initial=0.0)) ** 2
+    return 0.5 * float(_ROUNDOFF * integrated(samples, 1, sizes).max()) ** 2
 
 
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:
