@@ -332,6 +332,8 @@ def normal(contact: str) -> Quantity:
 def power(row: str) -> Quantity:
     """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
 
+    It is a product, so it has no Taylor series: CVODE takes the scene.
+
     Parameters
     ----------
     row : str

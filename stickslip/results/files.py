@@ -30,16 +30,16 @@ _OF_PATH = tuple(field.name for field in fields(Steps))
 
 
 def save(result: Readable, path: Target) -> None:
-    """Write a result as npz, from which `read` brings back all of it.
+    """Write a result as npz, from which `stickslip.load` brings back all of it.
 
-    Beside what `read` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
+    Beside what `stickslip.load` needs, the file holds ``t``, ``y``, ``force``, ``breakaway`` and ``mode`` (a row per
     contact), so that it can be read without this package. Of runs in a row it holds these of each, as ``run.0.t``
     and so on.
 
     Parameters
     ----------
     result : Result or Joined
-        Signals and laws made of code are not written; `read` then asks for the scene.
+        Signals and laws made of code are not written; `stickslip.load` then asks for the scene.
     path : path
         Written as it stands, whatever its suffix.
 
