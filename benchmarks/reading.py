@@ -40,9 +40,9 @@ def fault(count: int) -> Scene:
     )
 
 
-def on_a_belt(count: int, law: DryFriction = DryFriction(0.35, 0.2)) -> Scene:
+def on_a_belt(count: int, **curve: float) -> Scene:
     """Return blocks that a belt carries along, held back by springs: they are often stuck to the belt."""
-    names = [f"b{i}" for i in range(count)]
+    names, law = [f"b{i}" for i in range(count)], DryFriction(0.35, 0.2, **curve)
     places = 0.5 + 0.5 * np.sin(7.3 * np.arange(count))
     return Scene(
         Drive("belt", velocity=0.3),
@@ -58,7 +58,7 @@ def on_a_belt(count: int, law: DryFriction = DryFriction(0.35, 0.2)) -> Scene:
 
 def stribeck(count: int) -> Scene:
     """Return the same with friction that falls with velocity: CVODE follows them."""
-    return on_a_belt(count, DryFriction(0.35, 0.2, stribeck_velocity=0.1))
+    return on_a_belt(count, stribeck_velocity=0.1)
 
 
 def wheels(count: int) -> Scene:
