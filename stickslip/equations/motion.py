@@ -243,8 +243,8 @@ class Motion(Inputs):
 
     def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
         """Return how fast the relative velocity of a row grows."""
-        dq = np.concatenate([self.stretch.rate(self.t + tau), np.zeros(self.system.dwelling.size)])
-        return float(self.system.relative_velocity(self.rate(tau, y), dq)[row])
+        slopes = self.stretch.rate(self.t + tau)
+        return float(self.system.relative_velocity(self.rate(tau, y), slopes)[row])
 
     def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
         """Return how fast states change that are no velocities: no friction force reaches them at once.

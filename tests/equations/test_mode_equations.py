@@ -26,7 +26,7 @@ from stickslip import (
 )
 from stickslip.equations import system as systems
 from stickslip.equations.matrices import dense
-from stickslip.equations.mode_equations import OPEN, equations_in
+from stickslip.equations.mode_equations import FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.simulation.simulate import compiled
@@ -83,7 +83,7 @@ def motion_in(scene: Scene, modes: dict[str, int]) -> Motion:
 def test_sparse_is_dense(
     monkeypatch: pytest.MonkeyPatch, on_the_ground: bool, held: Sequence[int], is_together: bool
 ) -> None:
-    modes = {f"c{i}": 0 for i in held} | {"brush": 0}
+    modes = {f"c{i}": 0 for i in held} | {"brush": FREE}
     one = motion_in(machine(12, on_the_ground), modes)
     monkeypatch.setattr(systems, "_DENSE_LIMIT", 0)
     other = motion_in(machine(12, on_the_ground), modes)
@@ -101,7 +101,10 @@ def test_sparse_is_dense(
             np.testing.assert_allclose(found, known, rtol=0, atol=1e-13 * scale, err_msg=name)
     for tau in (0.0, 0.4):
         state = one.exact(tau, y[:, 0].copy())
+        n = one.system.n
         for found, known in (
+            (one.rate_beside_velocities(tau, state), one.rate(tau, state)[n:]),
+            (other.rate_beside_velocities(tau, state, one.inputs(tau, state)), one.rate(tau, state)[n:]),
             (other.rate(tau, state), one.rate(tau, state)),
             (other.watched(tau, state), one.watched(tau, state)),
             (dense(other.jacobian(tau, state)), one.jacobian(tau, state)),
