@@ -389,7 +389,7 @@ class Samples(PickledByFields):
             return
         at = velocity_dependent_in(modes, system)
         alike: dict[int, list[int]] = {}
-        for j in at.any(axis=1).nonzero()[0].tolist():
+        for j in np.flatnonzero(at.any(axis=1)).tolist():
             alike.setdefault(id(system.laws.laws[j]), []).append(j)
         for rows in alike.values():
             for mode in np.unique(modes[rows][at[rows]]).tolist():
