@@ -1,8 +1,8 @@
 """Emergency braking with a wheel that locks, and with a sampled controller that lets it go in time (ABS).
 
 The tyre holds more while it rolls than while it slides. The controller reads the slip every 5 ms: where the tyre slides
-it lets go, and asks for less from then on. The locked wheel's way has a closed form, and no way is shorter than that at
-the full static level. All is linear between events: the series engine takes both.
+it lets go, and asks for less from then on. The stopping distance with a locked wheel has a closed form, and none is
+shorter than that at the full static level. All is linear between events: the series engine takes both.
 """
 
 import sys

@@ -3,7 +3,7 @@
 Carlson and Langer (1989) pulled a row of blocks over rough ground and counted the events that are larger than a
 magnitude, the logarithm of the slip summed over the blocks. Their friction falls with velocity. Here it drops when a
 block lets go, and the levels differ at random: the slope is not theirs, but many events are small, and few run far.
-Neighbours that slip at a time slip in one event. 100 blocks take 3 s; 1000 blocks for 10,000 s, 1.5 minutes.
+Neighbours that slip at the same time slip in one event. 100 blocks take 3 s; 1000 blocks for 10,000 s, 1.5 minutes.
 """
 
 import sys
@@ -48,7 +48,7 @@ def main(figure: Path, blocks: int = 100, stop: float = 2000.0) -> None:
     graph = coo_array((np.ones(len(links)), np.transpose(links)), (len(slips), len(slips)))
     size = np.sort(np.bincount(connected_components(graph)[1], lengths))[::-1]
     slope = np.polyfit(*np.log10([size, number := np.arange(size.size) + 1])[:, size.size // 4 :], 1)[0]
-    print(f"{len(result.events)} changes of modes make {size.size} events; slip^{slope:.2f} are larger")
+    print(f"{len(result.events)} changes of modes make {size.size} events: these fall as slip^{slope:.2f}")
     axes = (drawing := Figure(figsize=(7.0, 5.0), layout="constrained")).subplots()
     axes.loglog(size, number, "k.", markersize=4)
     axes.set(xlabel="slip of an event, all blocks [m]", ylabel="number of events at least as large")

@@ -1,4 +1,4 @@
-"""Dry friction simulated with exact sticking and exact events, on SUNDIALS CVODE and IDA."""
+"""Dry friction simulated with exact sticking and exact events, by Taylor series and SUNDIALS' CVODE and IDA."""
 
 from stickslip.model.controllers import pid
 from stickslip.model.elements import (

@@ -1,9 +1,9 @@
 """Looking at guards between computed points, where root finding by sign changes is blind.
 
 Two crossings inside one step leave no change of sign: where a guard dips below zero and comes back, the first
-point at which it is negative is found here, and the solver is sent there. A velocity that only touches 0 is told from
-one that does not come down to it as far as the solver's errors allow. Only steps are looked at in which a bound does
-not exclude both.
+point at which it is negative is found here; `passing` finds where it was 0. A velocity that only touches 0 is told
+from one that does not come down to it as far as the solver's errors allow. Only steps are looked at in which a bound
+does not exclude both.
 """
 
 from __future__ import annotations

@@ -190,7 +190,8 @@ class GuardRows:
             size, width = system.size, system.inputs + system.dwelling.size
             columns = size + (order + 1) * width
             found = None
-            if is_quickly_made(system, columns, self.size * (order + 1)):
+            # it takes a product for each order
+            if is_quickly_made(system, columns, order * self.size * (order + 1)):
                 y, watched = np.eye(size, columns), []
                 given = [np.eye(width, columns, size + k * width) for k in range(order + 1)]
                 for k, q in enumerate(given):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,13 @@ def stacked(rows: int, parts: Sequence[tuple[slice | Indices, Any]]) -> Any:
         for at, part in parts:
             found[at] = part
         return found
-    return _sparse((rows, first.shape[1]), [(at, slice(None), part) for at, part in parts])
+    # one below the other in the order of the parts, and last a row of zeros for those that no part has
+    ends = np.cumsum([0, *(part.shape[0] for _, part in parts)])
+    place = np.full(rows, ends[-1])
+    for (at, _), (begin, end) in zip(parts, pairwise(ends), strict=True):
+        place[at] = np.arange(begin, end)
+    nothing = scipy.sparse.csr_array((1, first.shape[1]))
+    return scipy.sparse.vstack([*(part for _, part in parts), nothing], format="csr")[place]
 
 
 def row_maxima(matrix: Any) -> Array:

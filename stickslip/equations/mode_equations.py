@@ -24,6 +24,9 @@ _LOCKED = 1e-11
 
 _MOST_MAPS = 50
 
+_FEW = 8
+"""Responses to inputs of a scene that is not small that take less than the matrix that gives them."""
+
 _NEAR = 8
 """Accelerations on average that the force on one body changes, up to which sparse maps are put together."""
 
@@ -105,9 +108,11 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
-        # where forces depend on velocity, a solver applies the maps many times
+        self._is_small, self._responses = is_small(system, system.size + self.rows, 0), 0
+        # a series or a solver applies the maps many times
         self.is_assembled = not system.sparse or (
-            self.velocity_dependent.size > 0 and self.balance.reach <= _NEAR * system.n
+            (self.velocity_dependent.size > 0 or system.has_couplings)
+            and self.balance.reach <= _NEAR * system.n
         )
 
     # -- piecewise-linear functions --------------------------------------------------------------------------
@@ -298,7 +303,10 @@ class ModeEquations:
 
     def respond(self, q: Array) -> Array:
         """Return ``B q`` and ``H q`` in one array."""
-        found: Array = self._of_inputs(q) if self.system.sparse else self._BH @ q
+        self._responses += 1
+        if self.system.sparse or not (self._is_small or self._responses > _FEW):
+            return np.asarray(self._of_inputs(q))
+        found: Array = self._BH @ q
         return found
 
     def push(self, e: Array) -> Array:

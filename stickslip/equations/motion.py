@@ -243,8 +243,8 @@ class Motion(Inputs):
 
     def relative_acceleration(self, tau: float, y: Array, row: int) -> float:
         """Return how fast the relative velocity of a row grows."""
-        dq = np.concatenate([self.stretch.rate(self.t + tau), np.zeros(self.system.dwelling.size)])
-        return float(self.system.relative_velocity(self.rate(tau, y), dq)[row])
+        slopes = self.stretch.rate(self.t + tau)
+        return float(self.system.relative_velocity(self.rate(tau, y), slopes)[row])
 
     def rate_beside_velocities(self, tau: float, y: Array, q: Array | None = None) -> Array:
         """Return how fast states change that are no velocities: no friction force reaches them at once.
@@ -365,14 +365,16 @@ class Motion(Inputs):
         ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
         ys[0] = y
         finite = False
+        act = np.full(order + 1, linked is not None) | q.any(axis=1)
+        responses = np.zeros((order + 1, size + equations.rows))
+        if linked is None and act.any():
+            responses[act] = equations.respond(q[act].T).T
         for k in range(order + 1):
-            part = q[k] if linked is None else linked.part(k, ys[k])
-            drives_on = part.any()
-            if finite and not drives_on:
+            if finite and not act[k]:
                 continue
             found = equations.apply(ys[k])
-            if drives_on:
-                found += equations.respond(part)
+            if act[k]:
+                found += responses[k] if linked is None else equations.respond(linked.part(k, ys[k]))
             zs[k] = found[size:]
             if k == order:
                 break

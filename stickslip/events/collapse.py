@@ -90,7 +90,7 @@ def _first(
     forces = np.linalg.lstsq(G.T, push, rcond=None)[0]
     side = np.sign(growing)
     limit = np.where(side > 0, limits[0], limits[1])
-    some = (np.abs(growing) > _SOME * np.abs(growing).max()) & np.isfinite(limit)
+    some = np.isfinite(limit)
     if not some.any():
         return None
     left = (limit[some] - (side * forces)[some]) / np.abs(growing[some])

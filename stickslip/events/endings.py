@@ -349,11 +349,8 @@ def _signed(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
 
 def _signed_rates(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
     """Return how fast relative velocities grow away from 0."""
-    system = motion.system
-    dq = np.zeros((system.inputs + system.dwelling.size, taus.size))
-    if system.drives:
-        dq[: system.inputs] = np.array([motion.stretch.rate(motion.t + tau) for tau in taus.tolist()]).T
-    w = system.relative_velocity(motion.rate(taus, states), dq)[rows]
+    rates = [motion.stretch.rate(motion.t + tau) for tau in taus.tolist()] if motion.system.drives else []
+    w = motion.system.relative_velocity(motion.rate(taus, states), np.array(rates).T)[rows]
     return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
 
 

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Mode(IntEnum):
-    """Mode of a contact: the sign of its relative velocity ``w = v_a - v_b``.
+    """Mode of a contact: the sign of its relative velocity ``w = radius_a v_a - radius_b v_b``.
 
     A gap or a stop is OPEN between its limits, FORWARD at the upper one, BACKWARD at the lower one.
     """

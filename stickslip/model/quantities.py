@@ -285,7 +285,7 @@ def relative_velocity(row: str) -> Quantity:
     Parameters
     ----------
     row : str
-        Name of a contact, tie or clutch.
+        Name of a contact, tie, gear, clutch, gap or stop.
 
     Raises
     ------
@@ -301,7 +301,7 @@ def stretch(row: str) -> Quantity:
     Parameters
     ----------
     row : str
-        Name of a contact, tie or clutch.
+        Name of a contact, tie, gear, clutch, gap or stop.
 
     Raises
     ------
@@ -331,6 +331,8 @@ def normal(contact: str) -> Quantity:
 
 def power(row: str) -> Quantity:
     """Return the power ``r w`` that a contact turns into heat, in W, as a quantity; held rows make none.
+
+    It is a product, so it has no Taylor series: CVODE takes the scene.
 
     Parameters
     ----------

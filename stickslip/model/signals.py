@@ -83,7 +83,7 @@ class Load:
 
 
 class Signal(Load):
-    """A load over time; ``+`` adds signals and numbers, ``*`` scales by a number."""
+    """A load over time: ``signal(t)`` is its value; ``+`` adds signals and numbers, ``*`` scales by a number."""
 
     def __call__(self, t: float) -> float:
         """Return the value at `t` (the right limit where it jumps)."""

@@ -43,9 +43,9 @@ class EnergyLedger:
         What came in between runs in a row, where one begins with another inertia, velocity or stretch than the one
         before ended with; 0 in a single run.
     dampers : dict of str to array (n,)
-        Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
+        Heat of each damper and of the damping of each spring and gap; labels that occur twice are numbered.
     roundoff : float
-        What roundoff of the forces may give the bodies, where that counts beside the other energies; else 0.
+        Energy that roundoff of the forces may add, where it is not small beside the other energies; else 0.
     """
 
     t: Array = field(repr=False)
@@ -219,7 +219,7 @@ def _roundoff(samples: Samples) -> float:
     def sizes(at: Samples) -> Array:
         return np.array([by_y @ np.abs(at.y) + by_q @ np.abs(at.inputs) + by_r @ np.abs(at.forces)])
 
-    return 0.5 * float(_ROUNDOFF * integrated(samples, 1, sizes).max(initial=0.0)) ** 2
+    return 0.5 * float(_ROUNDOFF * integrated(samples, 1, sizes).max()) ** 2
 
 
 def _jumps(samples: Samples) -> tuple[Array, dict[str, Array]]:

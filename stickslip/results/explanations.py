@@ -26,6 +26,7 @@ from stickslip.results.units import units
 _LISTED = 12
 _MODE_SETS = 20
 _DENSE = 500
+_WHERE_OPEN = "where it is 0 the contact is open, and only its direction is watched"
 
 
 def explain_scene(system: System, loads: Loads, engine: str, reason: str) -> str:
@@ -210,8 +211,8 @@ def _normal(contact: Contact) -> str:
     if isinstance(signal, Constant):
         return f"normal force {signal.value:g} N"
     if signal.period is None:
-        return "normal force piecewise linear; where it is 0 the contact is open and costs no guard"
-    return "normal force curved; where it is 0 the contact is open and costs no guard"
+        return f"normal force piecewise linear; {_WHERE_OPEN}"
+    return f"normal force curved; {_WHERE_OPEN}"
 
 
 def _loads(system: System, loads: Loads) -> list[str]:
@@ -275,7 +276,8 @@ def _watched(result: Outcome) -> list[str]:
     trajectory = result.samples.trajectory
     for modes, duration in trajectory.each_modes():
         seen.setdefault(modes.tobytes(), (modes, []))[1].append(duration)
-    outcome = "reached the end" if result.success else f"stopped early ({result.message})"
+    ends = {0: "reached the end", 1: result.message}
+    outcome = ends.get(result.status, f"stopped early ({result.message})")
     lines = [f"Simulation: {outcome}; " + ", ".join(f"{k} {v}" for k, v in result.stats.items())]
     if result.stats.get("engine") == "Taylor series":
         lines.append(

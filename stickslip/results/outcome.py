@@ -52,11 +52,11 @@ class Outcome(Protocol):
 
     @property
     def success(self) -> bool:
-        """Whether the end was reached."""
+        """Whether the run came to its end, or to a `When` that stops it."""
 
     @property
     def status(self) -> int:
-        """0 where the end was reached, -1 where not."""
+        """0 where the end was reached, 1 where a `When` stopped the run, -1 where it failed."""
 
     @property
     def message(self) -> str:

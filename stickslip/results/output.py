@@ -21,3 +21,5 @@ class _Output:
 
 
 output = _Output()
+"""``output(block, index=0)`` is output `index` of a block, as a quantity; ``output.to_csv(result, path)`` and its
+sisters write results."""

@@ -59,9 +59,9 @@ class Readable(PickledByFields):
         raise NotImplementedError
 
     def velocity(self, body: str) -> Array:
-        """Return the velocity of a body or drive at the times `t`, in m/s or rad/s.
+        """Return the velocity of a body or drive at the times `t`, in m/s or rad/s, shape (n,).
 
-        The velocity of a body held to a drive equals the drive's to the bit.
+        The velocity of a body that is held to a drive equals the drive's to the bit.
 
         Raises
         ------
@@ -71,9 +71,9 @@ class Readable(PickledByFields):
         return self._read(Samples.velocity, body)
 
     def position(self, body: str) -> Array:
-        """Return the position of a body or drive at the times `t`, in m or rad.
+        """Return the position of a body or drive at the times `t`, in m or rad, shape (n,).
 
-        ``x = x_0 + integral of v dt`` by Gauss quadrature where no spring made it a state.
+        ``x = x_0 + integral of v dt``, by Gauss quadrature where it is no state.
 
         Raises
         ------
@@ -83,7 +83,9 @@ class Readable(PickledByFields):
         return self._read(Samples.position, body)
 
     def force(self, contact: str) -> Array:
-        """Return the friction force r of a contact at the times `t`, in N or N m (-r acts on its body a).
+        """Return the force r of a contact or another row at the times `t`, in N or N m, shape (n,).
+
+        ``-radius_a r`` acts on its body a and ``+radius_b r`` on b; of a tie with coefficients c, ``-c_i r`` on body i.
 
         Raises
         ------
@@ -95,9 +97,10 @@ class Readable(PickledByFields):
     def breakaway(self, contact: str, direction: int | None = None) -> Array:
         """Return a breakaway level B of a contact at the times `t`, in N or N m, never negative.
 
-        ``B = (mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)) N`` (Breedveld 2000, eqs. 8 and 9). A stuck contact holds
-        forces from ``-breakaway(contact, -1)`` to ``+breakaway(contact, +1)``; the two differ where forward and
-        backward coefficients do. While the contact slips they are the levels at which it would start to be stuck.
+        ``B = mu_s N``, or ``B = (mu_s - (mu_s - mu_c) exp(-(t - t_start)/tau)) N`` with a dwell time tau (Breedveld
+        2000, eqs. 8 and 9). A stuck contact holds forces from ``-breakaway(contact, -1)`` to
+        ``+breakaway(contact, +1)``; the two differ where forward and backward coefficients do. While the contact slips
+        they are the levels with which it would begin to stick.
 
         Parameters
         ----------
@@ -127,7 +130,7 @@ class Readable(PickledByFields):
         return self._read(Samples.backward_level if direction < 0 else Samples.forward_level, contact)
 
     def mode(self, contact: str) -> Modes:
-        """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap is open.
+        """Return the mode of a contact or another row at the times `t`: -1, 0, +1, or 2 where a gap or stop is open.
 
         Raises
         ------
@@ -137,7 +140,7 @@ class Readable(PickledByFields):
         return self._read(Samples.mode, contact)
 
     def relative_velocity(self, contact: str) -> Array:
-        """Return ``w = v_a - v_b`` of a contact at the times `t`, in m/s or rad/s.
+        """Return ``w = radius_a v_a - radius_b v_b`` of a contact or another row at the times `t`, in m/s or rad/s.
 
         Raises
         ------
@@ -167,7 +170,7 @@ class Readable(PickledByFields):
         return self._read(Samples.power, contact)
 
     def normal(self, contact: str) -> Array:
-        """Return the normal force of a contact at the times `t`, in N, zero where it is open.
+        """Return the normal force of a contact at the times `t`, in N; 0 where it is open, and of other rows.
 
         Raises
         ------

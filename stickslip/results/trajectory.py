@@ -158,7 +158,7 @@ class Trajectory(PickledByFields):
     @cached_property
     def is_patchwork(self) -> bool:
         """Whether all of it is known part by part."""
-        return bool(self.parts) and not self.whole
+        return not self.whole
 
     @cached_property
     def is_dense(self) -> bool:

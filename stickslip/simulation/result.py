@@ -57,7 +57,7 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True)
 class Result(Presented):
-    """A simulated motion, in the manner of scipy's `solve_ivp`.
+    """A simulated motion, in the manner of scipy's `solve_ivp`; ``result(t)`` are the states at any times `t` in s.
 
     Attributes
     ----------
@@ -65,11 +65,14 @@ class Result(Presented):
     events : list of Event
         In order of time.
     success : bool
+        Whether the run came to its end, or to a `When` that stops it.
     status : int
-        0 where the end was reached, -1 where not.
+        0 where the end was reached, 1 where a `When` stopped the run, -1 where it failed or was interrupted.
     message : str
+        The same in words.
     stats : dict
-        What was assembled and how much work was done.
+        ``"engine"``, and counts: ``"states"``, the ``"guards"`` at most at a time, ``"restarts"`` (motions begun after
+        the first), ``"steps"``, ``"function_calls"`` of feedback, and others of the work done.
     trajectory : Trajectory
         The motion, piece by piece.
     """
@@ -98,13 +101,13 @@ class Result(Presented):
         """Times in s, shape (n,).
 
         They are `t_eval`; or the steps of a fixed-step method; or so close that straight lines between them are right
-        to 1e-3 of each quantity's range. But with `t_eval` every event stands twice (left and right limit).
+        to 1e-3 of each quantity's range. Without `t_eval` every event stands twice (left and right limit).
         """
         return self.samples.t
 
     @property
     def y(self) -> Array:
-        """States, shape (size, n): velocities of the bodies, positions of what springs touch, bristles."""
+        """States, shape (size, n): velocities, positions that springs or quantities read, bristles, blocks."""
         return self.samples.y
 
     @property

@@ -64,14 +64,14 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         structure, stuck bodies become one inertia and the state shrinks (figs. 4 and 5). "multiplier": the contact
         forces are unknowns of an index-1 DAE (figs. 2 and 3), solved by IDA.
     method : str
-        "auto": Taylor series where loads and laws are linear between events, else CVODE's BDF, but for times in which
-        all is held; `explain` says which and why. "series": exact to roundoff, whatever the tolerances. "BDF" or
-        "Adams": CVODE. "RK4" or "Euler": fixed steps, mode changes at step ends.
+        "auto": Taylor series where loads and laws are linear between events, else CVODE's BDF; `explain` says which
+        and why. "series": exact to roundoff, whatever the tolerances. "BDF" or "Adams": CVODE. "RK4" or "Euler":
+        fixed steps, with changes of mode at their ends.
     step : float, optional
         Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
         names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
     rtol, atol : float
-        Relative and absolute tolerance of the states; the series needs none.
+        Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional

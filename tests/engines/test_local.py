@@ -1,11 +1,13 @@
 """Scenes followed part by part move as they do followed as a whole."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
 from stickslip import (
     GROUND,
@@ -21,8 +23,11 @@ from stickslip import (
     piecewise_linear,
     simulate,
 )
+from stickslip.engines import parts
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
+from stickslip.results.patchwork import Patchwork
+from stickslip.results.trajectory import Piece
 from stickslip.simulation import simulate as module
 
 
@@ -113,3 +118,123 @@ def test_random_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -
     scene, stop = random_forest(seed)
     if apart(scene):
         both(monkeypatch, scene, stop)
+
+
+def part_by_part(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> Result:
+    monkeypatch.setattr(module, "_MANY", 1)
+    result = simulate(scene, (0.0, stop), **options)
+    # nothing was settled as a whole but at the start
+    assert result.trajectory.is_patchwork and len(result.trajectory.parts) == 1
+    return result
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_levels_that_fall_let_go(monkeypatch: pytest.MonkeyPatch, side: int) -> None:
+    """``N = 10 - 2 t``: 3 N forward go beyond 0.5 N at 2 s, 4 N backward beyond 0.8 N at 2.5 s."""
+    law = DryFriction(0.5, 0.2, mu_static_backward=0.8, mu_coulomb_backward=0.3)
+    normal = piecewise_linear([0.0, 4.0], [10.0, 2.0])
+    scene = Scene(
+        *(Body(name, inertia=1.0) for name in ("one", "other", "idle")),
+        *(
+            Contact(f"c {name}", *((name, GROUND) if side > 0 else (GROUND, name)), law, normal=normal)
+            for name in ("one", "other", "idle")
+        ),
+        Force("one", 3.0 * side),
+        Force("other", -4.0 * side),
+    )
+    result = part_by_part(monkeypatch, scene, 4.0)
+    assert [(e.contact, e.after) for e in result.events] == [("c one", 1), ("c other", -1)]
+    assert [e.t for e in result.events] == pytest.approx([2.0, 2.5], abs=1e-13)
+    assert side * result.velocity("one")[-1] == pytest.approx(6.0 - 0.2 * 8.0, abs=1e-13)
+    assert side * result.velocity("other")[-1] == pytest.approx(-(6.0 - 0.3 * 5.25), abs=1e-13)
+    assert not result.velocity("idle").any()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
+    monkeypatch: pytest.MonkeyPatch, side: int
+) -> None:
+    """A block comes to rest, and a pull of 1.3 t N takes it along."""
+    law = DryFriction(0.5, 0.2, dwell=0.4)
+    if side < 0:
+        law = DryFriction(0.9, 0.7, mu_static_backward=0.5, mu_coulomb_backward=0.2, dwell=0.4)
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=side),
+        Contact("c", "block", GROUND, law, normal=piecewise_linear([0.0, 4.0], [10.0, 2.0])),
+        Force("block", piecewise_linear([0.0, 4.0], [0.0, side * 5.2])),
+    )
+    result = part_by_part(monkeypatch, scene, 4.0)
+    # v = 1 + 0.65 t^2 - 2 t + 0.2 t^2
+    rest = (2.0 - math.sqrt(4.0 - 4 * 0.85)) / (2 * 0.85)
+
+    def left(t: float) -> float:
+        return (0.5 - 0.3 * math.exp(-(t - rest) / 0.4)) * (10.0 - 2.0 * t) - 1.3 * t
+
+    loose = scipy.optimize.brentq(left, rest + 0.1, 4.0, xtol=1e-14)
+    assert [e.after for e in result.events] == [0, side]
+    assert [e.t for e in result.events] == pytest.approx([rest, loose], abs=1e-12)
+
+
+def chain(in_pairs: bool) -> Scene:
+    """Return bodies coupled by springs and dampers: all rub on the ground, or every second on the one before."""
+    names = [f"b{i}" for i in range(36)]
+    laws = (
+        DryFriction(0.5, 0.3, mu_static_backward=0.6, mu_coulomb_backward=0.2),
+        DryFriction(0.4, 0.3, dwell=0.2),
+    )
+    push = piecewise_linear([0.0, 1.0, 2.0], [0.0, 6.0, -6.0])
+    return Scene(
+        *(Body(name, inertia=1.0 + 0.05 * i, velocity=0.4 * math.sin(i)) for i, name in enumerate(names)),
+        Drive("belt", velocity=piecewise_linear([0.0, 2.0], [0.3, -0.2])),
+        *(
+            Contact(
+                f"c{i}",
+                name,
+                names[i - 1] if in_pairs and i % 2 else "belt" if i % 6 == 4 else GROUND,
+                laws[i % 4 == 0],
+                normal=piecewise_linear([0.0, 2.0], [2.0, 3.0 - 0.05 * i]),
+            )
+            for i, name in enumerate(names)
+        ),
+        *(Spring(a, b, stiffness=3.0, damping=0.5) for a, b in pairwise(names)),
+        Spring("b7", "belt", stiffness=2.0, damping=0.3),
+        Damper("b20", GROUND, damping=0.4),
+        Force("b3", push),
+        Force("b30", push),
+    )
+
+
+@pytest.mark.parametrize("in_pairs", [False, True])
+@pytest.mark.parametrize("many", [4, 10**9])
+def test_in_a_long_chain_what_is_far_goes_on(
+    monkeypatch: pytest.MonkeyPatch, in_pairs: bool, many: int
+) -> None:
+    """Patches are smaller than the chain; their matrices are sparse from 4 bodies on, or dense."""
+    scene = chain(in_pairs)
+    monkeypatch.setattr(parts, "_MANY", many)
+    assert Forest(System(scene)).hops < 16
+    local, _ = both(monkeypatch, scene, 2.0)
+    assert len(local.events) > 20
+
+
+def test_what_begins_at_its_level_is_followed_as_a_whole_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """5 N at a level of 5 N that fall, and then rise: pieces of both kinds are read as one motion."""
+    law = DryFriction(0.5, 0.2, dwell=0.1)
+    scene = Scene(
+        Body("held", inertia=1.0),
+        Body("block", inertia=2.0, velocity=3.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 3.0], [0.0, 1.5])),
+        Contact("at its level", "held", GROUND, DryFriction(0.5, 0.2), normal=10.0),
+        Contact("c", "block", "belt", law, normal=10.0),
+        Force("held", piecewise_linear([0.0, 1.0, 2.5], [5.0, 4.0, 7.0])),
+    )
+    local, whole = both(monkeypatch, scene, 3.0)
+    assert {type(part) for part in local.trajectory.parts} == {Piece, Patchwork}
+    # 4 + 2 (t - 1) are 5 N again at 1.5 s; the block has 3 - t, and the belt t / 2
+    assert [(e.contact, e.after) for e in local.events] == [("at its level", 1), ("c", 0)]
+    assert [e.t for e in local.events] == pytest.approx([1.5, 2.0], abs=1e-13)
+    for read in ("relative_velocity", "normal", "power"):
+        for name in ("c", "at its level"):
+            np.testing.assert_allclose(getattr(local, read)(name), getattr(whole, read)(name), atol=1e-12)
+    np.testing.assert_allclose(local.position("block"), whole.position("block"), atol=1e-12)
+    assert local.energy().relative_error < 1e-14

@@ -26,7 +26,7 @@ from stickslip import (
 )
 from stickslip.equations import system as systems
 from stickslip.equations.matrices import dense
-from stickslip.equations.mode_equations import OPEN, equations_in
+from stickslip.equations.mode_equations import FREE, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.simulation.simulate import compiled
@@ -83,7 +83,7 @@ def motion_in(scene: Scene, modes: dict[str, int]) -> Motion:
 def test_sparse_is_dense(
     monkeypatch: pytest.MonkeyPatch, on_the_ground: bool, held: Sequence[int], is_together: bool
 ) -> None:
-    modes = {f"c{i}": 0 for i in held} | {"brush": 0}
+    modes = {f"c{i}": 0 for i in held} | {"brush": FREE}
     one = motion_in(machine(12, on_the_ground), modes)
     monkeypatch.setattr(systems, "_DENSE_LIMIT", 0)
     other = motion_in(machine(12, on_the_ground), modes)
@@ -101,7 +101,10 @@ def test_sparse_is_dense(
             np.testing.assert_allclose(found, known, rtol=0, atol=1e-13 * scale, err_msg=name)
     for tau in (0.0, 0.4):
         state = one.exact(tau, y[:, 0].copy())
+        n = one.system.n
         for found, known in (
+            (one.rate_beside_velocities(tau, state), one.rate(tau, state)[n:]),
+            (other.rate_beside_velocities(tau, state, one.inputs(tau, state)), one.rate(tau, state)[n:]),
             (other.rate(tau, state), one.rate(tau, state)),
             (other.watched(tau, state), one.watched(tau, state)),
             (dense(other.jacobian(tau, state)), one.jacobian(tau, state)),
@@ -109,3 +112,12 @@ def test_sparse_is_dense(
             np.testing.assert_allclose(found, known, rtol=0, atol=1e-12 * np.abs(known).max())
     of_states = [each.equations.guard_rows(np.ones(each.system.m)).of_states(y) for each in (other, one)]
     np.testing.assert_allclose(*of_states, rtol=0, atol=1e-12 * np.abs(of_states[1]).max())
+
+
+def test_responses_are_the_same_by_parts_and_by_a_matrix() -> None:
+    """The first responses of a larger scene come part by part, later ones from one product."""
+    equations = motion_in(machine(12, True), {"c0": 0, "c5": 0}).equations
+    q = np.random.default_rng(4).normal(size=(equations.system.inputs + equations.system.dwelling.size, 3))
+    first, *_, last = [equations.respond(q) for _ in range(12)]
+    np.testing.assert_allclose(last, first, rtol=0, atol=1e-13 * np.abs(first).max())
+    assert np.abs(first).max() > 1

@@ -17,6 +17,7 @@ from stickslip import (
     OneWay,
     Result,
     Scene,
+    Tie,
     piecewise_linear,
     simulate,
     step,
@@ -35,7 +36,7 @@ def contact(name: str, a: str, b: str, level: float) -> Contact:
     return Contact(name, a, b, DryFriction(0.1 * level, 0.08 * level), normal=10.0)
 
 
-def torn(*rows: Contact | OneWay, bodies: int = 1, **options: Any) -> Result:
+def torn(*rows: Contact | OneWay | Tie, bodies: int = 1, **options: Any) -> Result:
     """Run bodies of 1 kg between the ground and a belt that starts at 1 s with 1 m/s2."""
     belt = Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0]))
     return simulate(
@@ -71,6 +72,33 @@ def test_rows_that_lock_the_same_motion_give_way_together(
         assert changes(result) == {(name, 1.0, mode) for name, mode in moving.items()}
     speed = 0.5 if "belt" not in moving else 0.04 if "g0" in moving else 0.0
     assert result.velocity("b0")[-1] == pytest.approx(speed, abs=1e-6)
+
+
+@pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize(("turn", "moving"), [(1, {"ground": 1}), (-1, {"belt": 1})])
+def test_levels_count_on_the_side_to_which_the_belt_pulls(
+    turn: int, moving: dict[str, int], options: dict[str, Any]
+) -> None:
+    """The ground holds 2 N forward and 9 N backward; the belt takes along with 3 N and 1 N, slipping with half."""
+    ground = DryFriction(0.2, 0.16, mu_static_backward=0.9, mu_coulomb_backward=0.8)
+    belt = DryFriction(0.1, 0.05, mu_static_backward=0.3, mu_coulomb_backward=0.15)
+    scene = Scene(
+        Body("b0", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, turn])),
+        Contact("ground", "b0", GROUND, ground, normal=10.0),
+        Contact("belt", "b0", "belt", belt, normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.5), **options)
+    assert changes(result) == {(name, 1.0, mode) for name, mode in moving.items()}
+
+
+@pytest.mark.parametrize("options", ENGINES)
+def test_a_tie_to_the_belt_takes_the_body_off_the_ground(options: dict[str, Any]) -> None:
+    result = torn(contact("ground", "b0", GROUND, 3.0), Tie("tie", {"b0": 1.0, "belt": -2.0}), **options)
+    assert changes(result) == {("ground", 1.0, 1)}
+    assert result.velocity("b0")[-1] == pytest.approx(1.0, abs=1e-12)
+    # 2 m/s2 of 1 kg and 2.4 N of friction
+    assert result.force("tie")[-1] == pytest.approx(-4.4, abs=1e-9)
 
 
 @pytest.mark.parametrize("options", ENGINES)
@@ -142,20 +170,27 @@ def test_what_happens_apart_is_what_happens_alone(options: dict[str, Any]) -> No
 
 
 @pytest.mark.parametrize("options", ENGINES)
-@pytest.mark.parametrize("ground", [(4.0,), (2.0, 2.0), (3.0, 1.0)])
+@pytest.mark.parametrize(
+    ("ground", "end"), [((4.0,), "belt"), ((2.0, 2.0), "belt"), ((3.0, 1.0), "belt"), ((4.0,), "shoe")]
+)
 @pytest.mark.parametrize(("force", "ground_holds"), [(-1.5, True), (-0.8, True), (-0.6, False), (0.8, False)])
 def test_what_else_acts_helps_to_hold(
-    ground: tuple[float, ...], force: float, ground_holds: bool, options: dict[str, Any]
+    ground: tuple[float, ...], end: str, force: float, ground_holds: bool, options: dict[str, Any]
 ) -> None:
-    """The belt pulls with 4.7 N at most: less than the 4 N of the ground and 0.8 N of a force that pulls back."""
+    """The belt pulls with 4.7 N at most: less than the 4 N of the ground and 0.8 N of a force that pulls back.
+
+    It does the same with a shoe that is fixed to it.
+    """
     rows = [
         Contact(f"g{k}", "b0", GROUND, DryFriction(0.1 * level, 0.05 * level), normal=10.0)
         for k, level in enumerate(ground)
     ]
-    rows.append(Contact("belt", "b0", "belt", DryFriction(0.47, 0.47), normal=10.0))
-    belt = Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 10.0]))
+    rows.append(Contact("belt", "b0", end, DryFriction(0.47, 0.47), normal=10.0))
+    belt = [Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 10.0]))]
+    if end == "shoe":
+        belt += [Body("shoe", inertia=1.0), Tie("fixed", {"shoe": 1.0, "belt": -1.0})]
     for order in permutations(rows):
-        scene = Scene(Body("b0", inertia=1.0), belt, Force("b0", force), *order)
+        scene = Scene(Body("b0", inertia=1.0), *belt, Force("b0", force), *order)
         result = simulate(scene, (0.0, 1.5), **options)
         moving = {"belt": -1} if ground_holds else {"belt": -1} | {row.name: 1 for row in rows[:-1]}
         assert changes(result) == {(name, 1.0, mode) for name, mode in moving.items()}

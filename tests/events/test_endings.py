@@ -4,9 +4,46 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, Stop, piecewise_linear, simulate
+from stickslip.equations.guards import Guards
+from stickslip.equations.mode_equations import equations_in
+from stickslip.equations.motion import Motion
+from stickslip.equations.path import Path
+from stickslip.equations.system import System
+from stickslip.events.endings import at_limit
+
+UNCERTAIN = 1e-6
+
+
+def ending(*velocities: float) -> tuple[Motion, Guards, Path]:
+    """Blocks that slide with 1 m/s, and have these velocities where the first of them ends the motion."""
+    names = [f"b{i}" for i in range(len(velocities))]
+    law = DryFriction(0.2, 0.2)
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=1.0) for name in names),
+        *(Contact(f"of {name}", name, GROUND, law, normal=10.0) for name in names),
+    )
+    system = System(scene)
+    forward, none = np.ones(system.m, dtype=np.int8), np.zeros(system.m, dtype=bool)
+    y = system.at_start()
+    motion = Motion(
+        equations_in(forward, system), system.loads(0.0, 2.0).after(0.0), 0.0, y, np.zeros(system.m)
+    )
+    guards = Guards(motion, forward, none, none, UNCERTAIN)
+    last = np.array(velocities)
+    return motion, guards, Path(np.array([0.0, 0.5]), np.array([[y, last - y]]), last, True)
+
+
+@pytest.mark.parametrize(
+    ("beyond", "has_passed"), [(0.0, True), (5e-10, True), (5e-7, False), (9.999e-7, True), (2e-6, True)]
+)
+def test_what_is_beyond_0_by_errors_only_has_not_passed_it(beyond: float, has_passed: bool) -> None:
+    motion, guards, path = ending(0.0, 0.3, -beyond)
+    at = at_limit(motion, guards, path, [])
+    assert at.touching.tolist() == at.fired.tolist() == [True, False, has_passed]
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])

@@ -17,6 +17,7 @@ from stickslip import (
     DryFriction,
     Force,
     Mode,
+    PreSlip,
     Result,
     Sampled,
     Scene,
@@ -26,6 +27,7 @@ from stickslip import (
     piecewise_linear,
     simulate,
     sine,
+    step,
     velocity,
 )
 
@@ -455,3 +457,17 @@ def test_an_open_contact_shows_rest_and_what_ends_it_whatever_the_tolerance(
         ("open", Mode.STUCK, Mode.FORWARD),
     ]
     np.testing.assert_allclose([e.t for e in result.events], [stop, stop, 1.0], rtol=0, atol=10 * rtol)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}])
+def test_a_contact_that_creeps_as_it_opens_shows_where_it_moves(options: dict[str, Any]) -> None:
+    """2 N make it creep with half the pre-slip velocity; from 1 s on -1 N alone stop it after 0.05 s."""
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=0.05),
+        Contact("c", "b", GROUND, PreSlip(DryFriction(0.4, 0.3), velocity=0.1), normal=step(1.0, 10.0, 0.0)),
+        Force("b", step(1.0, 2.0, -1.0)),
+    )
+    result = simulate(scene, (0.0, 1.5), rtol=1e-8, atol=1e-10, **options)
+    assert [(e.before, e.after) for e in result.events] == [(0, 1), (1, -1)]
+    assert [e.t for e in result.events] == pytest.approx([1.0, 1.05], abs=1e-8)
+    assert result.velocity("b")[-1] == pytest.approx(0.05 - 0.5, abs=1e-8)

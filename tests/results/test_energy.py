@@ -14,6 +14,8 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gear,
+    OneWay,
     PreSlip,
     Scene,
     Spring,
@@ -21,6 +23,7 @@ from stickslip import (
     join,
     simulate,
     sine,
+    step,
     triangle,
 )
 from stickslip.benchmark import flywheel_benchmark
@@ -164,16 +167,19 @@ def test_a_still_scene_has_no_error():
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
 @pytest.mark.parametrize("stiffness", [0.0, 1e3])
 def test_velocities_of_roundoff_are_no_motion(options: dict[str, Any], stiffness: float):
-    # these forces add up to 6e-17 N
+    # these forces add up to 6e-17 N; what has no inertia has no energy
     scene = Scene(
         Body("a", inertia=1.0),
         Body("b", inertia=2.0),
+        Body("wheel", inertia=0.0),
+        Gear("gear", "wheel", "b", ratio=2.0),
         *[Spring("a", "b", stiffness=stiffness)] * (stiffness > 0),
         *(Force("b", force) for force in (0.1, 0.2, -0.3)),
     )
     ledger = energy(simulate(scene, (0.0, 10.0), **options))
     assert 0 < np.abs(ledger.stored).max() < 1e-28
     assert ledger.relative_error < 1e-2
+    assert "at the start 0 stored" in str(ledger)
 
 
 @pytest.mark.parametrize("speed", [1e-9, 1e-5, 1.0])
@@ -258,3 +264,36 @@ def test_many_times_in_one_piece_are_integrated_in_parts(monkeypatch: pytest.Mon
     v = np.maximum(3.0 - 2.0 * result.t, 0.0)
     for ledger in (whole, parts):
         np.testing.assert_allclose(ledger.contacts["floor"], 4.5 - 0.5 * v**2, rtol=0, atol=1e-14)
+
+
+def test_a_blow_that_closes_a_clutch_takes_from_both() -> None:
+    """2 kg come back from a stop with half of their 2 m/s, and meet 1 kg that follows with 1 m/s: both have -1/3."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=2.0, velocity=2.0),
+        OneWay("clutch", "a", "b"),
+        Stop("stop", "b", GROUND, upper=1.0, restitution=0.5),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert result.velocity("a")[-1] == result.velocity("b")[-1] == pytest.approx(-1 / 3, rel=1e-14)
+    ledger = result.energy()
+    assert ledger.impacts["stop"][-1] == pytest.approx(0.5 * 2.0 * (4.0 - 1.0), rel=1e-14)
+    assert ledger.impacts["clutch"][-1] == pytest.approx(0.5 * (1.0 + 2.0 - 3.0 / 9.0), rel=1e-14)
+    assert ledger.relative_error < 1e-14
+
+
+def test_a_ram_works_with_its_new_velocity_where_one_blow_follows_another() -> None:
+    """It takes 1 kg from rest to 1 m/s with the mean of 0 and 1 m/s, and 2 kg from 0.5 to 1 m/s with 1 m/s."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0, velocity=0.5),
+        Drive("ram", velocity=step(1.0, 0.0, 1.0)),
+        OneWay("clutch", "a", "b"),
+        Stop("face", "a", "ram", lower=0.0),
+    )
+    result = simulate(scene, (0.0, 2.0))
+    assert result.velocity("a")[-1] == result.velocity("b")[-1] == pytest.approx(1.0, rel=1e-14)
+    ledger = result.energy()
+    assert ledger.drives[-1] == pytest.approx(0.5 + 1.0, rel=1e-14)
+    assert ledger.impacts["clutch"][-1] == pytest.approx(0.5 * 1.0 * 0.5, rel=1e-14)
+    assert ledger.relative_error < 1e-14

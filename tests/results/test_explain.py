@@ -19,6 +19,7 @@ from stickslip import (
     Scene,
     Spring,
     StateSpace,
+    When,
     feedback,
     output,
     pid,
@@ -242,3 +243,19 @@ def test_gears_in_a_loop_that_do_not_fit_are_told():
     text = explain(Scene(*bodies, shaft, *gears, Gear("g3", "a", "c", ratio=3.0), Force("a", 1.0)))
     assert "  locked, because ties leave no motion but rest: a, b, c\n" in text
     assert "locked" not in explain(Scene(*bodies, shaft, *gears, Gear("g3", "a", "c", ratio=4.0)))
+
+
+def test_a_run_that_an_event_of_the_user_stops_is_not_said_to_reach_its_end():
+    fast = When("fast", velocity("car") - 1.0, stop=True)
+    result = simulate(Scene(Body("car", inertia=1.0), Force("car", 2.0)), (0.0, 3.0), events=[fast])
+    assert result.success and result.status == 1
+    told = line_of(result.explain(), "Simulation:")
+    assert told.startswith("Simulation: event 'fast' stopped the simulation at t = 0.5 s; states 1")
+
+
+def test_an_open_contact_is_watched_for_its_direction_only():
+    rub = Contact("rub", "block", GROUND, DRY, normal=piecewise_linear([2.0, 3.0], [0.0, 1.0]))
+    scene = Scene(Body("block", inertia=1.0, velocity=1.0), rub, Force("block", -1.0))
+    assert "where it is 0 the contact is open, and only its direction is watched" in explain(scene)
+    (event,) = simulate(scene, (0.0, 1.5)).events
+    assert event.cause == "open" and event.t == pytest.approx(1.0, abs=1e-14)

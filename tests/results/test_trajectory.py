@@ -18,12 +18,15 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     LuGre,
+    OneWay,
     PreSlip,
     Result,
     Scene,
     SimulationError,
     Spring,
+    Tie,
     explain,
     load,
     piecewise_linear,
@@ -128,6 +131,23 @@ def test_held_bodies_move_as_their_drive_to_the_bit() -> None:
         np.testing.assert_array_equal(at.velocity("a")[after], at.velocity("d")[after])
         np.testing.assert_array_equal(at.velocity("b")[after], at.velocity("d")[after])
         assert np.all(at.relative_velocity("two")[after] == 0)
+
+
+def test_what_is_never_let_go_has_no_level() -> None:
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=-0.5) for name in "ab"),
+        Tie("tie", {"a": 1.0, "b": -1.0}),
+        Gap("gap", "a", GROUND, lower=-1.0, upper=1.0, stiffness=10.0),
+        OneWay("clutch", "b", GROUND),
+        Contact("c", "b", GROUND, DryFriction(0.2, 0.1), normal=2.0),
+    )
+    at = simulate(scene, (0.0, 1.0)).sample(3)
+    assert {name: at.breakaway(name)[0] for name in ("tie", "gap", "clutch", "c")} == {
+        "tie": math.inf,
+        "gap": math.inf,
+        "clutch": 0.0,
+        "c": 0.4,
+    }
 
 
 def test_forces_obey_newtons_law_and_stay_within_their_levels(result: Result) -> None:

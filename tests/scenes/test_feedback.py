@@ -251,3 +251,24 @@ def test_a_normal_force_that_is_a_function_ends_and_begins_again(
     np.testing.assert_allclose(
         [event.t for event in found.events], [event.t for event in exact.events], atol=1e-6
     )
+
+
+def test_what_follows_time_and_position_is_read_at_its_time() -> None:
+    """The free body is at 1 + 2 t m, and so the shoes are pressed with 4 + t + x and 3 + t x N."""
+    path = position("free")
+    scene = Scene(
+        Body("free", inertia=1.0, position=1.0, velocity=2.0),
+        *(Body(name, inertia=1.0) for name in ("left", "right")),
+        Contact("linear", "left", GROUND, DryFriction(0.2, 0.1), normal=4.0 + TIME + path),
+        Contact(
+            "curved",
+            "right",
+            GROUND,
+            DryFriction(0.2, 0.1),
+            normal=feedback(lambda x, t: 3 + t * x, path, TIME),
+        ),
+    )
+    t = np.linspace(0.0, 2.0, 9)
+    result = simulate(scene, (0.0, 2.0), t_eval=t)
+    np.testing.assert_allclose(result.normal("linear"), 5.0 + 3.0 * t, rtol=1e-12)
+    np.testing.assert_allclose(result.normal("curved"), 3.0 + t * (1.0 + 2.0 * t), rtol=1e-9)

@@ -419,6 +419,33 @@ def test_a_start_at_a_limit_that_goes_on_into_it_rebounds_at_once() -> None:
     assert [(e.t, e.cause) for e in result.events] == [(0.0, "impact")]
 
 
+def test_of_many_stops_those_rebound_at_once_that_start_at_a_limit() -> None:
+    scene = Scene(
+        *(Body(name, inertia=1, position=1.0, velocity=2.0) for name in "ab"),
+        Stop("s", "a", GROUND, upper=1, restitution=0.5),
+        Stop("far", "b", GROUND, upper=4, restitution=0.5),
+    )
+    result = simulate(scene, (0, 2))
+    assert [(e.t, e.contact, e.cause) for e in result.events] == [
+        (0.0, "s", "impact"),
+        (1.5, "far", "impact"),
+    ]
+    assert result.velocity("a")[0] == -1.0
+
+
+@pytest.mark.parametrize("velocity", [-3.0, 3.0])
+def test_what_starts_together_at_a_stop_goes_on_together(velocity: float) -> None:
+    """Neither side of a closed stop moves against the other, whichever way they go: nothing hits."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=velocity),
+        Body("b", inertia=2.0, velocity=velocity),
+        Stop("s", "a", "b", upper=0, restitution=0.5),
+    )
+    result = simulate(scene, (0, 1))
+    assert result.events == []
+    assert result.velocity("a")[-1] == result.velocity("b")[-1] == velocity
+
+
 def test_a_stop_that_parts_as_another_is_hit_gives_no_energy() -> None:
     """A comes to the wall with 1 m/s and back, into B that leaves it with 0.5: both go on with 0.75, by momentum."""
     scene = Scene(

@@ -27,6 +27,7 @@ from stickslip import (
     simulate,
     sine,
     triangle,
+    velocity,
 )
 from validation.exact import REFERENCES, reference
 from validation.published import CLUTCH_EVENTS, CLUTCH_SPEEDS, coupled_clutches
@@ -147,6 +148,59 @@ def test_relaxation_margin_is_the_velocity_found_at(margin: float) -> None:
     # the velocities of the two bodies are of the order of 1: their difference has the roundoff of these
     assert 0 < result.relative_velocity("c")[first] <= margin + 1e-15
     assert margin < result.relative_velocity("c")[first - 1]
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("force", "changes"), [(-2e-7, [0]), (2e-7, [])])
+def test_relaxation_is_the_same_in_both_directions(side: int, force: float, changes: list[int]) -> None:
+    """A force far below the level of 5 N brings to rest what it brakes; what it drives goes on with 7e-8 m/s."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=side),
+        Damper("a", GROUND, damping=3.0),
+        Contact("c", "a", GROUND, DryFriction(mu_static=0.5, mu_coulomb=0.0), normal=10.0),
+        Force("a", side * force),
+    )
+    result = simulate(scene, (0.0, 20.0))
+    assert [int(event.after) for event in result.events] == changes
+    if changes:
+        # v = exp(-3 t) + F / 3 (1 - exp(-3 t)) comes to the margin of 1e-6 m/s, and not to 0
+        assert result.events[0].cause == "relaxation"
+        assert result.events[0].t <= math.log((1 - force / 3) / (1e-6 - force / 3)) / 3 + 1e-9
+    else:
+        assert result.velocity("a")[-1] == pytest.approx(side * force / 3, rel=1e-6)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_leaves_rest_does_not_relax_with_others(side: int) -> None:
+    """Inside the margin b grows as exp(t), while a falls into it as exp(-3 t)."""
+    rough = DryFriction(mu_static=0.5, mu_coulomb=0.0)
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.0, velocity=1e-6 * side),
+        Damper("a", GROUND, damping=3.0),
+        Force("b", 1.0 * velocity("b")),
+        Contact("of a", "a", GROUND, rough, normal=10.0),
+        Contact("of b", "b", GROUND, rough, normal=10.0),
+    )
+    result = simulate(scene, (0.0, 5.0), velocity_margin=1e-3)
+    assert [(event.contact, event.cause) for event in result.events] == [("of a", "relaxation")]
+    assert result.velocity("b")[-1] == pytest.approx(1e-6 * side * math.exp(5.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ("series", *METHODS))
+def test_before_time_0_all_is_the_same(method: str) -> None:
+    """1 m/s fall with 1 m/s2; 3 (t + 3) N come to the level of 2 N 2/3 s after the start, and to 6 N."""
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=v) for name, v in (("a", 1.0), ("b", 0.0))),
+        *(Contact(f"of {name}", name, GROUND, DryFriction(0.2, 0.1), normal=10.0) for name in "ab"),
+        Force("b", piecewise_linear([-3.0, -1.0], [0.0, 6.0])),
+    )
+    result = simulate(scene, (-3.0, -1.0), method=method)
+    assert told(result) == [("of b", 0, 1), ("of a", 1, 0)]
+    assert [event.t for event in result.events] == pytest.approx([-3.0 + 2 / 3, -2.0], abs=1e-8)
+    assert result.t[0] == -3.0 and result.t[-1] == -1.0
+    # 6 N s less 0.67 N s, and friction of 1 N for 4/3 s
+    assert result.velocity("b")[-1] == pytest.approx(6.0 - 2 / 3 - 4 / 3, abs=1e-7)
 
 
 def test_without_a_velocity_margin_relaxation_is_never_found() -> None:

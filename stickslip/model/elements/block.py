@@ -119,7 +119,7 @@ class Block(AnyBlock):
     output : callable, optional
         ``output(t, x, u)`` returns a number or a sequence of them; without it the states are the outputs.
     outputs : int, optional
-        How many outputs there are; by default as many as quantities read, at least one.
+        How many outputs there are; by default as many as the scene reads, at least one.
 
     Raises
     ------
@@ -309,7 +309,7 @@ class Sampled(AnyBlock):
     output : callable
         ``output(t, x, u)`` returns a number or a sequence of them.
     outputs : int, optional
-        How many outputs there are; by default as many as quantities read, at least one.
+        How many outputs there are; by default as many as the scene reads, at least one.
     first : float, optional
         Time in s of the first sample, or of one before the start; by default the start of the simulation.
     held : sequence of float

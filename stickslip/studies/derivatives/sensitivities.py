@@ -73,6 +73,8 @@ class Sensitivities:
     def position(self, body: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the position of a body or drive at fixed times, by default at the end.
 
+        Times and shape are those of `velocity`.
+
         Raises
         ------
         ValueError
@@ -82,6 +84,8 @@ class Sensitivities:
 
     def force(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the force of a contact or another row at fixed times, by default at the end.
+
+        Times and shape are those of `velocity`.
 
         Raises
         ------
@@ -98,7 +102,7 @@ class Sensitivities:
     def heat(self, contact: str, times: Sequence[float] | Array | None = None) -> Array:
         """Return the derivatives of the heat of a contact from the start to fixed times, by default to the end.
 
-        ``heat = integral of r w dt``, in J; of a gap with what it stores.
+        ``heat = integral of r w dt``, in J; of a gap with what it stores. Times and shape are those of `velocity`.
 
         Raises
         ------
@@ -162,7 +166,7 @@ def sensitivities(
     rtol: float = _RTOL,
     atol: float = _ATOL,
 ) -> Sensitivities:
-    """Return the derivatives of event times, velocities, positions and heats with respect to parameters.
+    """Return the derivatives of event times, velocities, positions, forces and heats with respect to parameters.
 
     Between events ``S = dy/dp`` follows ``S' = f_y S + f_p``; the time of an event at ``g = 0`` has the derivative
     ``-(g_p + g_y S) / g'``, and S jumps there (saltation). With the series all that is right to about 1e-10 of its
