@@ -149,9 +149,11 @@ class GuardsAtStart(GuardValues):
                 if not abs(coefficients[0, i]) <= reach:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
-                # a stop that has rebounded leaves its limit, however soon the motion ends
-                flat = 0.0 if of_stop[i] else AT_LIMIT * size[i] + rough
+                flat = AT_LIMIT * size[i] + rough
                 limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
+                if of_stop[i] and coefficients[1, i] > limits[0]:
+                    # a stop that has rebounded leaves its limit, however soon the motion ends
+                    flat = 0.0
             if not motion.is_linear:
                 limits[1] += _DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)

@@ -212,6 +212,16 @@ def test_what_a_solver_left_beyond_a_stop_is_no_touch(beyond: float) -> None:
     assert guards.smallest(1.0, motion.exact(1.0, np.array([1.0, 0.1]))) < 0
 
 
+def test_a_stop_whose_force_has_come_to_nothing_but_roundoff_lets_go() -> None:
+    """It is pressed with ``1 - t``: 1e-11 s before 1 s what is left is roundoff, and then it is drawn off."""
+    pressed = piecewise_linear([0.0, STOP], [1.0, -1.0])
+    scene = Scene(
+        Body("a", inertia=1.0, position=1.0), Force("a", pressed), Stop("stop", "a", GROUND, upper=1.0)
+    )
+    _, guards = started(scene, [APART], t=1.0 - 1e-11, labels=[1], fired=True)
+    assert guards.order.tolist() == [3] and not guards.violated.any()
+
+
 @pytest.mark.parametrize("order", [0, 1])
 def test_functions_without_a_series_leave_by_differences(order: int) -> None:
     """``4 + 1`` and ``4 + t`` as Python functions: the same orders, from differences."""
