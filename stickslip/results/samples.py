@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, velocity_dependent_in
+from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
@@ -88,10 +89,11 @@ class Samples(PickledByFields):
         """
         if self.kept is not None:
             return self.kept
-        found = self.trajectory.evaluated(self.piece_of, self.taus)
-        if self._held:
-            drives = self.drive_velocities if self.system.drives else None
-            self.trajectory.write_led(self._held, found[: self.system.n], drives)
+        with one_thread(self.system):
+            found = self.trajectory.evaluated(self.piece_of, self.taus)
+            if self._held:
+                drives = self.drive_velocities if self.system.drives else None
+                self.trajectory.write_led(self._held, found[: self.system.n], drives)
         return found
 
     @cached_property
@@ -273,10 +275,11 @@ class Samples(PickledByFields):
     @cached_property
     def relative_velocities(self) -> Array:
         """Relative velocities of all rows in m/s or rad/s."""
-        system = self.system
-        w: Array = system.G @ self.y[: system.n]
-        if system.drives:
-            w += system.D @ self.drive_velocities
+        system, y = self.system, self.y
+        with one_thread(system):
+            w: Array = system.G @ y[: system.n]
+            if system.drives:
+                w += system.D @ self.drive_velocities
         return _for_reading(w)
 
     @cached_property
@@ -371,7 +374,8 @@ class Samples(PickledByFields):
         if not trajectory.is_patchwork:
             self._act(forces)
             pushed = self._piecewise(self.inputs) if system.piecewise.count else None
-            self._hold(forces, pushed)
+            with one_thread(system):
+                self._hold(forces, pushed)
             if pushed is not None:
                 shows = system.piecewise.is_force
                 forces[system.piecewise.row[shows]] = pushed[shows]
