@@ -152,8 +152,9 @@ class GuardsAtStart(GuardValues):
                 flat = AT_LIMIT * size[i] + rough
                 limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
                 if of_stop[i] and coefficients[1, i] > limits[0]:
-                    # a stop that has rebounded leaves its limit, however soon the motion ends
-                    flat = 0.0
+                    # a stop that has rebounded leaves its limit, however soon the motion ends; but a solver's points
+                    # cannot tell less than roundoff
+                    flat = rough if self.velocity_uncertainty else 0.0
             if not motion.is_linear:
                 limits[1] += _DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)
