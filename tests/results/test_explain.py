@@ -282,3 +282,18 @@ def test_what_changes_at_the_same_instant_is_named(together: bool) -> None:
     stop = f"1 s  stop FORWARD -> OPEN: left its upper limit{beside.format('clutch')} at relative velocity 0"
     assert clutch in text
     assert (stop in text) is together
+
+
+def test_open_contacts_tell_where_their_velocity_points() -> None:
+    """A push at 1 s sets one body going, and one that was thrown against it comes back at 2 s."""
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=v) for name, v in (("rests", 0.0), ("thrown", 2.0))),
+        *(Contact(name, name, GROUND, DryFriction(0.2, 0.1), normal=0.0) for name in ("rests", "thrown")),
+        Force("rests", step(1.0, 0.0, 1.0)),
+        Force("thrown", -1.0),
+    )
+    text = explain(simulate(scene, (0.0, 3.0)))
+    assert "1 s  rests STUCK -> FORWARD: carries no force; its relative velocity now points forward" in text
+    assert (
+        "2 s  thrown FORWARD -> BACKWARD: carries no force; its relative velocity now points backward" in text
+    )

@@ -109,6 +109,20 @@ def test_free_decay_with_coulomb_friction() -> None:
     assert np.allclose(found.force("c"), [1.0, -10.0, -1.0, 0.0, 1.0 - 0.5 + 0.5 - 0.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
+def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, Any]) -> None:
+    """``v = v0 - 2 t / m`` meets ``u = t / 2`` after 2 s: from then on nothing tells how it began but the position."""
+    scene = Scene(
+        Body("b", inertia=2.0, velocity=3.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 10.0], [0.0, 5.0])),
+        Contact("c", "b", "belt", DryFriction(0.5, 0.2), normal=10.0),
+    )
+    found = sensitivities(scene, (0.0, 5.0), ["b.velocity", "b.inertia"], **options)
+    assert np.allclose(found.events, [[1 / 1.5, 3.0 * 0.5 / 1.5**2]], atol=1e-8)
+    assert np.allclose(found.velocity("b"), 0.0, atol=1e-8)
+    assert np.allclose(found.position("b"), [2.0, 0.5 * 0.5 * 2.0**2], atol=1e-7)
+
+
 def test_at_other_times() -> None:
     """Up to the first turn x = (x_0 - mu) cos t + mu, with mu N = 0.1."""
     found = sensitivities(decay(), (0.0, 2.0), ["m.position", "c.normal"])
