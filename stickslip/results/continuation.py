@@ -82,9 +82,8 @@ def _velocities(at: Samples, fastest: Array) -> dict[str, float]:
     system = at.system
     v, w = at.y[: system.n, 0], at.relative_velocities[:, 0]
     u = at.drive_velocities[:, 0] if system.drives else np.empty(0)
+    # where it is 0, drives are as fast as bodies
     rough = ROUNDOFF * (system.abs_G @ fastest)
-    if system.drives:
-        rough += ROUNDOFF * (system.abs_D @ np.abs(u))
     rests = system.hard & (np.abs(w) <= rough)
     held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
     if held.any():
