@@ -123,6 +123,36 @@ def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, A
     assert np.allclose(found.position("b"), [2.0, 0.5 * 0.5 * 2.0**2], atol=1e-7)
 
 
+def test_a_longer_rest_before_the_start_delays_the_breakaway() -> None:
+    """A load of 2 N/s meets ``10 (0.5 - 0.3 exp(-(t + 0.3) / 0.8))``."""
+    law = DryFriction(0.5, 0.2, dwell=0.8)
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, law, normal=10.0, rested=0.3),
+        Force("b", piecewise_linear([0.0, 4.0], [0.0, 8.0])),
+    )
+    found = sensitivities(scene, (0.0, 4.0), ["c.rested"])
+    (t,) = (event.t for event in found.result.events)
+    rise = 3.0 / 0.8 * math.exp(-(t + 0.3) / 0.8)
+    assert 5.0 - 0.8 * rise == pytest.approx(2.0 * t, abs=1e-10)
+    assert np.allclose(found.events, rise / (2.0 - rise), rtol=1e-8)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
+def test_a_ball_is_struck_by_a_table_that_speeds_up(options: dict[str, Any]) -> None:
+    """``1 + v0 t`` meets ``t^2 / 4``; from there the ball has 1.5 times the table's velocity less ``v0 / 2``."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0, velocity=-1.0),
+        Drive("table", velocity=piecewise_linear([0.0, 2.0], [0.0, 1.0])),
+        Stop("stop", "ball", "table", lower=0.0, restitution=0.5),
+    )
+    found = sensitivities(scene, (0.0, 1.0), ["ball.velocity", "stop.restitution"], **options)
+    t = 2 * (math.sqrt(2) - 1)
+    later = t / (0.5 * t + 1.0)
+    assert np.allclose(found.events, [[later, 0.0]], atol=1e-8)
+    assert np.allclose(found.velocity("ball"), [0.75 * later - 0.5, 0.5 * t + 1.0], atol=1e-8)
+
+
 def test_at_other_times() -> None:
     """Up to the first turn x = (x_0 - mu) cos t + mu, with mu N = 0.1."""
     found = sensitivities(decay(), (0.0, 2.0), ["m.position", "c.normal"])
