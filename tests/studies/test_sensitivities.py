@@ -20,6 +20,7 @@ from stickslip import (
     Gap,
     Gear,
     LuGre,
+    Planetary,
     PreSlip,
     Result,
     Scene,
@@ -121,6 +122,23 @@ def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, A
     assert np.allclose(found.events, [[1 / 1.5, 3.0 * 0.5 / 1.5**2]], atol=1e-8)
     assert np.allclose(found.velocity("b"), 0.0, atol=1e-8)
     assert np.allclose(found.position("b"), [2.0, 0.5 * 0.5 * 2.0**2], atol=1e-7)
+
+
+def test_a_planetary_whose_ring_a_belt_that_speeds_up_catches() -> None:
+    """Two wheels go on by themselves from there: what the ring loses at once they share."""
+    scene = Scene(
+        Body("sun", inertia=0.3, velocity=6.0),
+        Body("carrier", inertia=0.7, velocity=8 / 3),
+        Body("ring", inertia=0.5, velocity=1.0),
+        Planetary("gear", sun="sun", carrier="carrier", ring="ring", ratio=2.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 4.0], [0.0, 4.0])),
+        Contact("c", "ring", "belt", DryFriction(0.8, 0.2), normal=2.0),
+        Damper("sun", GROUND, damping=0.1),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["c.normal"])
+    assert [event.after for event in found.result.events] == [0]
+    told = differences(scene, (0.0, 2.0), "c.normal", all_in, 1e-3)
+    assert np.allclose(all_of(found)[:, 0], told, rtol=1e-6, atol=1e-8)
 
 
 def test_a_longer_rest_before_the_start_delays_the_breakaway() -> None:
