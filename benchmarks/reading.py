@@ -40,9 +40,9 @@ def fault(count: int) -> Scene:
     )
 
 
-def on_a_belt(count: int) -> Scene:
+def on_a_belt(count: int, **curve: float) -> Scene:
     """Return blocks that a belt carries along, held back by springs: they are often stuck to the belt."""
-    names = [f"b{i}" for i in range(count)]
+    names, law = [f"b{i}" for i in range(count)], DryFriction(0.35, 0.2, **curve)
     places = 0.5 + 0.5 * np.sin(7.3 * np.arange(count))
     return Scene(
         Drive("belt", velocity=0.3),
@@ -50,10 +50,15 @@ def on_a_belt(count: int) -> Scene:
             Body(name, inertia=1.0, velocity=0.3, position=x)
             for name, x in zip(names, places.tolist(), strict=True)
         ),
-        *(Contact(f"c{name}", name, "belt", DryFriction(0.35, 0.2), normal=5.0) for name in names),
+        *(Contact(f"c{name}", name, "belt", law, normal=5.0) for name in names),
         *(Spring(name, GROUND, stiffness=1.0, damping=0.05) for name in names),
         *(Spring(a, b, stiffness=3.0) for a, b in pairwise(names)),
     )
+
+
+def stribeck(count: int) -> Scene:
+    """Return the same with friction that falls with velocity: CVODE follows them."""
+    return on_a_belt(count, stribeck_velocity=0.1)
 
 
 def wheels(count: int) -> Scene:
@@ -64,6 +69,7 @@ def wheels(count: int) -> Scene:
 SCENES: dict[str, tuple[Callable[[int], Scene], float]] = {
     "fault": (fault, 20.0),
     "belt": (on_a_belt, 5.0),
+    "stribeck": (stribeck, 5.0),
     "wheels": (wheels, 4.0),
 }
 
@@ -108,7 +114,7 @@ def main() -> None:
         "its ratios are those to the simulation of a scene that was built just now, and of the same once more"
     )
     print(
-        f"{'scene':8}{'bodies':>7}{'span':>7}{'events':>8}{'times':>8}"
+        f"{'scene':10}{'bodies':>7}{'span':>7}{'events':>8}{'times':>8}"
         f"{'first':>10}{'again':>10}{'read':>9}{'ratios':>14}{'plot':>8}"
     )
     simulate(fault(4), (0.0, 1.0))  # loads what is loaded once
@@ -117,7 +123,7 @@ def main() -> None:
             for span in sorted({stop, LONGER.get((name, count), stop)}):
                 events, times, first, again, read, drawn = row(name, count, span)
                 print(
-                    f"{name:8}{count:7}{span:7g}{events:8}{times:8}{first:10.4f}{again:10.4f}{read:9.4f}"
+                    f"{name:10}{count:7}{span:7g}{events:8}{times:8}{first:10.4f}{again:10.4f}{read:9.4f}"
                     f"{read / first:8.3f}{read / again:6.3f}{drawn:8.2f}",
                     flush=True,
                 )

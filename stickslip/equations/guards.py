@@ -272,8 +272,8 @@ class Guards(GuardsAtStart):
         g = self.raw(z, z if q is None else q)
         if self.velocity_uncertainty:
             g += self.leeway
-        if self._offset is not None:
-            g += self._offset
+        if self._lift is not None:
+            g += self._lift
         return float(g.min())
 
     @cached_property
@@ -288,8 +288,8 @@ class Guards(GuardsAtStart):
         value = value + self._constant
         if self.velocity_uncertainty:
             value += self.leeway
-        if self._offset is not None:
-            value += self._offset
+        if self._lift is not None:
+            value += self._lift
         return value, slope
 
     @cached_property
@@ -316,11 +316,23 @@ class Guards(GuardsAtStart):
     @cached_property
     def told(self) -> float:
         """Until when the sign of some guard that leaves 0 is roundoff."""
-        leaves = (self.order > 0) & (self.order < NEVER)
-        return float(self._roundoff[0][leaves].max()) if leaves.any() else -1.0
+        return float(self._roundoff[0][self._leaves].max()) if self._leaves.any() else -1.0
+
+    @cached_property
+    def _leaves(self) -> Mask:
+        """Guards that leave 0."""
+        return np.asarray((self.order > 0) & (self.order < NEVER))
 
     @cached_property
     def _offset(self) -> Array | None:
         """How far guards that stay 0 may stray from it, 0 for all others."""
         stays = self.order == NEVER
         return np.where(stays, self._roundoff[1], 0.0) if stays.any() else None
+
+    @cached_property
+    def _lift(self) -> Array | None:
+        """What is added before signs are told: that, and what a solver has left below 0 of guards that leave it."""
+        if self.is_plain:
+            return None
+        below = np.where(self._leaves, np.maximum(-self.first[0], 0.0), 0.0)
+        return below if self._offset is None else below + self._offset

@@ -20,7 +20,7 @@ _BY_DIFFERENCES = 1e-9
 AT_LIMIT = 1e-10
 """Part of its level within which a force is at it."""
 
-_AT_STOP = 1e-15
+STRETCH_ROUNDOFF = 1e-15
 """Part of what adds up in a stretch within which a stop is at its limit."""
 
 _AS_FIRED = 1e-6
@@ -145,12 +145,15 @@ class GuardsAtStart(GuardValues):
                     reach = np.inf
                 elif of_stop[i] and not has_fired[i]:
                     # in flight it is not at its limit, however low it flies: there it rebounds
-                    reach = _AT_STOP * majorant[0, i]
+                    reach = STRETCH_ROUNDOFF * majorant[0, i]
                 if not abs(coefficients[0, i]) <= reach:
                     self.violated[i] = coefficients[0, i] < 0
                     continue
                 flat = AT_LIMIT * size[i] + rough
                 limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
+                if of_stop[i] and coefficients[1, i] > limits[0]:
+                    # a stop that has rebounded leaves its limit, however soon the motion ends
+                    flat = 0.0
             if not motion.is_linear:
                 limits[1] += _DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.guards import FULLY, Guards
-from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF
+from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
@@ -27,6 +27,9 @@ _DRIVEN = 1e-3
 
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
+
+_TOLD = 10.0
+"""How many times its roundoff a stretch has to be for its sign to be told."""
 
 _AT_A_RATE = 1e3
 """How much farther than what is rough a velocity comes on its way that arrives at 0, and does not die away."""
@@ -126,7 +129,7 @@ def jumped(
     """Return what impacts and jumping drives do at `t`, the end of a path.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than `margin` stay; where the engine is not exact, those too whose flight is roundoff.
+    rebound with less than `margin` stay, and those whose flight is roundoff, or lost in the errors of a solver.
     """
     system, y, n = motion.system, path.last, motion.system.n
     if not (system.drives or system.has_stops):
@@ -145,9 +148,10 @@ def jumped(
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     if not hit.any() and (system.is_friction | system.is_gap).all():
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
-    if hit.any() and not is_exact:
-        margin = max(margin, _slowest_flight(motion, path, q, hit))
-    found = struck(system, y[:n], before, after, sides, hit)
+    if hit.any():
+        ahead = loads.after(t).stop - t
+        margin = max(margin, _slowest_flight(motion, path, q, hit, ahead if is_exact else None))
+    found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
     y = y.copy()
@@ -157,11 +161,11 @@ def jumped(
     return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
 
 
-def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:
+def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: float | None) -> float:
     """Return the speed below which stops that are hit come back before it can be told that they have left.
 
-    With the acceleration a towards its limit a stop is back at 0 after 2 v / a. Its distance is roundoff up to the time
-    roundoff / v.
+    With the acceleration a towards its limit a stop is back at 0 after 2 v / a. A solver knows its distance but for
+    roundoff. An exact engine knows it as a part of what the speed makes of it in the time `ahead`, too.
     """
     system, functions = motion.system, motion.system.piecewise
     rate = motion.rate(float(path.taus[-1]), path.last)
@@ -170,8 +174,11 @@ def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask) -> float:
         pace = pace + system.abs_D @ np.abs(system.drive_accelerations(q))
     _, _, size = functions.limits(path.last, q, path.largest)
     some = functions.is_stop & hit[functions.row]
-    rough = 2.0 * ROUNDOFF * size[some]
-    return float(np.sqrt(rough * pace[functions.row[some]]).max(initial=0.0))
+    rough = 2.0 * (ROUNDOFF if ahead is None else STRETCH_ROUNDOFF) * size[some]
+    slowest = np.sqrt(rough * pace[functions.row[some]])
+    if ahead is not None:
+        slowest = np.minimum(slowest, _TOLD * rough / ahead)
+    return float(slowest.max(initial=0.0))
 
 
 def arrived(motion: Motion, path: Path, labels: Modes, uncertain: float) -> Mask:

@@ -47,12 +47,15 @@ class Struck(NamedTuple):
     lost: Array
 
 
-def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, hit: Mask) -> Struck:
+def struck(
+    system: System, v: Array, before: Array, after: Array, sides: Modes, hit: Mask, margin: float = 0.0
+) -> Struck:
     """Return the velocities after impacts, and after jumps of drives.
 
     First ties, locked one-way clutches and stops at a limit take part, those that are hit with their restitution. If
     that turns a free one-way clutch forward, or drives a stop into its limit that just parted or parts from it, these
-    and all others take part in a second impact without restitution. So no impact makes energy.
+    and all others take part in a second impact without restitution. So no impact makes energy. Rebounds slower than the
+    `margin` do not happen.
 
     Drives have the velocities `before` and `after`; `sides` are +1 where a stop is at its upper limit and -1 at its
     lower one, and those of `hit` come there now. Where no velocities satisfy all rows it is `Jammed`.
@@ -62,6 +65,7 @@ def struck(system: System, v: Array, before: Array, after: Array, sides: Modes, 
     turn = np.where(system.is_one_way, 1, sides).astype(float)
     w = system.relative(v, before)
     wanted = np.where(hit, system.restitution * np.maximum(turn * w, 0.0), 0.0)
+    wanted[wanted < margin] = 0.0
     # what parts carries no impulse yet: it would give energy
     taking_part = ((sides != 0) | system.is_one_way) & (turn * w >= -least)
     found, impulses = _nearest(system, v, after, taking_part, turn, wanted, least)

@@ -27,9 +27,9 @@ def pid(
     """Return a PID controller as a block: ``output(name) = kp e + ki integral of e dt + kd e'``.
 
     Without `period` it is continuous, linear between its limits and exact in the series engine. With `period` it is
-    sampled and holds its output between samples. Between limits it does not wind up: the continuous one leads what is
-    cut off back to its integral (``integral' = e + cut / kp``), the sampled one stops integrating while its output is
-    beyond a limit and the error would drive it further.
+    sampled and holds its output between samples. With limits it does not wind up: the continuous one has
+    ``integral' = e + (output - output without limits) / kp``, and so needs `kp`; the sampled one stops integrating
+    while its output is beyond a limit and the error would drive it further.
 
     Parameters
     ----------

@@ -285,7 +285,7 @@ def relative_velocity(row: str) -> Quantity:
     Parameters
     ----------
     row : str
-        Name of a contact, tie or clutch.
+        Name of a contact, tie, gear, clutch, gap or stop.
 
     Raises
     ------
@@ -301,7 +301,7 @@ def stretch(row: str) -> Quantity:
     Parameters
     ----------
     row : str
-        Name of a contact, tie or clutch.
+        Name of a contact, tie, gear, clutch, gap or stop.
 
     Raises
     ------

@@ -123,7 +123,7 @@ class Scene:
 
     @property
     def rows(self) -> tuple[Any, ...]:
-        """All elements with a named relative velocity and force: contacts, ties and clutches."""
+        """All elements with a named relative velocity and force: contacts, ties, gears, clutches, gaps and stops."""
         return tuple(element for element in self.elements if isinstance(element, Row))
 
     @property

@@ -178,7 +178,7 @@ def mark_events(ax: Any, result: Readable) -> None:
 
 
 def contact_names(result: Readable, contacts: Sequence[str] | None) -> list[str]:
-    """Return the rows to draw: those asked for, else all contacts, ties and clutches of the scene."""
+    """Return the rows to draw: those asked for, else all contacts and other rows of the scene."""
     return wanted_names(result.scene.rows, contacts, "contacts", result.mode)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
 from stickslip.model.scene import Scene
 from stickslip.results.samples import Samples
@@ -32,7 +32,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     at = Samples.at_local(trajectory, number, end)
     inner, shown = (table[:, 0] for table in trajectory.modes(number, end))
     since = trajectory.since_when(number, end)[:, 0]
-    velocities = _velocities(at, _fastest(trajectory, at))
+    velocities = _velocities(at, _fastest(trajectory, at), shown)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
@@ -73,18 +73,20 @@ def _fastest(trajectory: Trajectory, last: Samples) -> Array:
     return found
 
 
-def _velocities(at: Samples, fastest: Array) -> dict[str, float]:
-    """Return the velocities of the bodies at the one time of `at`.
+def _velocities(at: Samples, fastest: Array, modes: Modes) -> dict[str, float]:
+    """Return the velocities of the bodies at the one time of `at`, at which rows show these modes.
 
-    What has just come to rest has the roundoff of the speed that it had: it is at rest. No one-way clutch turns
-    forward, not by roundoff.
+    What has just come to rest has the roundoff of the speed that it had: it is at rest. So is what has passed 0 by less
+    than a solver's errors: its mode is still the old one. No one-way clutch turns forward, not by roundoff.
     """
     system = at.system
     v, w = at.y[: system.n, 0], at.relative_velocities[:, 0]
     u = at.drive_velocities[:, 0] if system.drives else np.empty(0)
-    # where it is 0, drives are as fast as bodies
     rough = ROUNDOFF * (system.abs_G @ fastest)
-    rests = system.hard & (np.abs(w) <= rough)
+    if system.drives:
+        rough += ROUNDOFF * (system.abs_D @ np.abs(u))
+    has_passed = (np.abs(modes) == 1) & (modes * w < 0)
+    rests = system.hard & ((np.abs(w) <= rough) | has_passed)
     held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
     if held.any():
         v = system.balance((held | rests | system.is_tie).tobytes()).project(v, u)

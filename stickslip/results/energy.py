@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from stickslip.equations.one_thread import one_thread
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
@@ -43,9 +44,9 @@ class EnergyLedger:
         What came in between runs in a row, where one begins with another inertia, velocity or stretch than the one
         before ended with; 0 in a single run.
     dampers : dict of str to array (n,)
-        Heat of each damper and of the damping of each spring and gap; a label that returns is numbered.
+        Heat of each damper and of the damping of each spring and gap; labels that occur twice are numbered.
     roundoff : float
-        What roundoff of the forces may give the bodies, where that counts beside the other energies; else 0.
+        Energy that roundoff of the forces may add, where it is not small beside the other energies; else 0.
     """
 
     t: Array = field(repr=False)
@@ -195,7 +196,8 @@ def _ledger(samples: Samples) -> EnergyLedger:
     system, links = samples.system, _Links(samples.system)
     labels = _labels(links)
     m = links.rows.size
-    work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
+    with one_thread(system):
+        work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
     names = [system.rows[j].name for j in links.rows.tolist()]
     heat = dict(zip(names, work[2 : 2 + m], strict=True))
     dampers = dict(zip(labels, work[2 + m :], strict=True))

@@ -85,6 +85,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
     }
     moving = [*system.names, *(drive.name for drive in system.scene.drives)]
     about["positions"] = [moving[i] for i in system.placed] if system.watched else []
+    about["names"] = _names(system)
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
     return arrays
@@ -143,7 +144,8 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     simulated = _scene_of(about, scene, path)
     known = {name for name in about.get("positions", ()) if name in System(simulated).index}
     system = System(simulated, [position(name) for name in sorted(known)])
-    if (system.size, system.m) != (data["y"].shape[0], data["force"].shape[0]):
+    sizes, names = (system.size, system.m), _names(system)
+    if sizes != (data["y"].shape[0], data["force"].shape[0]) or about.get("names", names) != names:
         raise ValueError(f"load: {path} holds the motion of another scene than the one given")
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
     for k in about.get("patchworks", []):
@@ -183,6 +185,12 @@ def _unpacked(name: str, data: Mapping[str, Any], count: int) -> list[Any]:
     rows = [row if row.ndim else row.item() for row in rows]
     found = iter(rows)
     return [next(found) if here else None for here in present[:count].tolist()]
+
+
+def _names(system: System) -> list[str]:
+    """Return the names of all that moves, in the order of the states and rows."""
+    drives = [drive.name for drive in system.scene.drives]
+    return [*system.names, *drives, *(row.name for row in system.rows), *system.blocks]
 
 
 def _scene_to_dict(scene: Scene) -> dict[str, Any] | None:

@@ -170,7 +170,7 @@ class Readable(PickledByFields):
         return self._read(Samples.power, contact)
 
     def normal(self, contact: str) -> Array:
-        """Return the normal force of a contact at the times `t`, in N, zero where it is open.
+        """Return the normal force of a contact at the times `t`, in N; 0 where it is open, and of other rows.
 
         Raises
         ------

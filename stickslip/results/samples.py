@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, velocity_dependent_in
+from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import gauss_nodes
 from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Sampled
+from stickslip.model.laws.table import VelocityDependentForces
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
@@ -87,10 +89,11 @@ class Samples(PickledByFields):
         """
         if self.kept is not None:
             return self.kept
-        found = self.trajectory.evaluated(self.piece_of, self.taus)
-        if self._held:
-            drives = self.drive_velocities if self.system.drives else None
-            self.trajectory.write_led(self._held, found[: self.system.n], drives)
+        with one_thread(self.system):
+            found = self.trajectory.evaluated(self.piece_of, self.taus)
+            if self._held:
+                drives = self.drive_velocities if self.system.drives else None
+                self.trajectory.write_led(self._held, found[: self.system.n], drives)
         return found
 
     @cached_property
@@ -272,10 +275,11 @@ class Samples(PickledByFields):
     @cached_property
     def relative_velocities(self) -> Array:
         """Relative velocities of all rows in m/s or rad/s."""
-        system = self.system
-        w: Array = system.G @ self.y[: system.n]
-        if system.drives:
-            w += system.D @ self.drive_velocities
+        system, y = self.system, self.y
+        with one_thread(system):
+            w: Array = system.G @ y[: system.n]
+            if system.drives:
+                w += system.D @ self.drive_velocities
         return _for_reading(w)
 
     @cached_property
@@ -370,7 +374,8 @@ class Samples(PickledByFields):
         if not trajectory.is_patchwork:
             self._act(forces)
             pushed = self._piecewise(self.inputs) if system.piecewise.count else None
-            self._hold(forces, pushed)
+            with one_thread(system):
+                self._hold(forces, pushed)
             if pushed is not None:
                 shows = system.piecewise.is_force
                 forces[system.piecewise.row[shows]] = pushed[shows]
@@ -383,14 +388,32 @@ class Samples(PickledByFields):
             for mode, side, sign in ((AT_HIGH, 0, 1.0), (AT_LOW, 1, -1.0)):
                 rests, levels = modes == mode, self.backward_levels if side else self.forward_levels
                 forces[rests] = sign * levels[rests]
-        if not self.system.has_velocity_laws:
+        system = self.system
+        if not system.has_velocity_laws:
             return
-        at = np.any(velocity_dependent_in(modes, self.system), axis=0)
-        for number, some in by_piece(self.piece_of):
-            if at[some].any():
-                own = self.trajectory.motion(number)
-                rows = at_rows(own.equations.velocity_dependent, some)
-                forces[rows] = own.law_forces(self.taus[some], self.y[:, some])
+        at = velocity_dependent_in(modes, system)
+        alike: dict[int, list[int]] = {}
+        for j in np.flatnonzero(at.any(axis=1)).tolist():
+            alike.setdefault(id(system.laws.laws[j]), []).append(j)
+        for rows in alike.values():
+            for mode in np.unique(modes[rows][at[rows]]).tolist():
+                self._act_in(forces, rows, mode, at[rows] & (modes[rows] == mode))
+
+    def _act_in(self, forces: Array, rows: list[int], mode: int, some: Mask) -> None:
+        """Write the forces of rows of one law where they are in one mode: `some` of their times."""
+        system = self.system
+        law = system.laws.laws[rows[0]]
+        w, normal = self.relative_velocities[rows][some], self.normals[rows][some]
+        slips = abs(mode) == 1
+        lag, z = np.zeros(w.size), np.empty((0, w.size))
+        if law.core.dwell > 0 and not slips:
+            since = self.trajectory.since_when(self.piece_of, self.taus)[rows]
+            lag = np.exp((since - self.t)[some] / law.core.dwell)
+        if law.character.stiffness is not None:
+            z = self.y[[system.bristle_state[j] for j in rows]][some][None]
+        kernels = VelocityDependentForces([law], np.array([mode if slips else 0], dtype=np.int8))
+        place, time = some.nonzero()
+        forces[np.array(rows)[place], time] = kernels.forces(w[None], normal[None], lag[None], z)[0]
 
     def _piecewise(self, q: Array) -> Array:
         """Return the values of the piecewise-linear functions, a line each."""

@@ -108,8 +108,12 @@ class Blocks:
         is_there[path_of] = True
         paths = [self._paths[k] for k in is_there.nonzero()[0].tolist()]
         path_of = (is_there.cumsum() - 1)[path_of]
+        in_order = bool((path_of[1:] >= path_of[:-1]).all())
         for some in _limits(paths):
-            within = (path_of >= some.start) & (path_of < some.stop)
+            within: Mask | slice = (path_of >= some.start) & (path_of < some.stop)
+            if in_order:
+                # reading and writing a slice takes a tenth of the time
+                within = slice(*path_of.searchsorted([some.start, some.stop]).tolist())
             yield within, path_of[within] - some.start, Steps.of(paths[some])
 
 

@@ -33,7 +33,7 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     -------
     dict of str to array (n,)
         ``time``; ``velocity NAME`` of bodies and drives, and ``position NAME`` where it is a state; ``force NAME`` and
-        ``mode NAME`` of contacts, ties and clutches; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
+        ``mode NAME`` of contacts and other rows; ``breakaway NAME``, ``normal NAME``, ``power NAME`` and, counted
         from the start, ``heat NAME`` of contacts; ``output NAME`` of blocks, ``output NAME[0]`` and so on where there
         are several; ``heat of dampers``, ``kinetic energy``, ``spring energy``, ``work of loads`` and ``work of
         drives``; ``lost in impacts`` and ``changes between runs`` where there are any. Heat, energy and work are left

@@ -12,7 +12,7 @@ from stickslip.simulation.simulate import compiled
 
 
 def explain(subject: Scene | Result, t_span: Times | None = None) -> str:
-    """Return what is compiled and why; for a result also what was watched and why each event happened.
+    """Return in words what a scene is compiled to, and which engine takes it; of a result also why each event happened.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ def load(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Result |
     OSError
         If the file cannot be read.
     ValueError
-        If it is not such a file, or the scene is missing or another one.
+        If it is not such a file, or the scene is missing, or other names or sizes show that it is another one.
     """
     found = files.read(path, scene)
     return Joined(tuple(map(_result, found))) if isinstance(found, list) else _result(found)

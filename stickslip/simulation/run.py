@@ -101,7 +101,7 @@ class Run:
         # rests at are as fast as bodies
         rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
-        impact = struck(system, y[: system.n], u, u, sides, hit) if hit.any() else None
+        impact = struck(system, y[: system.n], u, u, sides, hit, self._wanted.rebound) if hit.any() else None
         if impact is not None:
             y[: system.n] = impact.v
         sides[sides * system.relative_velocity(y, q) < -self._wanted.rebound] = 0

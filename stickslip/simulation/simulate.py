@@ -11,6 +11,7 @@ from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
 from stickslip.equations.loads import Loads
+from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
@@ -142,7 +143,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         run.watch = Watch(system, watched, loads, step is not None)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
-    return _Simulation(run, task, chosen.title).to_end(progress)
+    with one_thread(system, always=name != "series"):
+        return _Simulation(run, task, chosen.title).to_end(progress)
 
 
 _MANY = 16

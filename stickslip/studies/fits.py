@@ -99,13 +99,13 @@ class Fit:
 
     @property
     def determined(self) -> dict[str, bool]:
-        """Whether each value is known better than by half of itself."""
+        """Whether the standard error of each value is less than half of it."""
         good = self.standard_errors <= _POOR * np.abs(self.values)
         return dict(zip(self.parameters, good.tolist(), strict=True))
 
     @property
     def misfit(self) -> float:
-        """How many times as large as the standard deviations of the noise the residuals are; 1 where none are given."""
+        """Size of the residuals over the standard deviations of the noise; 1 where none are given."""
         if any(one.sigma is None for one in self.measured):
             return 1.0
         return float(np.sqrt(2 * self.cost / self._freedom))

@@ -73,7 +73,7 @@ class LinearModel:
 
     @property
     def stable(self) -> bool:
-        """Whether no deviation grows: no eigenvalue has a positive real part beyond roundoff of a double one."""
+        """Whether no deviation grows: no eigenvalue has a positive real part, but for the roundoff of a double one."""
         found = self.eigenvalues
         size = float(np.abs(found).max(initial=0.0))
         return bool(np.all(found.real <= 1e-7 * size))

@@ -16,15 +16,17 @@ from stickslip import (
     Contact,
     Drive,
     DryFriction,
+    Force,
     Scene,
     Spring,
+    Stop,
     piecewise_linear,
     signal,
     sine,
 )
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import NEVER
-from stickslip.equations.mode_equations import OPEN, equations_in
+from stickslip.equations.mode_equations import APART, OPEN, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 
@@ -43,7 +45,8 @@ def started(
     numbers = np.array(modes, dtype=np.int8)
     stretch = system.loads(0.0, STOP).after(t)
     since = np.zeros(system.m)
-    motion = Motion(equations_in(numbers, system), stretch, t, y, since)
+    equations = equations_in(numbers, system, np.zeros(system.piecewise.count, dtype=np.int16))
+    motion = Motion(equations, stretch, t, y, since)
     w = system.relative_velocity(y, stretch.at(t))
     at_rest = options.get("at_rest", w == 0)
     shown = np.where(np.abs(numbers) <= 1, numbers, 0) if labels is None else np.array(labels)
@@ -193,6 +196,30 @@ def test_a_row_that_has_just_fired_is_at_its_level_though_roundoff_is_left(fired
     """The force is short of its level by 5e-8 of it, and rises."""
     _, guards = started(block(rising(5.0 * (1 - 5e-8), 1.0, 1)), [0], fired=fired)
     assert guards.violated.any() == fired
+
+
+@pytest.mark.parametrize("beyond", [1e-12, 1e-11, 1e-8])
+def test_what_a_solver_left_beyond_a_stop_is_no_touch(beyond: float) -> None:
+    """A body is drawn off its stop: the distance is ``t^2 / 2 - beyond``, and it has left from the start on."""
+    scene = Scene(
+        Body("a", inertia=1.0, position=beyond), Force("a", -1.0), Stop("stop", "a", GROUND, upper=0.0)
+    )
+    motion, guards = started(scene, [APART], labels=[1])
+    assert guards.order.tolist() == [2] and not guards.violated.any()
+    for tau in (0.0, 1e-9, 1e-7, 1.5e-6, 4e-6, 1e-3, 1.0):
+        assert guards.smallest(tau, motion.exact(tau, np.array([-tau, beyond - tau**2 / 2]))) > 0
+    # it falls back later on
+    assert guards.smallest(1.0, motion.exact(1.0, np.array([1.0, 0.1]))) < 0
+
+
+def test_a_stop_whose_force_has_come_to_nothing_but_roundoff_lets_go() -> None:
+    """It is pressed with ``1 - t``: 1e-11 s before 1 s what is left is roundoff, and then it is drawn off."""
+    pressed = piecewise_linear([0.0, STOP], [1.0, -1.0])
+    scene = Scene(
+        Body("a", inertia=1.0, position=1.0), Force("a", pressed), Stop("stop", "a", GROUND, upper=1.0)
+    )
+    _, guards = started(scene, [APART], t=1.0 - 1e-11, labels=[1], fired=True)
+    assert guards.order.tolist() == [3] and not guards.violated.any()
 
 
 @pytest.mark.parametrize("order", [0, 1])

@@ -23,6 +23,7 @@ from stickslip import (
     Scene,
     Spring,
     When,
+    join,
     output,
     piecewise_linear,
     simulate,
@@ -149,3 +150,24 @@ def test_an_event_that_stops_at_a_sample_does_not_take_it_twice(stop: float) -> 
         assert first.t[-1] == stop
         first = simulate(first.final_scene(), (stop, 3.0))
     assert first.velocity("a")[-1] == pytest.approx(7.5, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"method": "BDF"}, {"method": "Adams"}, {"formulation": "merged"}, {"formulation": "multiplier"}],
+)
+def test_a_block_cut_off_as_it_comes_to_rest_does_not_slide_back(options: dict[str, Any]) -> None:
+    """Friction alone acts on it: it comes to rest once. The first run ends where a solver has it at some -1e-9 m/s."""
+    law = DryFriction(0.5, 0.3, stribeck_velocity=0.5)
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Contact("rub", "m", GROUND, law, normal=2.0),
+        motion="translation",
+    )
+    (rest,) = simulate(scene, (0.0, 5.0), **options).events
+    for later in (0.0, 1e-13, 1e-12, 1e-11, 1e-10, 1e-9, 1e-8):
+        parts = cut(scene, [0.0, rest.t + later, 5.0], **options)
+        (event,) = join(parts).events
+        assert (event.before, event.after) == (1, 0)
+        assert event.t == pytest.approx(rest.t, abs=2e-8)
+        assert parts[1].velocity("m").min() == parts[1].velocity("m")[-1] == 0.0

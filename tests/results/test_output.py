@@ -147,6 +147,18 @@ def test_code_is_asked_for(tmp_path):
         stickslip.load(tmp_path / "r.npz", flywheel_benchmark())
 
 
+def test_a_scene_of_the_same_size_with_other_names_is_not_taken_for_the_one_simulated(tmp_path):
+    def made(*names):
+        bodies = [Body(name, inertia=k + 1.0, velocity=k + 1.0) for k, name in enumerate(names)]
+        return Scene(*bodies, Force("a", signal(lambda t: t * t, period=1.0)))
+
+    output.save(simulate(made("a", "b"), (0.0, 1.0)), tmp_path / "r.npz")
+    assert stickslip.load(tmp_path / "r.npz", made("a", "b")).velocity("b")[-1] == 2.0
+    for others in (("a", "c"), ("b", "a")):
+        with pytest.raises(ValueError, match="the motion of another scene"):
+            stickslip.load(tmp_path / "r.npz", made(*others))
+
+
 def test_other_files_are_refused(tmp_path):
     np.savez(tmp_path / "other.npz", x=np.arange(3))
     with pytest.raises(ValueError, match="not written by stickslip's save"):

@@ -120,6 +120,43 @@ def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
     assert result.velocity("ball")[-1] == 0
 
 
+@pytest.mark.parametrize("ahead", [1e-4, 1e-6, 1e-7])
+def test_a_rebound_is_there_however_soon_the_run_ends(ahead: float) -> None:
+    """A ball falls on a floor at 1 m with 1 m/s, e = 1/2: it flies for 1 s, 1/2 s, ... with g = 1 m/s^2.
+
+    After impact n its velocity is ``2^-n``, and ``2^-n - ahead`` a little later.
+    """
+    floor = Stop("floor", "ball", GROUND, lower=1.0, restitution=0.5)
+    ball = Scene(Body("ball", inertia=1.0, position=1.0, velocity=-1.0), Force("ball", -1.0), floor)
+    for n in range(1, 21):
+        at = 2.0 - 4.0 * 0.5**n
+        result = simulate(ball, (0.0, at + ahead))
+        if ahead < 2.0 * 0.5**n:
+            assert len(result.events) == n
+            assert result.velocity("ball")[-1] == pytest.approx(0.5**n - ahead, abs=1e-12)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}])
+def test_a_rebound_that_does_not_happen_is_in_the_ledger(options: dict[str, Any]) -> None:
+    """A body of 3 kg at 1 m/s comes to a belt at 2 m/s, which takes it along: e = 0.6, but the margin is 0.7 m/s.
+
+    The belt gives ``m v_belt (v_belt - v) = 6 J``: half of the way from 1.5 J to 6 J is lost, ``m (v_belt - v)^2 / 2``.
+    """
+    scene = Scene(
+        Drive("belt", velocity=2.0),
+        Body("a", inertia=3.0, position=0.5, velocity=1.0),
+        Stop("stop", "a", "belt", lower=0.0, restitution=0.6),
+    )
+    result = simulate(scene, (0.0, 1.0), velocity_margin=0.7, **options)
+    (event,) = result.events
+    assert event.t == pytest.approx(0.5, abs=1e-9)
+    assert result.velocity("a")[-1] == 2.0
+    ledger = result.energy()
+    assert ledger.drives[-1] == pytest.approx(6.0, rel=1e-9)
+    assert ledger.impacts["stop"][-1] == pytest.approx(1.5, rel=1e-9)
+    assert ledger.relative_error < 1e-12
+
+
 def test_an_event_elsewhere_does_not_end_a_low_flight() -> None:
     """The ball that falls by 1 m to 3 m, impacts at ``t_n = t1 (1 + 2 e + ... + 2 e^n)``: flight 22 is 1.7e-10 m high.
 

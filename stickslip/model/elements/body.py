@@ -18,7 +18,7 @@ class Body(Moving):
     Parameters
     ----------
     name : str
-        Unique in the scene.
+        Unique among the bodies and drives of the scene.
     inertia : float
         Mass in kg or moment of inertia in kg m^2, positive; or 0 where ties alone decide how the body moves.
     velocity, position : float

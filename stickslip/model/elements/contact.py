@@ -21,7 +21,7 @@ class Contact(Row, Radii):
     Parameters
     ----------
     name : str
-        Unique in the scene.
+        Unique among the contacts and other rows of the scene.
     a, b : str
         Names of bodies or drives, or GROUND.
     law : Law

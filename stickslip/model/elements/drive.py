@@ -16,7 +16,7 @@ class Drive(Moving):
     Parameters
     ----------
     name : str
-        Unique in the scene.
+        Unique among the bodies and drives of the scene.
     velocity : float or Signal
         In m/s or rad/s.
     position : float

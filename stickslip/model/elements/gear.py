@@ -17,7 +17,7 @@ class Gear(Row, Link):
     Parameters
     ----------
     name : str
-        Unique among the contacts, ties and clutches of the scene.
+        Unique among the contacts and other rows of the scene.
     a, b : str
         Names of bodies or drives, or GROUND.
     ratio : float

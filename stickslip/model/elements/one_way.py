@@ -19,7 +19,7 @@ class OneWay(Row, Radii):
     Parameters
     ----------
     name : str
-        Unique among the contacts, ties and clutches of the scene.
+        Unique among the contacts and other rows of the scene.
     a, b : str
         Names of bodies or drives, or GROUND.
     radius_a, radius_b : float

@@ -18,7 +18,7 @@ class Planetary(Row):
     Parameters
     ----------
     name : str
-        Unique among the contacts, ties and clutches of the scene.
+        Unique among the contacts and other rows of the scene.
     sun, carrier, ring : str
         Names of bodies or drives, or GROUND.
     ratio : float

@@ -21,7 +21,7 @@ class Tie(Row):
     Parameters
     ----------
     name : str
-        Unique among the contacts, ties and clutches of the scene.
+        Unique among the contacts and other rows of the scene.
     coefficients : dict of str to float
         By name of the body or drive, or GROUND; none of them 0.
 

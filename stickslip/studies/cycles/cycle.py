@@ -43,7 +43,7 @@ class Cycle:
     forced : bool
         Whether the loads set the period.
     closes : float
-        By what part of its size the motion misses its start after one period.
+        How far the motion is from its start after one period, as a part of its size.
     shot : Shot
         How it was computed: the map over one period and its derivatives.
     """

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.motion import Motion
+from stickslip.equations.one_thread import one_thread
 from stickslip.events.endings import at_limit, at_stops
 from stickslip.model.arrays import Array, Indices
 from stickslip.model.scene import Scene
@@ -72,6 +73,11 @@ class Variation(Nearby):
         self.reasons: list[tuple[float, int, str]] = []
         self.pieces: list[VariedPiece] = []
         self._relaxed = {(event.t, event.contact) for event in result.events if event.cause == "relaxation"}
+        with one_thread(self.trajectory.system, always=True):
+            self._follow()
+
+    def _follow(self) -> None:
+        """Follow the variations through all pieces and events."""
         trajectory = self.trajectory
         S, since = self._begin()
         begin = np.zeros(self.count)
