@@ -142,7 +142,7 @@ class Balance:
                     parting.block(rows, np.arange(d), part.parting)
             first += own.size
             dependent.append(own)
-        alone = np.setdiff1d(np.arange(n), np.unique(G.indices))
+        alone = np.setdiff1d(np.arange(n), G.indices)
         T.add((alone, alone, np.ones(alone.size)))
         self.T, self.U = T.matrix((n, n)), U.matrix((n, d))
         self.dependent = np.concatenate(dependent)

@@ -24,13 +24,13 @@ def label(
     w: Array,
     resting: Mask,
     before: Modes | None,
-    arrived: Mask,
+    crossed: Mask,
     uncertainty: Uncertainty,
 ) -> tuple[Modes, Mask]:
     """Return the modes that rows show, and which open rows keep theirs though their velocity has died away.
 
     `named` are the signs of the relative velocities `w`, `before` the modes shown so far, None at the start. Where a
-    velocity has `arrived` at 0 at a rate, it has not died away.
+    velocity has `crossed` 0 by more than is uncertain, it has not died away.
     """
     equations, modes = motion.equations, motion.equations.modes
     if not (equations.open.size or equations.free.size or equations.at_level.size):
@@ -42,7 +42,7 @@ def label(
     )
     if np.count_nonzero(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
-        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, arrived, uncertainty)
+        named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, crossed, uncertainty)
     shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
     return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8), died & is_open
 
@@ -54,18 +54,18 @@ def _to_come(
     resting: Mask,
     may_rest: Mask,
     before: Modes,
-    arrived: Mask,
+    crossed: Mask,
     uncertainty: Uncertainty,
 ) -> tuple[Array | Modes, Mask]:
     """Return the signs of relative velocities, or where these are 0 of what they become, and which have died away."""
     is_open = motion.equations.modes == OPEN
     slow = uncertainty.velocity_resolution
-    uncertain = np.where(arrived, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
+    uncertain = np.where(crossed, ROUNDOFF, max(uncertainty.force_uncertainty, ROUNDOFF))
     to_come, calm = _first_terms(motion, 2, slow, uncertain)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
         to_come, calm = _first_terms(motion, _HIGHEST, slow, uncertain)
-    calm &= ~arrived
+    calm &= ~crossed
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
     died = ((to_come == 0) | calm) & resting & (before != 0) & free

@@ -50,7 +50,13 @@ class Situation(NamedTuple):
     # (m,): +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere
     sides: Modes | None = None
     touched: int | None = None  # the row whose relative velocity only touches 0
-    arrived: Mask | None = None  # (m,): open rows that have come to 0 at a rate, None for none
+    arrived: Mask | None = None  # (m,): open rows that have come to 0 with a closed one, None for none
+
+    @property
+    def crossed(self) -> Mask:
+        """Rows whose velocity has come to 0 for certain: they have passed it, or arrived there."""
+        found = self.fired & (self.labels != 0) if self.labels is not None else np.zeros_like(self.fired)
+        return found if self.arrived is None else found | self.arrived
 
     def at_level(self, system: System) -> Mask:
         """Rows whose force has been found at its limit."""

@@ -188,8 +188,8 @@ def _settled(
     regions = functions.at(y, q, now.regions)
     search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
-    arrived = now.arrived if beyond and now.arrived is not None else np.zeros(system.m, dtype=bool)
-    shown, died = label(motion, labels, w, resting, now.labels, arrived, uncertainty)
+    crossed = now.crossed if beyond else np.zeros(system.m, dtype=bool)
+    shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
         # what held rows lock is at rest, open or not

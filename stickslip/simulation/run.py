@@ -97,8 +97,9 @@ class Run:
         system, q = self.system, self.loads.after(self.t).at(self.t)
         sides, _ = at_stops(system, y, q)
         u = system.drive_velocities(q)
-        # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff
-        rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]) + system.abs_D @ np.abs(u))
+        # a stop that was closed as a run ended is no impact: what is left of its velocity is roundoff; drives that it
+        # rests at are as fast as bodies
+        rough = ROUNDOFF * (system.abs_G @ np.abs(y[: system.n]))
         hit: Mask = sides * system.relative_velocity(y, q) > rough
         impact = struck(system, y[: system.n], u, u, sides, hit, self._wanted.rebound) if hit.any() else None
         if impact is not None:

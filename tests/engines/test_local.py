@@ -150,14 +150,15 @@ def test_levels_that_fall_let_go(monkeypatch: pytest.MonkeyPatch, side: int) -> 
     assert not result.velocity("idle").any()
 
 
+@pytest.mark.parametrize("dwell", [0.01, 0.4, 300.0])
 @pytest.mark.parametrize("side", [1, -1])
 def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
-    monkeypatch: pytest.MonkeyPatch, side: int
+    monkeypatch: pytest.MonkeyPatch, side: int, dwell: float
 ) -> None:
     """A block comes to rest, and a pull of 1.3 t N takes it along."""
-    law = DryFriction(0.5, 0.2, dwell=0.4)
+    law = DryFriction(0.5, 0.2, dwell=dwell)
     if side < 0:
-        law = DryFriction(0.9, 0.7, mu_static_backward=0.5, mu_coulomb_backward=0.2, dwell=0.4)
+        law = DryFriction(0.9, 0.7, mu_static_backward=0.5, mu_coulomb_backward=0.2, dwell=dwell)
     scene = Scene(
         Body("block", inertia=1.0, velocity=side),
         Contact("c", "block", GROUND, law, normal=piecewise_linear([0.0, 4.0], [10.0, 2.0])),
@@ -168,7 +169,7 @@ def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
     rest = (2.0 - math.sqrt(4.0 - 4 * 0.85)) / (2 * 0.85)
 
     def left(t: float) -> float:
-        return (0.5 - 0.3 * math.exp(-(t - rest) / 0.4)) * (10.0 - 2.0 * t) - 1.3 * t
+        return (0.5 - 0.3 * math.exp(-(t - rest) / dwell)) * (10.0 - 2.0 * t) - 1.3 * t
 
     loose = scipy.optimize.brentq(left, rest + 0.1, 4.0, xtol=1e-14)
     assert [e.after for e in result.events] == [0, side]

@@ -38,7 +38,10 @@ def machine(count: int, on_the_ground: bool) -> Scene:
     """Return bodies in a row that rub on the ground or on each other, with all kinds of parts between them."""
     names = [f"b{i}" for i in range(count)]
     return Scene(
-        *(Body(name, inertia=1.0 + 0.1 * i, velocity=0.3 - 0.1 * i) for i, name in enumerate(names)),
+        *(
+            Body(name, inertia=1.0 + 0.1 * (i * 5 % 12), velocity=0.3 - 0.1 * i)
+            for i, name in enumerate(names)
+        ),
         Drive("belt", velocity=0.2 + sine(0.1, 0.5)),
         *(
             Contact(

@@ -199,6 +199,22 @@ def test_what_else_acts_helps_to_hold(
 
 
 @pytest.mark.parametrize("options", ENGINES)
+@pytest.mark.parametrize("ground", [(2.0,), (1.0, 1.0)])
+def test_what_acts_is_weighed_in_newtons(ground: tuple[float, ...], options: dict[str, Any]) -> None:
+    """The ground holds 2 N, and 0.6 N help it: less than the 4.7 N of the belt, whatever that pulls as it slips."""
+    scene = Scene(
+        Body("b0", inertia=1.0),
+        Drive("belt", velocity=piecewise_linear([1.0, 2.0], [0.0, 1.0])),
+        Force("b0", -0.6),
+        *(contact(f"g{k}", "b0", GROUND, level) for k, level in enumerate(ground)),
+        Contact("belt", "b0", "belt", DryFriction(0.47, 0.1), normal=10.0),
+    )
+    result = simulate(scene, (0.0, 1.5), **options)
+    assert changes(result) == {(f"g{k}", 1.0, 1) for k in range(len(ground))}
+    assert result.velocity("b0")[-1] == pytest.approx(0.5, abs=1e-9)
+
+
+@pytest.mark.parametrize("options", ENGINES)
 def test_a_belt_that_turns_does_not_take_along_what_the_ground_can_hold(options: dict[str, Any]) -> None:
     """A belt at 1 - t m/s rubs with 4.7 N; 1.5 N pull against it, from 1 s on the other way: 3.2 N are left."""
     scene = Scene(

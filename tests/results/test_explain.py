@@ -15,10 +15,12 @@ from stickslip import (
     Gear,
     Karnopp,
     LuGre,
+    OneWay,
     PreSlip,
     Scene,
     Spring,
     StateSpace,
+    Stop,
     When,
     feedback,
     output,
@@ -259,3 +261,39 @@ def test_an_open_contact_is_watched_for_its_direction_only():
     assert "where it is 0 the contact is open, and only its direction is watched" in explain(scene)
     (event,) = simulate(scene, (0.0, 1.5)).events
     assert event.cause == "open" and event.t == pytest.approx(1.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_what_changes_at_the_same_instant_is_named(together: bool) -> None:
+    """A load turns round: the clutch runs free, and where it turns at the stop as well, that opens."""
+    turns = step(1.0, 1.0, -1.0)
+    scene = Scene(
+        *(Body(name, inertia=1.0) for name in "ab"),
+        Body("c", inertia=1.0, position=1.0),
+        OneWay("clutch", "a", "b"),
+        Stop("stop", "c", GROUND, upper=1.0),
+        Damper("b", GROUND, damping=1.0),
+        Force("a", turns),
+        Force("c", turns if together else 1.0),
+    )
+    text = explain(simulate(scene, (0.0, 2.0)))
+    beside = " with the change of {}" if together else ""
+    clutch = f"1 s  clutch STUCK -> BACKWARD: its force came to 0{beside.format('stop')}: runs free backward"
+    stop = f"1 s  stop FORWARD -> OPEN: left its upper limit{beside.format('clutch')} at relative velocity 0"
+    assert clutch in text
+    assert (stop in text) is together
+
+
+def test_open_contacts_tell_where_their_velocity_points() -> None:
+    """A push at 1 s sets one body going, and one that was thrown against it comes back at 2 s."""
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=v) for name, v in (("rests", 0.0), ("thrown", 2.0))),
+        *(Contact(name, name, GROUND, DryFriction(0.2, 0.1), normal=0.0) for name in ("rests", "thrown")),
+        Force("rests", step(1.0, 0.0, 1.0)),
+        Force("thrown", -1.0),
+    )
+    text = explain(simulate(scene, (0.0, 3.0)))
+    assert "1 s  rests STUCK -> FORWARD: carries no force; its relative velocity now points forward" in text
+    assert (
+        "2 s  thrown FORWARD -> BACKWARD: carries no force; its relative velocity now points backward" in text
+    )

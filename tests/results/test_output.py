@@ -18,16 +18,21 @@ from stickslip import (
     PreSlip,
     Sampled,
     Scene,
+    Spring,
     StateSpace,
     Stop,
     join,
     output,
+    piecewise_linear,
     signal,
     simulate,
     sine,
     velocity,
 )
 from stickslip.benchmark import flywheel_benchmark
+from stickslip.results.patchwork import Patchwork
+from stickslip.results.trajectory import Piece
+from stickslip.simulation import simulate as module
 from validation.exact import REFERENCES, reference
 
 
@@ -92,6 +97,23 @@ def test_other_laws_and_curved_loads_come_back(law, tmp_path):
     result = simulate(scene, (0.0, 0.5))
     output.save(result, tmp_path / "result.npz")
     same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 0.5, 11))
+
+
+@pytest.mark.parametrize("at_level", [False, True])
+def test_what_was_followed_part_by_part_comes_back(at_level, tmp_path, monkeypatch):
+    """A body that begins at its level of 2 N is followed as a whole, until its load has a break."""
+    monkeypatch.setattr(module, "_MANY", 1)
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=v) for name, v in (("a", 0.0), ("b", 2.0), ("c", -1.0))),
+        *(Contact(f"of {name}", name, GROUND, DryFriction(0.2, 0.1), normal=10.0) for name in "abc"),
+        Spring("b", "c", stiffness=2.0),
+        Force("a", piecewise_linear([0.0, 1.0, 3.0], [2.0 if at_level else 1.9, 1.5, 2.5])),
+    )
+    result = simulate(scene, (0.0, 3.0))
+    kinds = {type(part) for part in result.trajectory.parts}
+    assert kinds == ({Piece, Patchwork} if at_level else {Patchwork})
+    output.save(result, tmp_path / "result.npz")
+    same(result, stickslip.load(tmp_path / "result.npz"), np.linspace(0.0, 3.0, 101))
 
 
 def test_a_sparse_result_without_dense_output_comes_back(tmp_path):

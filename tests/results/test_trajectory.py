@@ -133,6 +133,20 @@ def test_held_bodies_move_as_their_drive_to_the_bit() -> None:
         assert np.all(at.relative_velocity("two")[after] == 0)
 
 
+def test_forces_that_depend_on_velocity_are_read_beside_others() -> None:
+    curved = DryFriction(0.5, 0.2, stribeck_velocity=2.0, stribeck_exponent=1.0)
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=3.0) for name in ("one", "other")),
+        Contact("curved", "one", GROUND, curved, normal=2.0),
+        Contact("plain", "other", GROUND, DryFriction(0.5, 0.2), normal=2.0),
+    )
+    result = simulate(scene, (0.0, 3.0), t_eval=np.linspace(0.0, 3.0, 31))
+    w = result.velocity("one")
+    assert np.all(w > 0)
+    np.testing.assert_allclose(result.force("curved"), 0.4 + 0.6 * np.exp(-w / 2.0), rtol=1e-12)
+    np.testing.assert_array_equal(result.force("plain"), 0.4)
+
+
 def test_what_is_never_let_go_has_no_level() -> None:
     scene = Scene(
         *(Body(name, inertia=1.0, velocity=-0.5) for name in "ab"),

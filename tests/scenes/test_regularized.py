@@ -31,6 +31,7 @@ from stickslip import (
     saturate,
     simulate,
     sine,
+    table,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark, four_flywheels
 from stickslip.equations import system
@@ -467,6 +468,22 @@ def test_bristles_that_the_motion_presses_from_nothing_are_refused(law: Law) -> 
         simulate(scene, (0.0, 2.0))
     assert caught.value.result.t[-1] == pytest.approx(1.5)
     assert caught.value.result.velocity("m")[-1] == pytest.approx(-0.9375, abs=1e-2)
+
+
+@pytest.mark.parametrize("law", [LuGre(DRY, 1e3, 10.0), Dahl(DRY, 1e3)])
+@pytest.mark.parametrize("seed", [10, 11, 30, 70, 131, 151])
+def test_bristles_that_a_table_presses_from_nothing_are_refused(law: Law, seed: int) -> None:
+    """The table ends at a, and rises again from 2 a on: there roundoff does not tell on which side it is."""
+    a, v, s = np.random.default_rng(seed).uniform([0.3, 0.8, 5.0], [0.7, 1.2, 12.0])
+    pressed = table(position("clock"), [0.0, a, 2 * a, 3 * a], [s, 0.0, 0.0, s])
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=5.0),
+        Body("clock", inertia=1.0, velocity=v),
+        Contact("c", "m", GROUND, law, normal=pressed),
+    )
+    with pytest.raises(SimulationError, match="'c': its normal force rises from 0") as caught:
+        simulate(scene, (0.0, 2.0))
+    assert caught.value.result.t[-1] == pytest.approx(2 * a / v)
 
 
 @pytest.mark.parametrize("options", [{"method": "BDF", "max_step": 0.1}, {"formulation": "multiplier"}])

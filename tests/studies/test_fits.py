@@ -17,6 +17,7 @@ from stickslip import (
     Drive,
     DryFriction,
     Fit,
+    Force,
     Scene,
     Spring,
     fit,
@@ -83,6 +84,21 @@ def test_a_coulomb_coefficient_takes_the_static_one_along() -> None:
     # a static coefficient that is large enough stays
     found = fit(slider(0.6, 0.95, 0.3), ["rub.law.mu_coulomb", "springs[0].damping"], data)
     assert found.scene.contacts[0].law == DryFriction(0.95, found.values[0])
+
+
+@pytest.mark.parametrize("noise", [0.005, 0.01, 0.02])
+def test_the_inertia_of_a_free_body_is_that_of_the_straight_line_through_its_velocities(noise: float) -> None:
+    """``v = F t / m``: the slope of the line, its error and the misfit are those of linear regression."""
+    t = np.linspace(0.1, 2.0, 40)
+    v = 3.0 * t / 2.0 + noise * np.random.default_rng(1).normal(size=t.size)
+    scene = Scene(Body("m", inertia=1.0), Force("m", 3.0))
+    found = fit(scene, ["m.inertia"], {"m.velocity": (t, v, 0.01)})
+    slope = (t @ v) / (t @ t)
+    assert found.values == pytest.approx([3.0 / slope], rel=1e-6)
+    assert found.standard_errors == pytest.approx([3.0 / slope**2 * 0.01 / np.sqrt(t @ t)], rel=1e-4)
+    chi_squared = np.sum((v - slope * t) ** 2) / 0.01**2
+    assert found.misfit == pytest.approx(np.sqrt(chi_squared / 39), rel=1e-6)
+    assert found.fits == (chi_squared / 39 <= 1 + 5 * np.sqrt(2 / 39)) == (noise < 0.015)
 
 
 @pytest.mark.slow

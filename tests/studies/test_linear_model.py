@@ -36,6 +36,20 @@ from stickslip import (
 )
 
 
+def test_normal_forces_of_contacts_are_inputs_and_those_of_ties_are_none() -> None:
+    """It slips forward with 0.1 N; the gear makes 3 kg of 1 kg and 2^2 times 0.5 kg."""
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Body("wheel", inertia=0.5, velocity=2.0),
+        Gear("gear", "wheel", "m", ratio=2.0),
+        Contact("c", "m", GROUND, DryFriction(0.2, 0.1), normal=10.0),
+    )
+    model = linearize(scene)
+    assert model.inputs == ("force(m)", "force(wheel)", "normal(c)")
+    row = model.states.index("velocity(m)")
+    assert np.allclose(model.B[row], [1 / 3, 2 / 3, -0.1 / 3])
+
+
 def test_a_mass_on_a_spring() -> None:
     scene = Scene(Body("m", inertia=2.0), Spring("m", GROUND, stiffness=8.0, damping=0.4))
     model = linearize(scene)

@@ -20,6 +20,7 @@ from stickslip import (
     Gap,
     Gear,
     LuGre,
+    Planetary,
     PreSlip,
     Result,
     Scene,
@@ -107,6 +108,67 @@ def test_free_decay_with_coulomb_friction() -> None:
     assert np.allclose(found.heat("c"), [1.0, 0.0, 0.0, 0.0, 0.5], atol=1e-9)
     # the spring is held by the contact: r = -k x
     assert np.allclose(found.force("c"), [1.0, -10.0, -1.0, 0.0, 1.0 - 0.5 + 0.5 - 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
+def test_what_a_belt_that_speeds_up_catches_goes_on_with_it(options: dict[str, Any]) -> None:
+    """``v = v0 - 2 t / m`` meets ``u = t / 2`` after 2 s: from then on nothing tells how it began but the position."""
+    scene = Scene(
+        Body("b", inertia=2.0, velocity=3.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 10.0], [0.0, 5.0])),
+        Contact("c", "b", "belt", DryFriction(0.5, 0.2), normal=10.0),
+    )
+    found = sensitivities(scene, (0.0, 5.0), ["b.velocity", "b.inertia"], **options)
+    assert np.allclose(found.events, [[1 / 1.5, 3.0 * 0.5 / 1.5**2]], atol=1e-8)
+    assert np.allclose(found.velocity("b"), 0.0, atol=1e-8)
+    assert np.allclose(found.position("b"), [2.0, 0.5 * 0.5 * 2.0**2], atol=1e-7)
+
+
+def test_a_planetary_whose_ring_a_belt_that_speeds_up_catches() -> None:
+    """Two wheels go on by themselves from there: what the ring loses at once they share."""
+    scene = Scene(
+        Body("sun", inertia=0.3, velocity=6.0),
+        Body("carrier", inertia=0.7, velocity=8 / 3),
+        Body("ring", inertia=0.5, velocity=1.0),
+        Planetary("gear", sun="sun", carrier="carrier", ring="ring", ratio=2.0),
+        Drive("belt", velocity=piecewise_linear([0.0, 4.0], [0.0, 4.0])),
+        Contact("c", "ring", "belt", DryFriction(0.8, 0.2), normal=2.0),
+        Damper("sun", GROUND, damping=0.1),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["c.normal"])
+    assert [event.after for event in found.result.events] == [0]
+    told = differences(scene, (0.0, 2.0), "c.normal", all_in, 1e-3)
+    assert np.allclose(all_of(found)[:, 0], told, rtol=1e-6, atol=1e-8)
+
+
+def test_a_longer_rest_before_the_start_delays_the_breakaway() -> None:
+    """A load of 2 N/s meets ``10 (0.5 - 0.3 exp(-(t + 0.3) / 0.8))``."""
+    law = DryFriction(0.5, 0.2, dwell=0.8)
+    scene = Scene(
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, law, normal=10.0, rested=0.3),
+        Force("b", piecewise_linear([0.0, 4.0], [0.0, 8.0])),
+    )
+    found = sensitivities(scene, (0.0, 4.0), ["c.rested"])
+    (t,) = (event.t for event in found.result.events)
+    rise = 3.0 / 0.8 * math.exp(-(t + 0.3) / 0.8)
+    assert 5.0 - 0.8 * rise == pytest.approx(2.0 * t, abs=1e-10)
+    assert np.allclose(found.events, rise / (2.0 - rise), rtol=1e-8)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF", "rtol": 1e-10, "atol": 1e-12}])
+def test_a_ball_is_struck_by_a_table_that_speeds_up(options: dict[str, Any]) -> None:
+    """``1 + v0 t`` meets ``t^2 / 4``; from there the ball has 1.5 times the table's velocity less ``v0 / 2``."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=1.0, velocity=-1.0),
+        Drive("table", velocity=piecewise_linear([0.0, 2.0], [0.0, 1.0])),
+        Stop("stop", "ball", "table", lower=0.0, restitution=0.5),
+    )
+    found = sensitivities(scene, (0.0, 1.0), ["ball.velocity", "stop.restitution"], **options)
+    t = 2 * (math.sqrt(2) - 1)
+    later = t / (0.5 * t + 1.0)
+    assert np.allclose(found.events, [[later, 0.0]], atol=1e-8)
+    assert np.allclose(found.velocity("ball"), [0.75 * later - 0.5, 0.5 * t + 1.0], atol=1e-8)
 
 
 def test_at_other_times() -> None:
