@@ -22,6 +22,9 @@ _BRISTLE = 1e-6
 _FORCE_UNCERTAINTY = 1e-12
 """Part of the forces that is uncertain at least."""
 
+_EXACT = 1e-8
+"""Part of the scene's velocities that an exact engine resolves, whatever the tolerances."""
+
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
 
@@ -92,6 +95,9 @@ def tolerances(
     velocity_resolution = rtol * speed + atol
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
     relaxed = _added_up(velocity_resolution, speed) if margin is None else margin
+    if is_exact:
+        # loose tolerances say how soon what dies away counts as at rest, and nothing else
+        velocity_resolution = min(velocity_resolution, _EXACT * speed)
     # an exact engine knows velocities to roundoff: so small rebounds are real
     rebound = _REBOUND * speed if is_exact and margin is None else relaxed
     has_errors = not (is_exact or method.takes_steps)
