@@ -109,6 +109,24 @@ def test_a_sample_reads_left_limits() -> None:
     np.testing.assert_array_equal(result.state("count"), [1, 2, 3, 4, 5])
 
 
+@pytest.mark.parametrize(
+    ("first", "period", "jump"),
+    [(0.0, 0.1, 0.3), (0.0, 0.3, 0.9), (0.2, 0.1, 0.8), (0.1, 0.05, 0.7), (0.0, 0.007, 0.049)],
+)
+def test_a_sample_at_a_jump_reads_its_left_limit(first: float, period: float, jump: float) -> None:
+    """In floats 3 times 0.1 is beyond 0.3, and 3 times 0.3 is before 0.9: the samples are at the decimals."""
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Sampled("load", period=period, first=first, inputs=step(jump), output=lambda t, x, u: u),
+        Force("m", output("load")),
+    )
+    result = simulate(scene, (0.0, jump + 1.5 * period))
+    assert result.output("load")[-1] == 1.0
+    assert result.sample([jump + 0.9 * period]).output("load")[0] == 0.0
+    # what is held pushes from the next sample on
+    assert abs(result.velocity("m")[-1] - 0.5 * period) < 1e-15
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_a_linear_block_is_exact(way: dict[str, Any]) -> None:
     """A first order lag of time constant 0.5 on a unit step, then a body: v = t - 0.5 (1 - exp(-2 t))."""

@@ -7,6 +7,8 @@ import inspect
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -292,7 +294,8 @@ class Sampled(AnyBlock):
     """A block of discrete time, such as a digital controller.
 
     At each ``t_k = first + k period`` it reads its inputs (left limits) and holds ``y_k = output(t_k, x_k, u_k)`` until
-    the next sample; then ``x_{k+1} = update(t_k, x_k, u_k)``. Both are called once for each sample.
+    the next sample; then ``x_{k+1} = update(t_k, x_k, u_k)``. Both are called once for each sample. The times are sums
+    of decimals: 3 times 0.1 s is 0.3 s.
 
     Parameters
     ----------
@@ -364,7 +367,7 @@ class Sampled(AnyBlock):
         first = start if self.first is None else self.first
         k = max(0, math.floor((start - first) / self.period) - 1)
         found = []
-        while (t := first + k * self.period) < stop:
+        while (t := _instant(first, self.period, k)) < stop:
             if t >= start:
                 found.append(t)
             k += 1
@@ -374,7 +377,21 @@ class Sampled(AnyBlock):
         """Tell whether a sample is taken at `t` in a simulation that began at `start`."""
         first = start if self.first is None else self.first
         k = round((t - first) / self.period)
-        return k >= 0 and first + k * self.period == t
+        return k >= 0 and _instant(first, self.period, k) == t
+
+
+def _instant(first: float, period: float, k: int) -> float:
+    """Return ``first + k period``, rounded once: as decimals 3 times 0.1 is 0.3, where a load may jump."""
+    a, b, whole = _decimals(first, period)
+    return (a + k * b) / whole
+
+
+@lru_cache(maxsize=64)
+def _decimals(first: float, period: float) -> tuple[int, int, int]:
+    """Return two numbers, as their shortest decimals tell them, as parts of one whole."""
+    a, b = Fraction(str(float(first))), Fraction(str(float(period)))
+    whole = math.lcm(a.denominator, b.denominator)
+    return int(a * whole), int(b * whole), whole
 
 
 def _reads_inputs(function: Any) -> bool:
