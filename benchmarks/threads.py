@@ -1,7 +1,7 @@
 """What BLAS on one thread saves: simulations with as many threads as there are cores, and with one.
 
-Run as ``python -m benchmarks.threads``, without OMP_NUM_THREADS. Times are those of the clock, the least of a few runs,
-in turn; where other programs use the cores, too, the difference is larger.
+Run as ``python -m benchmarks.threads`` on a machine that does nothing else, without OMP_NUM_THREADS. Times are those of
+the clock, the medians of a few runs in turn: first alone, then beside as many busy processes as there are cores.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from itertools import pairwise
+from multiprocessing import Process, cpu_count
+from statistics import median
 from typing import Any
 from unittest import mock
 
@@ -54,17 +56,37 @@ def seconds(
         return time.perf_counter() - start
 
 
+def measured(scene: Callable[[], Scene], stop: float) -> tuple[float, float]:
+    """Return the medians with all threads and with one, in s."""
+    pairs = [
+        (seconds(scene, stop, lambda *_, **__: nullcontext()), seconds(scene, stop, one_thread))
+        for _ in range(_RUNS)
+    ]
+    every, one = map(median, zip(*pairs, strict=True))
+    return every, one
+
+
+def spin() -> None:
+    """Keep a core busy."""
+    while True:
+        pass
+
+
 def main() -> None:
     """Print the table."""
-    print(f"{'scene':34}{'all cores / s':>15}{'one thread / s':>15}{'ratio':>8}")
+    print("wall time in s with threads on all cores / on one thread, and the ratio")
+    print(f"{'scene':34}{'alone':>26}{'beside busy cores':>26}")
     for name, (scene, stop) in SCENES.items():
         seconds(scene, stop, one_thread)
-        pairs = [
-            (seconds(scene, stop, lambda *_, **__: nullcontext()), seconds(scene, stop, one_thread))
-            for _ in range(_RUNS)
-        ]
-        every, one = map(min, zip(*pairs, strict=True))
-        print(f"{name:34}{every:15.3f}{one:15.3f}{every / one:8.1f}")
+        alone = measured(scene, stop)
+        others = [Process(target=spin, daemon=True) for _ in range(cpu_count())]
+        for other in others:
+            other.start()
+        busy = measured(scene, stop)
+        for other in others:
+            other.kill()
+        told = [f"{every:.3f} / {one:.3f} = {every / one:.1f}" for every, one in (alone, busy)]
+        print(f"{name:34}{told[0]:>26}{told[1]:>26}")
 
 
 if __name__ == "__main__":
