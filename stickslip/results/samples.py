@@ -392,6 +392,7 @@ class Samples(PickledByFields):
         if not system.has_velocity_laws:
             return
         at = velocity_dependent_in(modes, system)
+        # rows that share a law are computed at once; laws may hold functions that have no hash
         alike: dict[int, list[int]] = {}
         for j in np.flatnonzero(at.any(axis=1)).tolist():
             alike.setdefault(id(system.laws.laws[j]), []).append(j)
