@@ -25,7 +25,8 @@ _LOCKED = 1e-11
 _MOST_MAPS = 50
 
 _FEW = 8
-"""Responses to inputs of a scene that is not small that take less than the matrix that gives them."""
+"""Responses to inputs of a scene that is not small that take less than the matrix that gives them; part by part equal
+and opposite forces cancel exactly, too."""
 
 _NEAR = 8
 """Accelerations on average that the force on one body changes, up to which sparse maps are put together."""
@@ -107,8 +108,9 @@ class ModeEquations:
         self._shares = self._place_shares() if self.at_level.size else None
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
+        self._quantities = system.size + self.rows + self.guards.size
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
-        self._is_small, self._responses = is_small(system, system.size + self.rows, 0), 0
+        self._is_small, self._responses = is_small(system, self._quantities, 0), 0
         # a series or a solver applies the maps many times
         self.is_assembled = not system.sparse or (
             (self.velocity_dependent.size > 0 or system.has_couplings)
@@ -275,7 +277,7 @@ class ModeEquations:
         found = self._maps.get(key)
         if found is None or found.order < order:
             system = self.system
-            if not is_small(system, system.size + self.rows + self.guards.size, len(waves[0])):
+            if not is_small(system, self._quantities, len(waves[0])):
                 return None
             of, link = system.dependence, None
             if of is not None:
