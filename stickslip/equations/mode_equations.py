@@ -24,10 +24,6 @@ _LOCKED = 1e-11
 
 _MOST_MAPS = 50
 
-_FEW = 8
-"""Responses to inputs of a scene that is not small that take less than the matrix that gives them; part by part equal
-and opposite forces cancel exactly, too."""
-
 _NEAR = 8
 """Accelerations on average that the force on one body changes, up to which sparse maps are put together."""
 
@@ -110,8 +106,11 @@ class ModeEquations:
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self._quantities = system.size + self.rows + self.guards.size
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
-        self._is_small, self._responses = is_small(system, self._quantities, 0), 0
-        # a series or a solver applies the maps many times
+        # a series or a solver applies the maps many times, and a solver that to the inputs; part by part equal and
+        # opposite forces cancel exactly
+        self._responds_at_once = not system.sparse and (
+            self.velocity_dependent.size > 0 or is_small(system, self._quantities, 0)
+        )
         self.is_assembled = not system.sparse or (
             (self.velocity_dependent.size > 0 or system.has_couplings)
             and self.balance.reach <= _NEAR * system.n
@@ -305,10 +304,7 @@ class ModeEquations:
 
     def respond(self, q: Array) -> Array:
         """Return ``B q`` and ``H q`` in one array."""
-        self._responses += 1
-        if self.system.sparse or not (self._is_small or self._responses > _FEW):
-            return np.asarray(self._of_inputs(q))
-        found: Array = self._BH @ q
+        found: Array = self._BH @ q if self._responds_at_once else self._of_inputs(q)
         return found
 
     def push(self, e: Array) -> Array:

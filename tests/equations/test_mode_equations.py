@@ -115,12 +115,3 @@ def test_sparse_is_dense(
             np.testing.assert_allclose(found, known, rtol=0, atol=1e-12 * np.abs(known).max())
     of_states = [each.equations.guard_rows(np.ones(each.system.m)).of_states(y) for each in (other, one)]
     np.testing.assert_allclose(*of_states, rtol=0, atol=1e-12 * np.abs(of_states[1]).max())
-
-
-def test_responses_are_the_same_by_parts_and_by_a_matrix() -> None:
-    """The first responses of a larger scene come part by part, later ones from one product."""
-    equations = motion_in(machine(12, True), {"c0": 0, "c5": 0}).equations
-    q = np.random.default_rng(4).normal(size=(equations.system.inputs + equations.system.dwelling.size, 3))
-    first, *_, last = [equations.respond(q) for _ in range(12)]
-    np.testing.assert_allclose(last, first, rtol=0, atol=1e-13 * np.abs(first).max())
-    assert np.abs(first).max() > 1
