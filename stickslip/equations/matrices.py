@@ -51,16 +51,11 @@ def assembled(size: int, blocks: Sequence[Block]) -> Any:
         for rows, columns, block in blocks:
             found[rows, columns] += dense(block)
         return found
-    return _sparse((size, size), blocks)
-
-
-def _sparse(shape: tuple[int, int], blocks: Sequence[Block]) -> Any:
-    """Return a sparse matrix as the sum of blocks."""
-    of_rows, of_columns = np.arange(shape[0]), np.arange(shape[1])
-    parts = [(of_rows[i], of_columns[j], scipy.sparse.coo_array(block)) for i, j, block in blocks]
+    every = np.arange(size)
+    parts = [(every[i], every[j], scipy.sparse.coo_array(block)) for i, j, block in blocks]
     entries = [(i[part.row], j[part.col], part.data) for i, j, part in parts]
     row, column, values = map(np.concatenate, zip(*entries, strict=True))
-    return scipy.sparse.csr_array((values, (row, column)), shape=shape)
+    return scipy.sparse.csr_array((values, (row, column)), shape=(size, size))
 
 
 def scaled(factors: Array, matrix: Any) -> Any:

@@ -106,8 +106,8 @@ class ModeEquations:
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self._quantities = system.size + self.rows + self.guards.size
         self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
-        # a series or a solver applies the maps many times, and a solver that to the inputs; part by part equal and
-        # opposite forces cancel exactly
+        # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
+        # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (
             self.velocity_dependent.size > 0 or is_small(system, self._quantities, 0)
         )

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.one_thread import one_thread
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.results.readable import Readable
@@ -196,8 +195,7 @@ def _ledger(samples: Samples) -> EnergyLedger:
     system, links = samples.system, _Links(samples.system)
     labels = _labels(links)
     m = links.rows.size
-    with one_thread(system):
-        work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
+    work = integrated(samples, 2 + m + len(labels), lambda at: _powers(at, links))
     names = [system.rows[j].name for j in links.rows.tolist()]
     heat = dict(zip(names, work[2 : 2 + m], strict=True))
     dampers = dict(zip(labels, work[2 + m :], strict=True))

@@ -478,15 +478,16 @@ def integrated(samples: Samples, lines: int, integrand: Callable[[Samples], Arra
     if not samples.t.size:
         return out
     held = dict(by_piece(samples.piece_of))
-    for block in _blocks(samples, held):
-        for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
-            sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
-            if number in held:
-                places = np.arange(samples.t.size)[held[number]]
-                taus = samples.taus[places]
-                within = (taus >= edges[0]) & (taus <= edges[-1])
-                out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
-            base = sums[:, -1]
+    with one_thread(samples.system):
+        for block in _blocks(samples, held):
+            for (number, edges), steps in zip(block, _over(trajectory, block, integrand), strict=True):
+                sums = base[:, None] + np.concatenate([np.zeros((lines, 1)), steps], axis=1).cumsum(axis=1)
+                if number in held:
+                    places = np.arange(samples.t.size)[held[number]]
+                    taus = samples.taus[places]
+                    within = (taus >= edges[0]) & (taus <= edges[-1])
+                    out[:, places[within]] = sums[:, edges.searchsorted(taus[within])]
+                base = sums[:, -1]
     return out
 
 
