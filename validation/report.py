@@ -36,8 +36,6 @@ ABOUT = {
     "Extremes": "The ends of every scale. Each row must end in a correct answer or in a clear error, and never hang.",
     "Long runs": "A limit cycle whose every event has a formula, for a million steps and for ten: what an event "
     "costs at the end of the run against what it cost at its beginning.",
-    "Continuation": "Runs that are cut at fifty random times; each goes on from the final scene before: "
-    "event times over the span, and velocities and positions at the end.",
     "Random scenes": "One to eight bodies in trees and loops, with random laws, loads, springs and drives, "
     "from a fixed seed: what must hold for any scene, whatever its motion is.",
     "Oracle": "A second simulator, slow and plain, that implements the model to the letter and shares no line with "
