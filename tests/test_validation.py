@@ -186,7 +186,7 @@ def test_the_report_shows_failures_first(tmp_path: Path) -> None:
 def test_mutations_are_noticed() -> None:
     chosen = [m for m in mutations.MUTATIONS if m.name in ("eq1-sign", "one-by-one")]
     assert len(chosen) == 2
-    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
+    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "edges/contact-force")]
     assert all(o.passed for o in run(rows))
     assert all(mutations.noticing(mutation, rows) for mutation in chosen)
 

@@ -21,9 +21,8 @@ from stickslip import (
     Scene,
     piecewise_linear,
     simulate,
-    step,
 )
-from validation.blocks import DRY, FLOOR, block, extreme_row
+from validation.blocks import DRY, block, extreme_row
 from validation.exact import TIGHT
 from validation.rows import FORMULATIONS, Answer, Row, asked, changes, event_error, require, worst
 
@@ -95,34 +94,6 @@ def loops(kind: str) -> Answer:
         errors.append(worst(found, np.column_stack([exact, exact])))
         require(not result.events, f"{f}: stuck contacts slip")
     return max(errors)
-
-
-def doubled_capacity() -> Answer:
-    """Two contacts of 4 N and 40 N between the same bodies hold together up to 44 N, however they share the load."""
-    law = DryFriction(0.4, 0.4)
-    scene = Scene(
-        Body("block", inertia=1.0),
-        Contact("weak", "block", GROUND, law, normal=10.0),
-        Contact("strong", "block", GROUND, law, normal=100.0),
-        Force("block", piecewise_linear([0.0, 100.0], [0.0, 100.0])),
-    )
-    t = [20.0, 43.9, 54.0, 64.0]
-    result = simulate(scene, (0.0, 64.0), t_eval=t)
-    return worst(result.velocity("block"), [0.0, 0.0, 50.0, 200.0])
-
-
-def relief(kind: str) -> Answer:
-    """A load that overloads two contacts at once; when the more overloaded one slips, the other holds after all."""
-    scene = Scene(
-        Body("sled", inertia=1.0),
-        Body("rider", inertia=1.0),
-        Contact("floor", "sled", GROUND, DRY, normal=FLOOR),  # 5 N, then 4 N
-        Contact("seat", "rider", "sled", DRY, normal=14.0),  # 7 N: 8 N at first, 6 N once the floor slips
-        Force("rider", step(1.0, 0.0, 8.0)),
-    )
-    result = simulate(scene, (0.0, 3.0), **asked(kind), t_eval=[1.0, 2.0, 3.0], **TIGHT)
-    error = event_error(changes(result), [(1.0, "floor", 0, 1)], 3.0)
-    return max(error, *(worst(result.velocity(b), [0.0, 2.0, 4.0]) for b in ("sled", "rider")))
 
 
 def chain(count: int) -> Answer:
@@ -217,21 +188,6 @@ def _rows() -> list[Row]:
             "least norm, by pseudo-inverse",
             partial(loops, kind),
             1e-8,
-        )
-    add(
-        "doubled-capacity",
-        "two contacts between the same bodies hold as much as both",
-        "parabola",
-        doubled_capacity,
-        1e-12,
-    )
-    for kind in FORMULATIONS:
-        add(
-            f"relief/{kind}",
-            f"a jump overloads two contacts; one slips, and so the other holds ({kind})",
-            "eq. (1), straight lines",
-            partial(relief, kind),
-            1e-7 if kind == "multiplier" else 1e-13,
         )
     for count in (1, 2, 10, 100, 1000, 10_000):
         add(
