@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import pkgutil
@@ -40,21 +39,11 @@ CRASHES = row("crashes", partial(os._exit, 3))
 @pytest.mark.slow
 def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VALIDATION_PATIENCE", "100")  # a busy machine is no fault
-    # other formulations and runs that are cut have tests of their own
-    rows = [
-        r
-        for r in table(1, quick=True)
-        if not (r.name.endswith(("/merged", "/multiplier")) or r.name.startswith("continued-"))
-    ]
+    # other formulations have tests of their own
+    rows = [r for r in table(1, quick=True) if not r.name.endswith(("/merged", "/multiplier"))]
     assert len(rows) > 100
     status = main([], rows)
     assert status == 0, capsys.readouterr().out
-
-
-def test_rows_that_compare_times_only_report() -> None:
-    timed = [r for r in table() if r.name in ("events-time", "events-time-long")]
-    assert len(timed) == 2
-    assert all(r.bound == math.inf for r in timed)
 
 
 @pytest.mark.slow
@@ -190,7 +179,7 @@ def test_the_report_shows_failures_first(tmp_path: Path) -> None:
 def test_mutations_are_noticed() -> None:
     chosen = [m for m in mutations.MUTATIONS if m.name in ("eq1-sign", "one-by-one")]
     assert len(chosen) == 2
-    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
+    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "edges/contact-force")]
     assert all(o.passed for o in run(rows))
     assert all(mutations.noticing(mutation, rows) for mutation in chosen)
 

@@ -34,7 +34,6 @@ _LEFT_OUT = (
     "events-*",
     "chain-100*",
     "random-*",
-    "refuses-*",
     "units*",
     "pre-slip-*",
     "lugre",
