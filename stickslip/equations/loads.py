@@ -221,9 +221,7 @@ class Stretch:
         orders = np.arange(order + 1.0)[:, None]
         turn, amplitude = self._turn[some], self._amplitude[some]
         factors = np.where(orders > 0, turn * scale / np.maximum(orders, 1.0), amplitude)
-        return np.asarray(
-            np.cumprod(factors, axis=0) * np.sin(self._angle(t)[some] + 0.5 * math.pi * orders)
-        )
+        return np.asarray(np.cumprod(factors, axis=0) * np.sin(self._angle(t)[some] + 0.5 * math.pi * orders))
 
     def swings(self, t: float) -> Array:
         """Return the sines at `t`, and after them the cosines with the same amplitudes."""
