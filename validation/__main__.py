@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        against_oracles,
         analysis,
         between,
         conservation,
@@ -24,8 +25,6 @@ try:
         impacts,
         promises,
         published,
-        random_machines,
-        random_oracle,
         random_scenes,
         rough,
     )
@@ -63,8 +62,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *promises.ROWS,
         *rough.rows(max(1, family // 5)),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
-        *random_oracle.rows(min(scenes, family)),
-        *random_machines.rows(min(scenes, family)),
+        *against_oracles.rows(min(scenes, family)),
         *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]

@@ -28,7 +28,7 @@ from stickslip import (
     sine,
 )
 from validation import analytic
-from validation.random_oracle import scene_of
+from validation.against_oracles import scene_of
 from validation.rows import (
     FORMULATIONS,
     Answer,
