@@ -30,14 +30,15 @@ def fit(found: Any, *, axes: Any = None) -> Any:
     for k, (record, one) in enumerate(both):
         scene, smooth = record.scene, record.result.fit_for_plot(1000)
         elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
-        top, below, label = axes[2 * k], axes[2 * k + 1], record.label(one)
+        top, below = axes[2 * k], axes[2 * k + 1]
         unit = getattr(units(scene, elements[one.of]), one.quantity)
         top.plot(one.t, one.values, label="measured", **dots)
         top.plot(
             smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted"
         )
-        top.set_ylabel(f"{label} [{unit}]")
-        below.plot(one.t, left[label], **dots)
+        top.set_ylabel(f"{one.name} [{unit}]")
+        top.set_title(record.name, loc="left", fontsize="medium")
+        below.plot(one.t, left[record.label(one)], **dots)
         below.axhline(0.0, color="0.35", linewidth=0.8)
         below.set_ylabel(f"residual [{unit}]")
         within_or_beside(top)

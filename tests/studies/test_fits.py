@@ -217,7 +217,8 @@ def test_several_records_determine_what_one_does_not() -> None:
     assert list(left) == ["records[0].wheel.velocity", "records[1].wheel.velocity"]
     assert max(np.abs(one).max() for one in left.values()) < 1e-6
     figure = both.plot()
-    assert [ax.get_ylabel().partition(" ")[0] for ax in figure.axes[::2]] == list(left)
+    tops = figure.axes[::2]
+    assert [f"{ax.get_title(loc='left')}.{ax.get_ylabel().partition(' ')[0]}" for ax in tops] == list(left)
     plt.close("all")
 
 
