@@ -180,7 +180,6 @@ def _no_zeros(guards: Any) -> None:
     "stickslip.equations.balance:Balance.project",
 )
 def _as_the_heaviest(original: Any) -> Any:
-    """Joined bodies take the velocity of the heaviest."""
     return lambda self, v, u: self.consistent(v, u)
 
 
