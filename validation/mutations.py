@@ -278,7 +278,14 @@ def _level(original: Any) -> Any:
 def watched() -> list[Row]:
     """Return the rows that watch: quick ones, each with a short limit; the cheapest chapters first."""
     rows = [row for row in table(1, quick=True) if not any(fnmatchcase(row.name, name) for name in _LEFT_OUT)]
-    order = ("Closed forms", "Extremes", "Published results", "Conservation", "Oracle")
+    order = (
+        "Closed forms",
+        "Extremes",
+        "Published results",
+        "Engines against each other",
+        "Conservation",
+        "Oracle",
+    )
     rows = [row for row in rows if row.theme in order]
     return [replace(row, limit=30.0) for row in sorted(rows, key=lambda row: order.index(row.theme))]
 
