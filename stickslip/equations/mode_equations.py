@@ -156,7 +156,7 @@ class ModeEquations:
         side[modes == AT_LOW] = 1
         self.side = side
         plain, top = self.slip[~system.laws.curved[self.slip]], self.at_level
-        total = system.inputs + system.dwelling.size
+        total = system.inputs_and_dwells
         entries = Triplets()
         entries.extend(plain, plain, modes[plain] * system.mu_c[side[plain], plain])
         if top.size:
@@ -217,7 +217,7 @@ class ModeEquations:
     @cached_property
     def _BH(self) -> Any:
         """The map from inputs, of a small scene."""
-        return self._of_inputs(np.eye(self.system.inputs + self.system.dwelling.size))
+        return self._of_inputs(np.eye(self.system.inputs_and_dwells))
 
     @cached_property
     def _KL(self) -> Any:
@@ -452,7 +452,7 @@ class ModeEquations:
     @cached_property
     def _sizes(self) -> Array | None:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
-        columns = self.system.size + self.system.inputs + self.system.dwelling.size
+        columns = self.system.size + self.system.inputs_and_dwells
         if not is_quickly_made(self.system, columns, self.system.size + self.rows):
             return None
         units = np.eye(columns)

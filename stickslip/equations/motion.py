@@ -125,7 +125,7 @@ class Motion(Inputs):
             or self.dependence is not None
         ):
             return None
-        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
+        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs_and_dwells)
         slope[: system.inputs] = self.stretch.slope
         rows, none = equations.velocity_dependent, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
@@ -184,10 +184,6 @@ class Motion(Inputs):
     def law_forces(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return the friction forces that depend on velocity; the inputs `q` need not be given."""
         return self.equations.law.forces(*self.law_arguments(tau, y, q))
-
-    def law_slopes(self, tau: float, y: Array) -> Array:
-        """Return the derivatives of the friction forces that depend on velocity with respect to it."""
-        return self.equations.law.slopes(*self.law_arguments(tau, y))
 
     def both(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array.

@@ -52,6 +52,8 @@ class System:
     ----------
     n, drives, m, size, inputs : int
         Numbers of bodies, drives, rows, states and inputs.
+    inputs_and_dwells : int
+        The number of inputs followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
     C, Q : array or sparse (n, size), (n, inputs)
@@ -222,6 +224,7 @@ class System:
         self.holds_more = (self.mu_s > self.least) & self.hard
         dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
         self.dwelling = dwells.nonzero()[0]
+        self.inputs_and_dwells = self.inputs + self.dwelling.size
         self.dwell_place = np.full(self.m, -1)
         self.dwell_place[self.dwelling] = np.arange(self.dwelling.size)
         self.largest_coefficient = np.maximum(self.mu_s, self.least).max(axis=0, initial=0.0)
