@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy
 
+from stickslip.equations.loads import TableRegions
 from stickslip.equations.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
@@ -20,9 +21,6 @@ _CANCELLED = 1e-14
 
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
-
-Regions = tuple[int, ...] | None
-"""The region of each table in which a motion is; None where tables are looked up."""
 
 
 class Friction(Protocol):
@@ -130,7 +128,7 @@ class Dependence:
                 open_ones.update(self.arguments[number].places.tolist())
         return frozenset(found)
 
-    def is_linear_in(self, regions: Regions) -> bool:
+    def is_linear_in(self, regions: TableRegions) -> bool:
         """Tell whether all is linear while tables follow the lines of some regions."""
         return self.is_linear and (regions is not None or not self.tables)
 
@@ -153,7 +151,7 @@ class Dependence:
         low = float(corners[region - 1]) if region > 0 else -math.inf
         return low, float(corners[region]) if region < corners.size else math.inf
 
-    def _line(self, k: int, x: Array, regions: Regions) -> Array:
+    def _line(self, k: int, x: Array, regions: TableRegions) -> Array:
         """Return offset and slope of a table, a line per value where its region is not given."""
         if regions is not None:
             return np.asarray(self._lines[k][regions[self.tables.index(k)]])
@@ -224,7 +222,7 @@ class Dependence:
         tau: Any,
         friction: Friction | None,
         wanted: Collection[int] | None = None,
-        regions: Regions = None,
+        regions: TableRegions = None,
     ) -> None:
         """Enter what depends on the state into the inputs, in place; columns where there are many times.
 
@@ -252,7 +250,7 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_linear(self, q: Array, y: Array, regions: Regions) -> None:
+    def add_linear(self, q: Array, y: Array, regions: TableRegions) -> None:
         """Enter what depends linearly on the state, in place; columns where `q` and `y` have columns.
 
         These may be values, rates, Taylor coefficients or maps: the last input is the constant 1, which offsets of
@@ -298,7 +296,7 @@ class Dependence:
         return self.adds_up(q, y)
 
     def slopes(
-        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> Array:
         """Return the derivatives of the inputs with respect to the states `columns`."""
         found = np.zeros((q.size, self.columns.size))
@@ -312,7 +310,7 @@ class Dependence:
         return found
 
     def slopes_by_arguments(
-        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> list[Array]:
         """Return for each node the derivatives of its values with respect to its arguments, a line per value."""
         found = []

@@ -34,7 +34,7 @@ class Inputs:
         self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
         system = self.system = equations.system
         self.horizon = stretch.stop - t
-        self.dependence, self.regions = system.dependence, stretch.regions
+        self.dependence, self.table_regions = system.dependence, stretch.table_regions
         self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
         self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
@@ -73,7 +73,7 @@ class Inputs:
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.regions)
+            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.table_regions)
         if not self.system.dwelling.size:
             return q
         full = np.zeros((self.system.inputs_and_dwells, *q.shape[1:]))
@@ -100,7 +100,7 @@ class Inputs:
 
         The motion need not be followed any further: on a line that tables have left it may grow beyond all bounds.
         """
-        if not self.regions:
+        if not self.table_regions:
             return False
         low, high = self._limits
         x = self.looked_up(tau, y).T
@@ -112,7 +112,7 @@ class Inputs:
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)
         low, high = np.array(
-            [self.dependence.borders(k, region) for k, region in enumerate(self.regions or ())]
+            [self.dependence.borders(k, region) for k, region in enumerate(self.table_regions or ())]
         ).T
         low, high = np.minimum(low, x), np.maximum(high, x)
         size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
@@ -150,7 +150,7 @@ class Inputs:
         dependence = self.dependence
         assert dependence is not None
         if dependence.is_linear:
-            dependence.add_linear(rate, y_rate, self.regions)
+            dependence.add_linear(rate, y_rate, self.table_regions)
             return
         d, count = self.difference_step, rate.size
         now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
@@ -162,7 +162,7 @@ class Inputs:
         dependence = self.dependence
         assert dependence is not None
         q = self.inputs(tau, y)
-        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.regions)
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.table_regions)
         if self._rising.size:
             decay = np.exp(-(self._age + self._rate * tau))
             found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
@@ -266,7 +266,7 @@ class Inputs:
         """Return the Taylor coefficients of inputs and dwells, from those of the states."""
         found = self._input_series(tau, y.shape[0] - 1, scale, frozen)
         if self.dependence is not None:
-            self.dependence.add_linear(found.T[: self.system.inputs], y.T, self.regions)
+            self.dependence.add_linear(found.T[: self.system.inputs], y.T, self.table_regions)
         return found
 
     def _extended(self, tau: float, y: Array) -> Array:
@@ -332,7 +332,9 @@ class Inputs:
     def _slopes_by_arguments(self) -> list[Array]:
         assert self.dependence is not None
         y = self.exact(0.0, self.y)
-        return self.dependence.slopes_by_arguments(self.start_inputs, y, self.t, 0.0, self, self.regions)
+        return self.dependence.slopes_by_arguments(
+            self.start_inputs, y, self.t, 0.0, self, self.table_regions
+        )
 
 
 class Linked:
@@ -351,7 +353,7 @@ class Linked:
         own = full[: motion.system.inputs]
         own[:] = self.loads[k]
         assert motion.dependence is not None
-        motion.dependence.add_linear(own, y, motion.regions)
+        motion.dependence.add_linear(own, y, motion.table_regions)
         if self._decay is not None:
             rows, places, decay = self._decay
             full[places] = _of_product(decay, self.q[:, rows], k)

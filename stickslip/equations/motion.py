@@ -69,7 +69,7 @@ class Motion(Inputs):
         super().__init__(equations, stretch, t, y, since)
         self.has_law = equations.velocity_dependent.size > 0
         self.has_functions = stretch.has_functions or not (
-            self.dependence is None or self.dependence.is_linear_in(self.regions)
+            self.dependence is None or self.dependence.is_linear_in(self.table_regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
         self._at_start: tuple[TaylorMap, Array] | None = None
@@ -351,7 +351,9 @@ class Motion(Inputs):
         size = system.size
         swings = self.stretch.has_waves and not (frozen and self.waves_rest)
         if not (self._rises_with_state or (swings and self._rises_with_waves)):
-            taylor = equations.taylor(order, frozen, self.regions, self.stretch.waves if swings else ((), ()))
+            taylor = equations.taylor(
+                order, frozen, self.table_regions, self.stretch.waves if swings else ((), ())
+            )
             if taylor is not None and taylor.reaches(scale):
                 y, z, g = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)

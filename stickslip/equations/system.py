@@ -17,7 +17,7 @@ import scipy
 
 from stickslip.equations.balance import Among, Balance, Components
 from stickslip.equations.dependence import Dependence, Friction, Part
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
@@ -400,7 +400,7 @@ class System:
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
 
-    def filled(self, q: Array, y: Array, t: float, regions: tuple[int, ...] | None = None) -> Array:
+    def filled(self, q: Array, y: Array, t: float, regions: TableRegions = None) -> Array:
         """Return the inputs at `t` with what depends on the state, where the modes are not known yet.
 
         Tables follow the lines of their `regions`; without these, those of what they are looked up at.

@@ -120,7 +120,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     is `Jammed`.
     """
     stretch = loads.after(now.t)
-    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.regions)
+    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.table_regions)
     closed = _closed(system, stretch, now.t, q)
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes

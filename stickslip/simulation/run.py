@@ -212,7 +212,7 @@ class Run:
         """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
         stretch = now.motion.stretch
         # where tables are, a motion may have been followed only so far
-        paused = t < stretch.stop and self.loads.regions == now.motion.regions
+        paused = t < stretch.stop and self.loads.table_regions == now.motion.table_regions
         after = self.loads.after(t)
         if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
             return None
