@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,14 @@ TableRegions = tuple[int, ...] | None
 
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
+
+
+class Span(NamedTuple):
+    """The time span of a run."""
+
+    start: float
+    stop: float
+    is_stepped: bool = False  # whether a fixed-step method reads the loads
 
 
 class Loads:

@@ -10,7 +10,7 @@ from stickslip.engines import METHODS, MethodName
 from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, Span
 from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
@@ -115,7 +115,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.check_laws(scene, start, stop)
     watched, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
     system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
-    span = (start, stop, step is not None)
+    span = Span(start, stop, is_stepped=step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start, stop)
     arguments.check_stops(system, loads, start, step)
@@ -138,9 +138,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     )
     recorder = Recorder(system, span, outputs, dense_output)
     engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted)
+    run = Run(system, loads, engine, recorder, span, wanted)
     if watched:
-        run.watch = Watch(system, watched, loads, step is not None)
+        run.watch = Watch(system, watched, loads, span.is_stepped)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
     with one_thread(system, always=name != "series"):

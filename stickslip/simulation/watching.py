@@ -58,7 +58,7 @@ class Watch:
     before it finds a contact stuck there.
     """
 
-    def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool = False) -> None:
+    def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool) -> None:
         self._system, self._events, self._loads, self._in_steps = system, list(events), loads, in_steps
         self._signs = [0] * len(self._events)
         # whether a quantity was roundoff at the end of the last path, and whether it crossed 0 there

@@ -69,8 +69,8 @@ class Nearby:
     def stretch_after(self, t: float, loads: Loads) -> Stretch:
         """Return the stretch of loads near by that has the number of the nominal one after `t`."""
         number = bisect_right(self.trajectory.loads.breaks, t)
-        start, stop, _ = self.trajectory.span
-        ends = [start, *loads.breaks, stop]
+        span = self.trajectory.span
+        ends = [span.start, *loads.breaks, span.stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
     def motion_of(self, number: int) -> Motion:
