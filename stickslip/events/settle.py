@@ -17,7 +17,8 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
 from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
-from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
+from stickslip.events.search import Search
+from stickslip.events.situation import Inconsistent, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
 

@@ -21,8 +21,8 @@ from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.mode_equations import OPEN
 from stickslip.events.endings import arrives
-from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
+from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.patchwork import Patches

@@ -24,8 +24,8 @@ from stickslip.events.endings import (
     until_rest,
 )
 from stickslip.events.impact import Struck, struck
-from stickslip.events.search import Situation
 from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
+from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import TOGETHER, Borders

@@ -15,7 +15,7 @@ from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
-from stickslip.events.search import Inconsistent
+from stickslip.events.situation import Inconsistent
 from stickslip.model.checks import flag
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene

@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
-from stickslip.events.search import Uncertainty
+from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
 
