@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.balance import Among, Balance, Components
-from stickslip.equations.dependence import Dependence, Friction, Part
+from stickslip.equations.balance import Balance, Components
+from stickslip.equations.dependence import Dependence, Forms, Friction
 from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
@@ -46,7 +46,7 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    `watched` are quantities that are to be known, too: nothing depends on them.
+    `observed` are quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class System:
         Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
-    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
-        self.scene, self.watched = scene, tuple(watched)
-        book = Book(scene.elements, watched)
+    def __init__(self, scene: Scene, observed: Sequence[Load] = ()) -> None:
+        self.scene, self.observed = scene, tuple(observed)
+        book = Book(scene.elements, observed)
         self.index, self.rows = book.index, book.rows
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -151,7 +151,7 @@ class System:
             if isinstance(place.block, Sampled)
         ]
         on_forces = len(reader.nodes)
-        seen = [reader.form(load, "the quantity of an event") for load in book.watched]
+        observed = [reader.form(load, "the quantity of an event") for load in book.observed]
         first_signal = m + len(book.forces)
         first_node = first_signal + len(reader.signals)
         widths = [node.width for node in reader.nodes]
@@ -179,18 +179,18 @@ class System:
 
         self._place = place
         self._rates = rates
-        self.sampled = [(own, block, Part.of(forms, place)) for own, block, forms in sampled]
+        self.sampled = [(own, block, Forms.of(forms, place)) for own, block, forms in sampled]
         self.reader = reader
         clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
         self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
         nodes = reader.nodes[:on_forces]
         self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
-        self._seen = Part.of(seen, place)
-        self._only_seen = Dependence(reader.nodes[on_forces:], int(starts[on_forces]), {}, place)
-        read = [self._seen, *self._only_seen.arguments]
-        watched = [place for part in read for place in part.places.tolist()]
-        self.for_watched = self.dependence.before(watched) if self.dependence is not None else frozenset()
-        """The nodes that act and on which watched quantities depend."""
+        self._observed = Forms.of(observed, place)
+        self._only_observed = Dependence(reader.nodes[on_forces:], int(starts[on_forces]), {}, place)
+        read = [self._observed, *self._only_observed.arguments]
+        places = [place for forms in read for place in forms.places.tolist()]
+        self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
+        """The nodes that act and on which observed quantities depend."""
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
@@ -356,12 +356,12 @@ class System:
         A ValueError names block, time and arguments where a block returns what are no finite numbers.
         """
         after = y
-        for place, block, part in self.sampled:
+        for place, block, read in self.sampled:
             if not block.is_due(t, start):
                 continue
             if after is y:
                 after = y.copy()
-            x, u = y[place.first : place.first_held], part.at(y, q)
+            x, u = y[place.first : place.first_held], read.at(y, q)
             try:
                 held = block.call("output", t, x, u, place.outputs, exactly=False)
                 after[place.first_held : place.end] = held
@@ -374,26 +374,26 @@ class System:
                 ) from error
         return after
 
-    def watched_values(
+    def observed_values(
         self, q: Array, y: Array, t: Array, taus: Array, motion: Friction
     ) -> tuple[Array, Array]:
-        """Return the watched quantities at many times, a line each, and what adds up in them."""
-        self._only_seen.fill(q, y, t, taus, motion)
-        return self._seen.at(y, q), self._seen.sizes(np.abs(y), np.abs(q))
+        """Return the observed quantities at many times, a line each, and what adds up in them."""
+        self._only_observed.fill(q, y, t, taus, motion)
+        return self._observed.at(y, q), self._observed.sizes(np.abs(y), np.abs(q))
 
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
         """Return the outputs of a block that is not sampled, a line each, at many times."""
         block, reader = place.block, self.reader
         if isinstance(block, StateSpace):
             forms = [reader.linear_output(block, k, block.label) for k in range(place.outputs)]
-            found = Part.of(forms, self._place).at(y, q)
+            found = Forms.of(forms, self._place).at(y, q)
             limits = block.limits or ((-np.inf, np.inf),) * place.outputs
             return np.asarray(np.clip(found, *np.array(limits).T[:, :, None]))
         assert isinstance(block, Block)
         x = y[place.first : place.first_held]
         if block.output is None:
             return x
-        u = Part.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        u = Forms.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
         columns = [
             block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
             for k in range(t.size)
@@ -440,13 +440,14 @@ class System:
         return make(self, key)
 
     def _balance(self, held: bytes) -> Balance:
-        mask = np.frombuffer(held, dtype=bool)
-        among = Among(self._components, mask.nonzero()[0]) if self.sparse else None
-        return Balance(self.inertia, self.G[mask], self.D[mask], among)
+        rows = np.frombuffer(held, dtype=bool).nonzero()[0]
+        return Balance(
+            self.inertia, self.G[rows], self.D[rows], lambda some: self._components.component(rows[some])
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
-        return System, (self.scene, self.watched)
+        return System, (self.scene, self.observed)
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

@@ -85,7 +85,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
         "stepped": stepped,
     }
     moving = [*system.names, *(drive.name for drive in system.scene.drives)]
-    about["positions"] = [moving[i] for i in system.placed] if system.watched else []
+    about["positions"] = [moving[i] for i in system.placed] if system.observed else []
     about["names"] = _names(system)
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))

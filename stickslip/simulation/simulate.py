@@ -113,8 +113,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step, stop - start)
     arguments.check_laws(scene, start, stop)
-    watched, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
-    system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
+    user_events, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
+    system = System(scene, [one.quantity for one in user_events]) if user_events else compiled(scene)
     span = Span(start, stop, is_stepped=step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start, stop)
@@ -139,8 +139,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     recorder = Recorder(system, span, outputs, dense_output)
     engine = chosen.make(task)
     run = Run(system, loads, engine, recorder, span, wanted)
-    if watched:
-        run.watch = Watch(system, watched, loads, span.is_stepped)
+    if user_events:
+        run.watch = Watch(system, user_events, loads, span.is_stepped)
     elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
         run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
     with one_thread(system, always=name != "series"):
