@@ -123,24 +123,24 @@ class System:
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_inputs(self, book: Book) -> None:
-        """Resolve what forces depend on, and give every input its place."""
-        m, drives = self.m, self.drives
-        reader = Reader(book, self.position_state, self.blocks)
-        parts = [_parts(load) for _, load, _ in book.forces]
-        self.pushes = [
-            (i, reader.form(linear, label))
-            for (i, _, label), (_, linear) in zip(book.forces, parts, strict=True)
-            if linear is not None
-        ]
+        """Resolve what forces, blocks and events of the user depend on, and give every input its place."""
+        reader = self.reader = Reader(book, self.position_state, self.blocks)
+        forces = [_parts(load) for _, load, _ in book.forces]
         pressed = [_parts(row.normal) for row in book.rows]
         self.normals = [own for own, _ in pressed]
         self.pressed = np.array([linear is not None for _, linear in pressed], dtype=bool)
+        # signals and functions become inputs as they are read
+        self.pushes = [
+            (i, reader.form(linear, label))
+            for (i, _, label), (_, linear) in zip(book.forces, forces, strict=True)
+            if linear is not None
+        ]
         normals = {
             j: reader.form(linear, f"the normal force of contact {book.rows[j].name!r}")
             for j, (_, linear) in enumerate(pressed)
             if linear is not None
         }
-        rates = {
+        self._rates = {
             place.first + k: form
             for place in self.blocks.values()
             for k, form in enumerate(reader.rates(place.block))
@@ -150,47 +150,47 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
-        on_forces = len(reader.nodes)
+        acting = len(reader.nodes)
         observed = [reader.form(load, "the quantity of an event") for load in book.observed]
-        first_signal = m + len(book.forces)
-        first_node = first_signal + len(reader.signals)
-        widths = [node.width for node in reader.nodes]
-        self.others = [
-            *(own for own, _ in parts),
-            *reader.signals,
-            *[ZERO] * sum(widths),
-            *(drive.velocity for drive in book.drives),
-        ]
-        self.force_count = len(book.forces)
-        self.first_force, self.first_drive = m, first_node + sum(widths)
-        self.first_acceleration = self.first_drive + drives
-        self.inputs = self.first_acceleration + drives + 1
-        starts = first_node + np.cumsum([0, *widths])
-        firsts = {
+        self._number_inputs(book, [own for own, _ in forces])
+        place, first_of_node = self._place, self._first_of_node.tolist()
+        self.sampled = [(own, block, Forms.of(forms, place)) for own, block, forms in sampled]
+        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
+        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
+        nodes = reader.nodes[:acting]
+        self.dependence = Dependence(nodes, first_of_node[0], normals, place) if nodes or normals else None
+        self._observed = Forms.of(observed, place)
+        self._only_observed = Dependence(reader.nodes[acting:], first_of_node[acting], {}, place)
+        read = [self._observed, *self._only_observed.arguments]
+        places = [at for forms in read for at in forms.places.tolist()]
+        self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
+        """The nodes that act and on which observed quantities depend."""
+
+    def _number_inputs(self, book: Book, forces: Sequence[Signal]) -> None:
+        """Number the inputs: normal forces, forces, signals, functions, velocities and accelerations of drives, 1."""
+        widths = [node.width for node in self.reader.nodes]
+        signals = self.reader.signals
+        velocities = [drive.velocity for drive in book.drives]
+        self.others = [*forces, *signals, *[ZERO] * sum(widths), *velocities]
+        self.first_force = self.m
+        first_signal = self.first_force + len(forces)
+        self._first_of_node = first_signal + len(signals) + np.cumsum([0, *widths])
+        self.first_drive = int(self._first_of_node[-1])
+        self.first_acceleration = self.first_drive + self.drives
+        self.inputs = self.first_acceleration + self.drives + 1
+        self._first_of_kind = {
             "normal": 0,
             "signal": first_signal,
             "drive": self.first_drive,
             "one": self.inputs - 1,
         }
 
-        def place(key: Key) -> int:
-            kind, k, which = key
-            return int(starts[k]) + which if kind == "node" else firsts[kind] + k
-
-        self._place = place
-        self._rates = rates
-        self.sampled = [(own, block, Forms.of(forms, place)) for own, block, forms in sampled]
-        self.reader = reader
-        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
-        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
-        nodes = reader.nodes[:on_forces]
-        self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
-        self._observed = Forms.of(observed, place)
-        self._only_observed = Dependence(reader.nodes[on_forces:], int(starts[on_forces]), {}, place)
-        read = [self._observed, *self._only_observed.arguments]
-        places = [place for forms in read for place in forms.places.tolist()]
-        self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
-        """The nodes that act and on which observed quantities depend."""
+    def _place(self, key: Key) -> int:
+        """Return where an input stands."""
+        kind, number, which = key
+        return (
+            int(self._first_of_node[number]) + which if kind == "node" else self._first_of_kind[kind] + number
+        )
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
