@@ -83,7 +83,7 @@ class Dependence:
     columns : array of int
         The states that it reads.
     calls : int
-        How often functions have been called.
+        How often functions have been called since they were last forgotten.
     """
 
     def __init__(
@@ -184,7 +184,8 @@ class Dependence:
         return found
 
     def forget(self) -> None:
-        """Forget the values of functions: they may not be the same in another run."""
+        """Forget the values of functions, which may not be the same in another run, and how often they were called."""
+        self.calls = 0
         for known in self._known:
             known.clear()
 

@@ -66,11 +66,6 @@ class Local:
             found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
         return found
 
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether Ctrl-C was pressed."""
-        return self._interruption.pressed
-
     def takes(self, now: Settled) -> bool:
         """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
         guards, motion = now.guards, now.motion

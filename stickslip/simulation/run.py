@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.engines.base import Engine
+from stickslip.engines.base import Engine, Task
+from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.loads import Loads, Span
+from stickslip.equations.loads import Span
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-from stickslip.equations.system import System
 from stickslip.events.endings import (
     AtLimit,
     Jump,
@@ -44,19 +44,26 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    `now` is the motion from the time `t` on, and `stopped` the user's event that has stopped it.
+    With a forest, motions are followed part by part where that can be. `now` is the motion from the time `t` on, and
+    `stopped` the user's event that has stopped it.
     """
 
     def __init__(
         self,
-        system: System,
-        loads: Loads,
+        task: Task,
         engine: Engine,
         recorder: Recorder,
         span: Span,
         wanted: Tolerances,
+        watch: Watch | None,
+        forest: Forest | None,
     ) -> None:
-        self.system, self.loads, self.engine, self.recorder = system, loads, engine, recorder
+        system = task.system
+        self.system, self.loads, self.engine, self.recorder = system, task.loads, engine, recorder
+        self._interruption, self._watch = task.interruption, watch
+        self._local: Local | None = None
+        if forest is not None:
+            self._local = Local(forest, engine.work, task.interruption, recorder, self._passed)
         self.start, self.stop = span.start, span.stop
         self.t, self._wanted, self._fastest = self.start, wanted, 0.0
         self._standing = self._hits = 0
@@ -64,12 +71,10 @@ class Run:
         self.restarts = self.most_guards = self.samples = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
-        self.watch: Watch | None = None
         tables = system.dependence is not None and system.dependence.tables
-        self._borders = Borders(system, loads, wanted.atol / wanted.rtol) if tables else None
+        self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
-        self.local: Local | None = None
         self._as_a_whole = False
 
     def begin(self) -> None:
@@ -112,14 +117,14 @@ class Run:
         now = self.now
         assert now is not None
         self.most_guards = max(self.most_guards, now.guards.armed)
-        if self.local is not None and not self._as_a_whole and self.local.takes(now):
-            self._advance_part_by_part(now, self.local)
+        if self._local is not None and not self._as_a_whole and self._local.takes(now):
+            self._advance_part_by_part(now, self._local)
             return
         self._as_a_whole = False
         path, relaxed = self._path(now)
         t = self._end(now.motion, path, relaxed)
-        if self.watch is not None:
-            path, t = self._note_crossings(now.motion, path, t, self.watch)
+        if self._watch is not None:
+            path, t = self._note_crossings(now.motion, path, t, self._watch)
         self.recorder.keep(now, path, t)
         if now.guards.velocity_uncertainty:
             self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
@@ -174,7 +179,7 @@ class Run:
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
         self._watch_progress(t, hit)
-        if t >= self.stop or local.is_interrupted:
+        if t >= self.stop or self._interruption.pressed:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
@@ -185,7 +190,7 @@ class Run:
         labels = np.where(stops, 0, before)
         self._settle_all(end._replace(y=jump.y, labels=labels, touching=touching), before, [], jump)
 
-    def passed(self, t: float, j: int) -> None:
+    def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
         self._watch_progress(t, True)

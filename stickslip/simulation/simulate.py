@@ -23,7 +23,6 @@ from stickslip.model.when import When
 from stickslip.simulation import arguments
 from stickslip.simulation.arguments import Formulation, Times
 from stickslip.simulation.choice import choose, why_stiff
-from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
@@ -124,25 +123,28 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
     if system.dependence is not None:
         system.dependence.forget()
+    by_default = (method, name) == ("auto", "BDF") and not merged
     task = Task(
         system,
         loads,
         wanted.rtol,
         wanted.atol,
-        max_step,
-        math.nan if step is None else step,
-        merged,
-        exact_at_rest=(method, name) == ("auto", "BDF")
-        and not merged
-        and not why_stiff(system, stop - start),
+        max_step=max_step,
+        step=math.nan if step is None else step,
+        merged=merged,
+        exact_at_rest=by_default and not why_stiff(system, stop - start),
     )
-    recorder = Recorder(system, span, outputs, dense_output)
-    engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, span, wanted)
-    if user_events:
-        run.watch = Watch(system, user_events, loads, span.is_stepped)
-    elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
-        run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
+    watch = Watch(system, user_events, loads, span.is_stepped) if user_events else None
+    in_parts = name == "series" and max_step == math.inf and watch is None
+    run = Run(
+        task,
+        chosen.make(task),
+        Recorder(system, span, outputs, dense_output),
+        span,
+        wanted,
+        watch,
+        _forest(system, loads) if in_parts else None,
+    )
     with one_thread(system, always=name != "series"):
         return _Simulation(run, task, chosen.title).to_end(progress)
 
@@ -175,7 +177,6 @@ class _Simulation:
 
     def __init__(self, run: Run, task: Task, title: str) -> None:
         self._run, self._recorder, self._task, self._title = run, run.recorder, task, title
-        self._calls = self._function_calls
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -220,11 +221,6 @@ class _Simulation:
         return self._result("the end of the time span was reached", 0)
 
     @property
-    def _function_calls(self) -> int:
-        dependence = self._run.system.dependence
-        return 0 if dependence is None else dependence.calls
-
-    @property
     def _where_functions_jump(self) -> str:
         dependence = self._run.system.dependence
         if dependence is None or dependence.is_linear:
@@ -255,7 +251,7 @@ class _Simulation:
         return SimulationError(text, t, modes, self._result(text, -1))
 
     def _result(self, message: str, status: int) -> Result:
-        work, size = self._run.engine.work, self._run.system.size
+        work, size, dependence = self._run.engine.work, self._run.system.size, self._run.system.dependence
         stats: dict[str, Any] = {
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._task.merged else size,
@@ -265,7 +261,7 @@ class _Simulation:
             "rate_calls": work.rate_calls,
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
-            "function_calls": self._function_calls - self._calls,
+            "function_calls": 0 if dependence is None else dependence.calls,
             "samples": self._run.samples,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,
