@@ -16,6 +16,7 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
 from stickslip.events.situation import Inconsistent
+from stickslip.model.arrays import Indices
 from stickslip.model.checks import flag
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
@@ -197,14 +198,14 @@ class _Simulation:
             error = self._error(failure.sentence, failure.remedy + self._where_functions_jump, failure.path)
             raise error from failure.__cause__ or failure
         except Inconsistent as conflict:
-            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            names = self._names(conflict.rows)
             message = f"no consistent modes for the contacts {names}" if names else "no consistent modes"
             remedy = "their laws contradict each other: look at their coefficients"
             if math.isfinite(self._task.step):
                 remedy = "shorten the step, or use BDF: a step may have leapt over a pre-slip velocity"
             raise self._error(message, remedy) from conflict
         except Jammed as conflict:
-            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            names = self._names(conflict.rows)
             message = f"no motion is possible: {names} are pressed together by drives or ties"
             raise self._error(message, "use a Gap there, or let the drives leave room") from conflict
         except (ArithmeticError, ValueError) as fault:
@@ -219,6 +220,9 @@ class _Simulation:
         if run.stopped is not None:
             return self._result(f"event {run.stopped!r} stopped the simulation at t = {run.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
+
+    def _names(self, rows: Indices) -> str:
+        return ", ".join(repr(self._run.system.rows[j].name) for j in rows[:10].tolist())
 
     @property
     def _where_functions_jump(self) -> str:
