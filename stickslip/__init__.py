@@ -52,8 +52,8 @@ from stickslip.studies.cycles.cycle import Cycle
 from stickslip.studies.cycles.search import limit_cycle
 from stickslip.studies.cycles.shooting import CycleError
 from stickslip.studies.derivatives.sensitivities import Sensitivities, sensitivities
-from stickslip.studies.fits import Fit
-from stickslip.studies.fitting import fit
+from stickslip.studies.fits.fit import fit
+from stickslip.studies.fits.fitted import Fit
 from stickslip.studies.linear_model import LinearModel, linearize
 from stickslip.studies.sweeps import sweep
 from stickslip.studies.tradeoff import tradeoff

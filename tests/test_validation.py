@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import pkgutil
@@ -40,21 +39,11 @@ CRASHES = row("crashes", partial(os._exit, 3))
 @pytest.mark.slow
 def test_the_quick_run_passes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VALIDATION_PATIENCE", "100")  # a busy machine is no fault
-    # other formulations and runs that are cut have tests of their own
-    rows = [
-        r
-        for r in table(1, quick=True)
-        if not (r.name.endswith(("/merged", "/multiplier")) or r.name.startswith("continued-"))
-    ]
+    # other formulations have tests of their own
+    rows = [r for r in table(1, quick=True) if not r.name.endswith(("/merged", "/multiplier"))]
     assert len(rows) > 100
     status = main([], rows)
     assert status == 0, capsys.readouterr().out
-
-
-def test_rows_that_compare_times_only_report() -> None:
-    timed = [r for r in table() if r.name in ("events-time", "events-time-long")]
-    assert len(timed) == 2
-    assert all(r.bound == math.inf for r in timed)
 
 
 @pytest.mark.slow
@@ -146,7 +135,7 @@ def test_what_is_wrong_or_hangs_among_many_is_counted(
     assert "of 4 tried 2 wrong, 1 hung; item 1: ValueError: no" in out
     assert "others: 0 tried in 0 checks, 0 wrong, 1 hung" in out
     text = (tmp_path / "validation.html").read_text(encoding="utf-8")
-    assert "What was tried" in text and "<td>Things</td><td class=n>6</td>" in text
+    assert "What was tried" in text and '<td>Things</td><td class="number">6</td>' in text
 
 
 @pytest.mark.slow
@@ -167,15 +156,15 @@ def test_names_are_unique_and_every_row_says_what_it_is() -> None:
 
 @pytest.mark.slow
 def test_the_report_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
-    names = ["pulled-block/merged", "coupled-clutches/merged", "rtol-1e-6", "rtol-1e-7", "loop-triangle"]
+    names = ["pulled-block/merged", "coupled-clutches/merged", "rtol-1e-6", "loop-triangle"]
     assert main([*names, "--report", str(tmp_path)]) == 0
     (page,) = tmp_path.iterdir()
     text = page.read_text(encoding="utf-8")
     links = re.findall(r"""(?:src|href)=['"]?([^'">\s]+)|url\(['"]?([^'")]+)""", text)
     assert all("".join(link).startswith("#") for link in links)
     assert not re.search("@import|<link|<script", text)
-    assert text.count("<svg") == 4 and "All 5 rows pass" in text
-    assert all(f"<code>{name.split('/')[0]}</code>" in text for name in names)
+    assert text.count("<svg") == 2 and "All 4 rows pass" in text
+    assert all(f"<code>{name}</code>" in text for name in names)
 
 
 @pytest.mark.slow
@@ -190,7 +179,7 @@ def test_the_report_shows_failures_first(tmp_path: Path) -> None:
 def test_mutations_are_noticed() -> None:
     chosen = [m for m in mutations.MUTATIONS if m.name in ("eq1-sign", "one-by-one")]
     assert len(chosen) == 2
-    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "relief/contact-force")]
+    rows = [r for r in table() if r.name in ("stick-phase/contact-force", "edges/contact-force")]
     assert all(o.passed for o in run(rows))
     assert all(mutations.noticing(mutation, rows) for mutation in chosen)
 

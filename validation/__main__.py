@@ -13,21 +13,18 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        against_oracles,
         analysis,
         between,
         conservation,
-        continuation,
         edges,
         endurance,
         engines,
         exact,
         extremes,
-        forms,
         impacts,
         promises,
         published,
-        random_machines,
-        random_oracle,
         random_scenes,
         rough,
     )
@@ -61,14 +58,11 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *edges.ROWS,
         *endurance.ROWS,
         *analysis.rows(analysis.QUICK_SCENES if quick else range(family)),
-        *continuation.rows(),
-        *forms.ROWS,
         *engines.rows(family if quick else scenes, quick),
         *promises.ROWS,
         *rough.rows(max(1, family // 5)),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
-        *random_oracle.rows(min(scenes, family)),
-        *random_machines.rows(min(scenes, family)),
+        *against_oracles.rows(min(scenes, family)),
         *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]

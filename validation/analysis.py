@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
-    Cycle,
     Drive,
     DryFriction,
     Force,
@@ -42,6 +41,7 @@ from stickslip.model.signals import Signal
 from stickslip.studies.derivatives.sensitivities import Sensitivities
 from stickslip.studies.parameters import Parameter, named_parameters
 from validation import random_scenes
+from validation.published import belt
 from validation.rows import Array, Row, Tried, Wrong, worst
 from validation.tried import try_each
 
@@ -287,84 +287,6 @@ def derivatives(numbers: Sequence[int]) -> Tried:
 # -- limit cycles and branches -----------------------------------------------------------------------------------
 
 
-@cache
-def _impacts() -> tuple[Callable[[float], tuple[float, float, float]], float]:
-    """Return the start of the impact oscillator's larger cycle and its speed by the force, and the force at the fold.
-
-    ``x'' + x = F sin(1.5 t)``, a stop at 0.2, restitution 0.8. After the impact ``x = B (k cos t + sin t) + X sin(w t +
-    phase)`` with k = cot(T / 2) and X = F / (1 - w^2); it hits with V = q B, where B is a root of
-    ``(k^2 + m^2) B^2 - 2 s k B + s^2 - X^2`` and m = (1 + e q) / w. So there is a fold at |X| = s m / sqrt(k^2 + m^2).
-    """
-    w, e, s = 1.5, 0.8, 0.2
-    period = 2 * math.pi / w
-    k = 1 / math.tan(0.5 * period)
-    q = (-k * math.sin(period) + math.cos(period) - 1) / (1 + e)
-    m = (1 + e * q) / w
-
-    def start(force: float) -> tuple[float, float, float]:
-        x = force / (1 - w * w)
-        b = float(np.roots([k * k + m * m, -2 * s * k, s * s - x * x]).real.min())
-        phase = math.atan2((s - k * b) / x, -b * m / x) % (2 * math.pi)
-        t = period - phase / w
-        place = b * (k * math.cos(t) + math.sin(t)) + x * math.sin(w * t + phase)
-        return place, b * (math.cos(t) - k * math.sin(t)) + x * w * math.cos(w * t + phase), q * b
-
-    return start, abs(s * m / math.hypot(k, m) * (1 - w * w))
-
-
-def _impact_cycle(force: float) -> tuple[Cycle, float]:
-    place, speed, hit = _impacts()[0](force)
-    scene = Scene(
-        Body("m", inertia=1.0, position=place, velocity=speed),
-        Spring("m", GROUND, stiffness=1.0),
-        Stop("wall", "m", GROUND, upper=0.2, restitution=0.8),
-        Force("m", sine(force, 1.5 / (2 * math.pi))),
-    )
-    return limit_cycle(scene, period=2 * math.pi / 1.5, transient=0), hit
-
-
-def _fold() -> tuple[float, str]:
-    cycle, hit = _impact_cycle(0.05)
-    (event,) = cycle.result.events
-    worst([cycle.result.sample([event.t]).velocity("m")[0]], [-0.8 * hit])
-    branch = continue_cycle(cycle, "forces[0].signal.amplitude", [0.05, 0.02])
-    (fold,), exact = branch.points, _impacts()[1]
-    if fold.kind != "fold" or branch.beyond is None or branch.beyond.cycles[0] is None:
-        raise Wrong(f"no fold with a branch beyond it: {branch}")
-    # both cycles have the product e^2 of their multipliers
-    product = float(np.prod(branch.beyond.cycles[0].multipliers).real)
-    return max(abs(fold.value - exact) / exact, abs(product - 0.64)), f"at F = {fold.value:.12g}"
-
-
-def _flip() -> tuple[float, str]:
-    """The stop at 0: with the trace of the impact map a multiplier is -1 where it is ``-1 - e^2``."""
-    e = 0.8
-
-    def trace(w: float) -> float:
-        period = 2 * math.pi / w
-        k = 1 / math.tan(0.5 * period)
-        q = (-k * math.sin(period) + math.cos(period) - 1) / (1 + e)
-        b = -abs(1 / (1 - w * w)) / math.hypot(k, (1 + e * q) / w)
-        push, hit = -k * b * (1 - w * w), q * b
-        saltation = np.array([[-e, 0.0], [(1 + e) * push / hit, -e]])
-        turn = [[math.cos(period), math.sin(period)], [-math.sin(period), math.cos(period)]]
-        return float(np.trace(saltation @ np.array(turn)))
-
-    exact = float(brentq(lambda w: trace(w) + 1 + e * e, 2.4, 2.8, xtol=1e-14))
-    scene = Scene(
-        Body("m", inertia=1.0, position=-0.1),
-        Spring("m", GROUND, stiffness=1.0),
-        Stop("wall", "m", GROUND, upper=0.0, restitution=e),
-        Force("m", sine(1.0, 2.6 / (2 * math.pi))),
-    )
-    at = np.array([2.64, 2.67]) / (2 * math.pi)
-    branch = continue_cycle(scene, "forces[0].signal.frequency", at, period=lambda f: 1 / f, accuracy=1e-8)
-    (flip,) = branch.points
-    if flip.kind != "flip":
-        raise Wrong(f"no flip: {branch}")
-    return abs(2 * math.pi * flip.value - exact) / exact, f"at w = {2 * math.pi * flip.value:.12g}"
-
-
 def _duffing() -> tuple[float, str]:
     """x'' + 0.1 x' + x + x^3 = sin(w t) / 2: at its fold the state comes back, and det(monodromy - 1) is 0."""
 
@@ -434,29 +356,6 @@ def _drill_string() -> tuple[float, str]:
     return max(apart, abs(float(cycle.multipliers[0].real) / factor - 1)), f"a multiplier of {factor:.9g}"
 
 
-@dataclass(frozen=True)
-class Falling:
-    """F_s / (1 + 3 w), the friction of Leine et al."""
-
-    def __call__(self, speed: float) -> float:
-        """Return the coefficient."""
-        return 1.0 / (1.0 + 3.0 * abs(speed))
-
-
-def leine(speed: float, damping: float) -> Scene:
-    """Return the oscillator of Leine et al. (1998), with a damper."""
-    return Scene(
-        Body("m", inertia=1.0, velocity=speed),
-        Drive("belt", velocity=speed),
-        Spring("m", GROUND, stiffness=1.0, damping=damping),
-        Contact("c", "m", "belt", DryFriction(1.0, 1.0, kinetic=Falling()), normal=1.0),
-    )
-
-
-def _leine_period() -> float:
-    return abs(limit_cycle(leine(0.2, 0.0)).period - 12.0010312948306) / 12.0010312948306
-
-
 def _leine_end() -> tuple[float, str]:
     """Stick-slip ends where the block that broke away only just comes to the speed of the belt again."""
     damping = 0.5
@@ -479,7 +378,7 @@ def _leine_end() -> tuple[float, str]:
     exact = float(brentq(short, 0.6, 0.8, xtol=1e-12))
     error = 0.0
     for speeds, accuracy in (([0.66, 0.67, 0.68], 1e-5), ([0.45, 0.9], 1e-6)):
-        branch = continue_cycle(leine(speeds[0], damping), "belt.velocity", speeds, accuracy=accuracy)
+        branch = continue_cycle(belt(speeds[0], damping), "belt.velocity", speeds, accuracy=accuracy)
         (end,) = branch.points
         if end.kind != "fold" or branch.beyond is None:
             raise Wrong(f"no end of stick-slip with unstable cycles beyond: {branch}")
@@ -562,17 +461,6 @@ def rows(numbers: Sequence[int]) -> list[Row]:
             limit=60.0 + 15.0 * len(numbers),
         ),
         analysis_row(
-            "analysis-fold",
-            "fold of an impact oscillator, force over the exact one, and the product of the multipliers",
-            "closed form",
-            _fold,
-            1e-10,
-            quick=False,
-        ),
-        analysis_row(
-            "analysis-flip", "period doubling of an impact oscillator, frequency", "closed form", _flip, 1e-9
-        ),
-        analysis_row(
             "analysis-duffing",
             "upper fold of a Duffing oscillator that is driven, frequency",
             "DOP853 and its variations, 1e-13",
@@ -587,13 +475,6 @@ def rows(numbers: Sequence[int]) -> list[Row]:
             _drill_string,
             1e-6,
             quick=False,
-        ),
-        analysis_row(
-            "analysis-leine-period",
-            "period of the oscillator of Leine et al. (1998) at belt speed 0.2",
-            "DOP853 with located events, 1e-13",
-            _leine_period,
-            1e-9,
         ),
         analysis_row(
             "analysis-leine-end",

@@ -1,5 +1,5 @@
 """Rows at the ends of every scale: a correct answer within a stated bound, or a clear error; never a hang."""
 
-from validation import crowds, magnitudes, thresholds
+from validation import crowds, magnitudes
 
-ROWS = [*magnitudes.ROWS, *thresholds.ROWS, *crowds.ROWS]
+ROWS = [*magnitudes.ROWS, *crowds.ROWS]

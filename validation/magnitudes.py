@@ -1,4 +1,4 @@
-"""Extremes of inertias, units, pre-slip velocities, dwell times, coefficients and tolerances."""
+"""Extremes of inertias, units, pre-slip velocities, dwell times, coefficients, pulses and tolerances."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from stickslip import (
     DryFriction,
     Force,
     Scene,
+    Signal,
     Spring,
     piecewise_linear,
+    signal,
     simulate,
     step,
     triangle,
@@ -160,12 +162,32 @@ def equal_coefficients_pulled() -> Answer:
     return worst(result.velocity("block"), v), f"{len(result.events)} changes of mode"
 
 
-def frictionless() -> Answer:
-    """A contact without friction does nothing and costs nothing."""
-    result = simulate(block(2.0, law=DryFriction(0.0, 0.0), speed=-1.0), (0.0, 2.0), t_eval=[0.5, 2.0])
-    require(not [e for e in result.events if e.cause != "open"], "a frictionless contact has events")
-    require(not result.force("floor").any(), "a frictionless contact has a force")
-    return worst(result.velocity("block"), [0.0, 3.0])
+PULSE = (5000.0, 5000.0 + 5e-7, 5000.0 + 1e-6)
+"""Start, peak and end in s of a short pulse, in a window of 1e4 s."""
+
+
+def short_pulse(kind: str) -> Answer:
+    """A pulse of 100 N after 5000 s of rest; events and speed in exact arithmetic on the floats."""
+    start, top, end = map(mp.mpf, PULSE)
+    broken = start + (top - start) * 5 / 100
+    speed = (100 - 4 + 1) / mp.mpf(2) * (top - broken) + (end - top) * (mp.mpf(100) / 2 - 4)
+    events = [(broken, "floor", 0, 1), (end + speed / 4, "floor", 1, 0)]
+    load: Signal = piecewise_linear(PULSE, [0.0, 100.0, 0.0])
+    if kind == "function":
+        load = signal(lambda t: float(np.interp(t, PULSE, [0.0, 100.0, 0.0])), breaks=PULSE)
+    result = simulate(block(load), (0.0, 1e4), t_eval=[4999.0, PULSE[2], 1e4])
+    late = event_error(changes(result), events, 1.0)
+    allowed = 2e-12 if kind == "triangle" else 5e-11
+    require(late <= allowed, f"event times are {late:.1e} s off; doubles lie 9e-13 s apart there")
+    return worst(result.velocity("block"), [0.0, float(speed), 0.0]), f"event times within {late:.1e} s"
+
+
+def short_brake() -> Answer:
+    """A brake of 1e-6 s in 1e4 s takes its impulse from a wheel, and nothing else happens."""
+    brake = piecewise_linear(PULSE, [0.0, 1e6, 0.0])
+    result = simulate(block(0.0, normal=brake, speed=1.0), (0.0, 1e4), t_eval=[4e3, 1e4])
+    width = PULSE[2] - PULSE[0]
+    return worst(result.velocity("block"), [1.0, 1.0 - 0.4 * 1e6 * width / 2])
 
 
 def tolerance(rtol: float) -> Answer:
@@ -261,7 +283,18 @@ def _rows() -> list[Row]:
         equal_coefficients_pulled,
         1e-7,
     )
-    add("mu-zero", "no friction at all: free motion, no events, no force", "v0 + F t/m", frictionless, 1e-15)
+    for kind in ("triangle", "function"):
+        add(
+            f"pulse-{kind}",
+            f"a pulse of 1e-6 s ({kind}) in 1e4 s: event times, velocity over the largest",
+            "parabolas in exact arithmetic",
+            partial(short_pulse, kind),
+            # a function of absolute time sees it in steps of 9e-13 s
+            2e-8 if kind == "triangle" else 5e-6,
+        )
+    add(
+        "pulse-brake", "a brake of 1e-6 s in 1e4 s takes its impulse", "mu_c times impulse", short_brake, 1e-9
+    )
     for k in range(-3, -14, -1):
         add(
             f"rtol-{power(10.0**k)}",

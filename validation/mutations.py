@@ -2,9 +2,6 @@
 
 Each mutation replaces a part of the package in a process of its own; rows that pass on the sound package must then
 fail. A mutation that no row notices has survived, and is a hole in the table.
-
-With `--generate N` it makes N small changes of the source instead, drawn from the syntax tree, and has the tests watch:
-those that run the changed function, each change in a scratch copy. What survives is a hole in the tests, or harmless.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +21,6 @@ from tqdm import tqdm
 from validation.__main__ import table
 from validation.rows import Row
 from validation.runner import run
-from validation.survivors import Trial, try_generated
 
 ENOUGH = 3
 """Rows that must notice before the next mutation is tried."""
@@ -34,7 +29,6 @@ _LEFT_OUT = (
     "events-*",
     "chain-100*",
     "random-*",
-    "refuses-*",
     "units*",
     "pre-slip-*",
     "lugre",
@@ -375,24 +369,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Try the mutations; return 1 if one survives."""
     parser = argparse.ArgumentParser("python -m validation.mutations", description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="mutations to try; all by default")
-    parser.add_argument(
-        "--generate", type=int, metavar="N", help="make N changes of the source for the tests"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="which changes to make (default 0)")
-    parser.add_argument("--only", default="*", metavar="PATTERN", help="files to change, such as '*/plots*'")
-    parser.add_argument(
-        "--limit", type=float, default=30.0, help="seconds that the tests of one change may take (default 30)"
-    )
-    parser.add_argument("--slow", action="store_true", help="let slow tests watch too")
-    parser.add_argument(
-        "--keep", type=Path, metavar="FILE", help="keep here which test runs what, and read it"
-    )
-    options = parser.parse_args(arguments)
-    if options.generate is not None:
-        if options.names:
-            parser.error("--generate makes changes of its own; leave the names out")
-        return _generate(options)
-    names = options.names
+    names = parser.parse_args(arguments).names
     chosen = [m for m in MUTATIONS if not names or m.name in names]
     if not chosen or len(chosen) < len(set(names)):
         print(f"known mutations: {', '.join(m.name for m in MUTATIONS)}", file=sys.stderr)
@@ -409,22 +386,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{mutation.name:20s} {mutation.what:50s} {seen}", flush=True)
     print(f"\n{len(chosen)} mutations: {len(chosen) - len(survived)} noticed, {len(survived)} survive")
     return 1 if survived else 0
-
-
-def _generate(options: argparse.Namespace) -> int:
-    """Try generated changes; return 1 if one survives."""
-    tests = ["tests"] if options.slow else ["tests", "-m", "not slow"]
-    trials: list[Trial] = []
-    for trial in try_generated(
-        options.generate, options.seed, options.only, tests, options.limit, options.keep
-    ):
-        trials.append(trial)
-        print(trial, flush=True)
-    survivors = [trial for trial in trials if trial.survived]
-    print(f"\n{len(trials)} changes: {len(trials) - len(survivors)} noticed, {len(survivors)} survive")
-    for trial in survivors:
-        print(f"  {trial.change}")
-    return 1 if survivors else 0
 
 
 def noticing(mutation: Mutation, rows: Sequence[Row]) -> list[str]:

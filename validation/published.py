@@ -83,13 +83,13 @@ def lugre() -> Answer:
     return max(errors), "x = {:.12g} m, v = {:.9g} m/s, z = {:.9g} m".format(*end)
 
 
-def belt() -> Scene:
+def belt(speed: float = 0.2, damping: float = 0.0) -> Scene:
     """A block on a running belt, held by a spring: friction falls with speed, so it sticks and slips."""
     law = DryFriction(1.0, 1.0, kinetic=lambda v: 1.0 / (1.0 + 3.0 * abs(v)))
     return Scene(
-        Body("block", inertia=1.0, velocity=0.2),
-        Drive("belt", velocity=0.2),
-        Spring("block", GROUND, stiffness=1.0),
+        Body("block", inertia=1.0, velocity=speed),
+        Drive("belt", velocity=speed),
+        Spring("block", GROUND, stiffness=1.0, damping=damping),
         Contact("rub", "block", "belt", law, normal=1.0),
     )
 

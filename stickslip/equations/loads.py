@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
@@ -225,11 +225,15 @@ class Stretch:
         found[0] = self.value + (t - self.start) * self.slope
         found[1:2] = scale * self.slope
         if self.has_waves and waves:
-            orders = np.arange(order + 1.0)[:, None]
-            factors = np.where(orders > 0, self._turn * scale / np.maximum(orders, 1.0), self._amplitude)
-            waving = np.cumprod(factors, axis=0) * np.sin(self._angle(t) + 0.5 * math.pi * orders)
-            np.add.at(found.T, self._entry, waving.T)
+            np.add.at(found.T, self._entry, self.taylor_of_waves(slice(None), t, order, scale).T)
         return found
+
+    def taylor_of_waves(self, some: Indices | slice, t: float, order: int, scale: float) -> Array:
+        """Return the same of some of the sines alone, by their places among `waves`, a column each."""
+        orders = np.arange(order + 1.0)[:, None]
+        turn, amplitude = self._turn[some], self._amplitude[some]
+        factors = np.where(orders > 0, turn * scale / np.maximum(orders, 1.0), amplitude)
+        return np.asarray(np.cumprod(factors, axis=0) * np.sin(self._angle(t)[some] + 0.5 * math.pi * orders))
 
     def swings(self, t: float) -> Array:
         """Return the sines at `t`, and after them the cosines with the same amplitudes."""

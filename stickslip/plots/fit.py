@@ -23,11 +23,13 @@ def fit(found: Any, *, axes: Any = None) -> Any:
         If the number of axes is not that of the panels, or `found` is something else.
     """
     check_is(found, "Fit", "fit plot")
-    axes = panels(axes, [2.4, 1.2] * len(found.measured), "fit")
-    smooth, left, scene = found.result.fit_for_plot(1000), found.residuals(), found.result.scene
-    elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
+    both = [(record, one) for record in found.records for one in record.measured]
+    axes = panels(axes, [2.4, 1.2] * len(both), "fit")
+    left = found.residuals()
     dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4, "color": COLOURS[1]}
-    for k, one in enumerate(found.measured):
+    for k, (record, one) in enumerate(both):
+        scene, smooth = record.scene, record.result.fit_for_plot(1000)
+        elements = {one.name: one for one in (*scene.bodies, *scene.drives, *scene.rows)}
         top, below = axes[2 * k], axes[2 * k + 1]
         unit = getattr(units(scene, elements[one.of]), one.quantity)
         top.plot(one.t, one.values, label="measured", **dots)
@@ -35,7 +37,8 @@ def fit(found: Any, *, axes: Any = None) -> Any:
             smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted"
         )
         top.set_ylabel(f"{one.name} [{unit}]")
-        below.plot(one.t, left[one.name], **dots)
+        top.set_title(record.name, loc="left", fontsize="medium")
+        below.plot(one.t, left[record.label(one)], **dots)
         below.axhline(0.0, color="0.35", linewidth=0.8)
         below.set_ylabel(f"residual [{unit}]")
         within_or_beside(top)

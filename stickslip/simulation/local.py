@@ -71,7 +71,7 @@ class Local:
         guards, motion = now.guards, now.motion
         order = guards.order
         plain = (order == 0) | ((order == 1) & guards.is_velocity)
-        return bool(motion.stretch.is_straight and plain.all() and motion.horizon > 0)
+        return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
 
     def follow(self, now: Settled) -> tuple[Situation, bool]:
         """Follow a motion and all its events to where the whole scene is to be settled.
@@ -153,7 +153,7 @@ class Local:
         self._enter_bodies(patch.bodies)
         self._enter_rows(np.concatenate([held, started]))
         live = parts.live_rows(patch, rows)
-        if parts.is_coupled and parts.end >= parts.stop and (parts.lead[patch.bodies] == UNLED).any():
+        if parts.end >= parts.stop and parts.bends(patch.bodies):
             parts.end = min(parts.stop, t + parts.unit)
         self._bad = self._due.look(rows, t, live)
 

@@ -168,7 +168,7 @@ def _forest(system: System, loads: Loads) -> Forest | None:
         return None
     known = system.scene.derived
     if "forest" not in known:
-        known["forest"] = Forest(system)
+        known["forest"] = Forest(system, loads.period)
     forest: Forest = known["forest"]
     return forest
 

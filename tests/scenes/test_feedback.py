@@ -32,7 +32,6 @@ from stickslip import (
     sine,
     velocity,
 )
-from validation.forms import difference, random_scene
 
 WAYS: list[dict[str, Any]] = [
     {},
@@ -93,25 +92,6 @@ def test_an_untouched_pendulum_in_fixed_steps() -> None:
     result = simulate(pendulum(), (0.0, 1.0), method="RK4", step=1e-3)
     exact = simulate(pendulum(), (0.0, 1.0), rtol=1e-10)
     assert abs(result.position("bob")[-1] - exact.position("bob")[-1]) < 1e-9
-
-
-@pytest.mark.parametrize("number", range(12))
-def test_sums_of_quantities_are_springs_and_dampers(number: int) -> None:
-    one, two = (simulate(random_scene(number, form), (0.0, 8.0)) for form in ("elements", "sums"))
-    assert two.stats["engine"] == "Taylor series"
-    assert [str(e.after) + e.contact for e in one.events] == [str(e.after) + e.contact for e in two.events]
-    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-10)
-    for body in "ab":
-        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-10
-    # the belt gives what one link takes from it, be it an element or a force
-    assert two.energy().relative_error < 1e-12
-
-
-@pytest.mark.parametrize(
-    "number", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 40))]
-)
-def test_code_and_sums_agree(number: int) -> None:
-    assert difference(number) < 1e-5
 
 
 @pytest.mark.parametrize("way", WAYS)

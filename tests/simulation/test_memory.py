@@ -4,7 +4,10 @@ import gc
 import tracemalloc
 import weakref
 
-from stickslip import GROUND, Body, Contact, DryFriction, Scene, simulate
+import numpy as np
+import pytest
+
+from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewise_linear, simulate
 from stickslip.benchmark import flywheel_chain
 
 
@@ -43,3 +46,24 @@ def test_what_is_kept_of_a_motion_is_no_part_of_a_larger_array() -> None:
         assert piece.path is not None
         for kept in (piece.path.taus, piece.path.last):
             assert kept.base is None or kept.base.nbytes <= 2 * kept.nbytes + 100
+
+
+@pytest.mark.slow
+def test_events_late_in_a_run_take_no_more_memory_than_the_first() -> None:
+    def per_event(cycles: int) -> float:
+        """A block is pushed loose for a second and stops, again and again; all of the motion is kept."""
+        times = np.repeat(np.arange(2.0 * cycles + 1), 2)[1:-1]
+        push = piecewise_linear(times, np.tile([6.0, 6.0, 0.0, 0.0], cycles))
+        floor = Contact("floor", "block", GROUND, DryFriction(0.5, 0.4), normal=10.0)
+        scene = Scene(Body("block", inertia=1.0), floor, Force("block", push))
+        tracemalloc.start()
+        try:
+            result = simulate(scene, (0.0, 2.0 * cycles))
+            peak = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert len(result.events) == 2 * cycles - 1
+        return peak / cycles
+
+    per_event(50)  # what is imported and compiled once is no part of it
+    assert per_event(2000) < 1.2 * per_event(200)

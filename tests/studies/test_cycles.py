@@ -21,21 +21,27 @@ from stickslip import (
     Gap,
     LuGre,
     Scene,
+    Signal,
     Spring,
     StateSpace,
     Stop,
     limit_cycle,
     output,
+    piecewise_linear,
     position,
     saturate,
     simulate,
     sine,
+    step,
     velocity,
 )
 from stickslip.studies.cycles import newton, search
 
 BELT_PERIOD = 7.61125925410131
 """2 (F_s - F_c) / (k v) + (2 pi - 2 atan((F_s - F_c) / (v sqrt(k m)))) / w, k 2, m 1, v 0.1, F_s 1.5, F_c 1."""
+
+VALVE_PERIOD = 212.247296
+"""Of the valve below, to 1e-6."""
 
 BELT_SLOPE = -46.2962962962963
 
@@ -444,6 +450,50 @@ def test_bad_arguments_are_refused() -> None:
         limit_cycle("belt")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="has name, velocity"):
         limit_cycle(belt()).sensitivities(["belt.speed"])
+
+
+def belt_with_a_push(push: Signal) -> Scene:
+    return Scene(
+        Body("block", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.1),
+        Spring("block", GROUND, stiffness=2.0),
+        Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
+        StateSpace("lag", -1.0, 1.0, 0.5, inputs=[push]),
+        Force("block", output("lag")),
+    )
+
+
+@pytest.mark.parametrize("push", [step(5.0), piecewise_linear([3.0, 50.0], [0.0, 1.0])])
+def test_a_load_that_changes_late_is_no_constant_one(push: Signal) -> None:
+    """A cycle starts at t = 0 again: the load would change in each period."""
+    with pytest.raises(ValueError, match="of loads that become constant give the last values"):
+        limit_cycle(belt_with_a_push(push))
+
+
+def test_points_between_which_nothing_changes_are_a_constant_load() -> None:
+    """The push only moves the block: the period is that without it."""
+    cycle = limit_cycle(belt_with_a_push(piecewise_linear([0.5, 50.0], [1.0, 1.0])))
+    assert abs(cycle.period - BELT_PERIOD) < 1e-10
+
+
+def test_hunting_of_a_sticking_valve() -> None:
+    """A valve stem with stiction in the level control of a tank: jumps of 0.36 m/s, then micrometres a second.
+
+    Half a period is the time from breakaway to breakaway late in a run by DOP853 (rtol 1e-12) with located events.
+    """
+    mass, area, stiffness, damping, static, coulomb = 1.36, 0.0645, 52538.0, 612.0, 1708.0, 1423.0
+    rest = 0.02 * stiffness / area  # Pa
+    scene = Scene(
+        Body("stem", inertia=mass, position=0.02),
+        StateSpace("level", 0.0, [[-1.5, 2.5]], 1.0, inputs=[position("stem"), 0.014], states=[1.0]),
+        StateSpace("pi", 0.0, 1.0, 1.2e3, 4e4, inputs=[output("level") - 1.0]),
+        StateSpace("diaphragm", -2.0, 2.0, 1.0, inputs=[output("pi") + rest], states=[rest]),
+        Force("stem", area * output("diaphragm")),
+        Spring("stem", GROUND, stiffness=stiffness, damping=damping),
+        Contact("packing", "stem", GROUND, DryFriction(1.0, coulomb / static), normal=static),
+    )
+    cycle = limit_cycle(scene, transient=2000.0)
+    assert cycle.stable and abs(cycle.period - VALVE_PERIOD) < 1e-4
 
 
 def test_damped_belt_is_another_cycle() -> None:

@@ -185,6 +185,64 @@ def test_fields_of_a_kinetic_curve_are_parameters() -> None:
     assert np.allclose(found.values, [0.3, 0.4], atol=1e-7)
 
 
+def coasting(speed: float, inertia: float = 2.0, drag: float = 1.0, level: float = 0.5) -> Scene:
+    """A wheel coasts: w(t) = (w0 + level/drag) exp(-drag t / inertia) - level/drag until it stands."""
+    return Scene(
+        Body("wheel", inertia=inertia, velocity=speed),
+        Contact("brake", "wheel", GROUND, DryFriction(1.0, 1.0), normal=level),
+        Damper("wheel", GROUND, damping=drag),
+    )
+
+
+def coasted(t: np.ndarray, speed: float) -> np.ndarray:
+    return np.asarray((speed + 0.5) * np.exp(-t / 2.0) - 0.5)
+
+
+def test_several_records_determine_what_one_does_not() -> None:
+    """A short record at one speed hardly tells drag from friction; two speeds do."""
+    names, t = {"dampers[0].damping": (0.1, 2.0), "brake.normal": (0.1, 2.0)}, np.linspace(0.01, 0.2, 20)
+    scenes = [coasting(speed, 2.0, 0.7, 0.9) for speed in (0.5, 10.0)]
+    data = [{"wheel.velocity": (t, coasted(t, speed), 0.01)} for speed in (0.5, 10.0)]
+    both, alone = fit(scenes, names, data, starts=1), fit(scenes[0], names, data[0], starts=1)
+    assert np.allclose(both.values, [1.0, 0.5], rtol=1e-6)
+    # the information of independent records adds up: inverse covariances
+    other = fit(scenes[1], names, data[1], starts=1)
+    together = np.linalg.inv(np.linalg.inv(alone.covariance) + np.linalg.inv(other.covariance))
+    assert np.allclose(both.covariance, together, rtol=1e-4)
+    assert not all(alone.determined.values()) and all(both.determined.values())
+    assert [record.name for record in both.records] == ["records[0]", "records[1]"]
+    assert [record.scene.bodies[0].velocity for record in both.records] == [0.5, 10.0]
+    assert both.scene is both.records[0].scene and len(both.measured) == 2
+    left = both.residuals()
+    assert list(left) == ["records[0].wheel.velocity", "records[1].wheel.velocity"]
+    assert max(np.abs(one).max() for one in left.values()) < 1e-6
+    figure = both.plot()
+    tops = figure.axes[::2]
+    assert [f"{ax.get_title(loc='left')}.{ax.get_ylabel().partition(' ')[0]}" for ax in tops] == list(left)
+    plt.close("all")
+
+
+def test_a_parameter_of_one_record_is_its_own() -> None:
+    """Each record has its own unknown speed at the start, and both share the drag."""
+    t = np.linspace(0.1, 2.0, 20)
+    names = ["records[0].wheel.velocity", "dampers[0].damping", "records[1].wheel.velocity"]
+    found = fit(
+        [coasting(3.0, drag=0.8), coasting(4.0, drag=0.8)],
+        names,
+        [{"wheel.velocity": (t, coasted(t, speed))} for speed in (2.0, 5.0)],
+    )
+    assert found.parameters == tuple(names)
+    assert np.allclose(found.values, [2.0, 1.0, 5.0], rtol=1e-6)
+
+
+def test_without_sigma_a_quantity_counts_alike_in_all_records() -> None:
+    """The velocities 1 + t and 1 + 4 t of a unit mass: with equal weights the best force is 2.5, their mean."""
+    t = np.linspace(0.0, 1.0, 11)
+    scenes = [Scene(Body("b", inertia=1.0, velocity=1.0), Force("b", 0.0)) for _ in range(2)]
+    found = fit(scenes, ["forces[0].signal"], [{"b.velocity": (t, 1.0 + k * t)} for k in (1.0, 4.0)])
+    assert np.allclose(found.values, [2.5], rtol=1e-9)
+
+
 @pytest.mark.slow
 def test_the_residual_plot() -> None:
     found = fit(pulled(1.52), ["c.law.mu_static"], measured(pulled(), 1))
@@ -224,3 +282,24 @@ def test_bad_arguments_are_refused() -> None:
     )
     with pytest.raises(TypeError, match="must be a Scene"):
         fit(1, names, good)  # type: ignore[arg-type]
+
+
+def test_bad_records_are_refused() -> None:
+    scene, t = pulled(), np.array([0.0, 1.0, 2.0])
+    good: Any = {"m.velocity": (t, t)}
+
+    def refused(kind: type[Exception], word: str, scenes: Any, names: Any, data: Any) -> None:
+        with pytest.raises(kind, match=word):
+            fit(scenes, names, data)
+
+    two, names = [scene, scene], ["c.law.mu_static"]
+    refused(ValueError, "2 scenes and 1 sets of data", two, names, [good])
+    refused(ValueError, "0 scenes", [], names, [])
+    refused(TypeError, "must be a Scene or a sequence of them, got str", [scene, "x"], names, [good, good])
+    refused(TypeError, "one for each scene", two, names, good)
+    refused(ValueError, r"fit: records\[1\]: data 'x.velocity'", two, names, [good, {"x.velocity": (t, t)}])
+    refused(ValueError, "for all data or for none", two, names, [good, {"m.velocity": (t, t, 1.0)}])
+    refused(ValueError, "there are 2 records, counted from 0", two, ["records[2].m.velocity"], [good, good])
+    refused(ValueError, r"no parameter belongs to records\[1\]", two, ["records[0].m.velocity"], [good, good])
+    refused(ValueError, r"fit: records\[0\]: parameter 'x.inertia'", two, ["x.inertia"], [good, good])
+    refused(ValueError, "stands twice", two, ["m.inertia", "records[0].m.inertia"], [good, good])

@@ -608,6 +608,28 @@ def block(*others: Any, velocity: float = 0.0, static: float = 0.2) -> Scene:
     )
 
 
+@pytest.mark.parametrize(("damping", "frequency"), [(300.0, 0.01), (600.0, 0.005)])
+def test_what_comes_to_rest_slowly_does_not_graze(damping: float, frequency: float) -> None:
+    """A stem on a strong spring and damper follows a slow force, and turns where its steady motion does.
+
+    Its acceleration there is 1e-8 of what adds up in it. With ``a = k - W^2`` and ``u = c W / a`` it turns at
+    ``(pi / 2 + atan u) / W``.
+    """
+    turn, stiffness = 2 * math.pi * frequency, 5e4
+    stem = Scene(
+        Body("stem", inertia=1.0),
+        Spring("stem", GROUND, stiffness=stiffness, damping=damping),
+        Force("stem", sine(3000.0, frequency)),
+        Contact("packing", "stem", GROUND, DryFriction(1.0, 1.0), normal=1000.0),
+    )
+    found = sensitivities(stem, (0.0, 0.3 / frequency), ["springs[0].damping", "springs[0].stiffness"])
+    a = stiffness - turn**2
+    u = damping * turn / a
+    assert not found.reasons
+    assert abs(found.result.events[1].t - (math.pi / 2 + math.atan(u)) / turn) < 1e-8
+    assert np.allclose(found.events[1], np.array([1.0, -u / turn]) / (a * (1 + u**2)), rtol=1e-4)
+
+
 def test_a_touch_of_the_level_has_no_derivative() -> None:
     """The force comes to exactly the breakaway level 2 at 0.25 s."""
     found = sensitivities(

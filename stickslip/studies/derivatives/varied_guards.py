@@ -17,7 +17,14 @@ TIE = 1e-6
 """Derivatives that differ by less than this part of their size are the same."""
 
 _GRAZING = 1e-7
-"""A guard that falls more slowly than this part of what adds up in its slope grazes."""
+"""A guard that falls more slowly than this part of what adds up in its slope grazes, unless it has come down like that
+from where it could be told from 0."""
+
+_TOLD = 1e-9
+"""A guard of this part of its size can be told from 0, also where CVODE has computed it."""
+
+_HALVINGS = 40
+"""The way back to where a guard could be told from 0 is halved so often at most."""
 
 _SHORT = 1e-9
 """Of flights that accumulate, those slower than this part of the speeds of the whole motion are so short that the
@@ -122,7 +129,7 @@ class VariedGuards:
         rebound = self._flies(int(fired[first]), tau, abs(float(falls[first])))
         if rebound <= _SHORT:
             return begin.copy(), {}
-        if steep[first] <= _GRAZING < rebound:
+        if steep[first] <= _GRAZING < rebound and not self._comes_down(int(fired[first]), size, falls[first]):
             why = f"{names[0]} grazes: its guard comes to 0 with slope 0"
             return np.full(count, np.nan), dict.fromkeys(range(count), why)
         times = -moved[first] / falls[first]
@@ -132,6 +139,23 @@ class VariedGuards:
         times[apart] = np.nan
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
+
+    def _comes_down(self, i: int, size: Array, falls: float) -> bool:
+        """Tell whether a guard falls at its end as it did on average since it could be told from 0.
+
+        What grazes fell faster before. Where strong springs and dampers balance, a slope far below what adds up in it
+        is a slope nevertheless.
+        """
+        path = self._piece.kept_path
+        back = path.taus[-1] - path.taus[0]
+        before = path.taus[-1] - back * 0.5 ** np.arange(_HALVINGS)
+        states = self._motion.exact(before, path.at(before).T)
+        told = self.raw(self._motion, before, states)[i] / size[i]
+        last = int(np.flatnonzero(told > _TOLD)[-1:].max(initial=-1))
+        if last < 0:
+            return False
+        mean = told[last] * size[i] / (path.taus[-1] - before[last])
+        return bool(-falls > 0.5 * mean)
 
     def _with_stops(self, moved: Array, some: Indices, y: Array, S: Array, q: Array) -> Array:
         """Return derivatives of some guards, those of stops without the roundoff of places."""

@@ -10,43 +10,35 @@ import numpy as np
 from stickslip.model.arrays import Array
 from stickslip.model.scene import Scene
 from stickslip.simulation.result import Result
+from stickslip.studies.fits.measurements import Measured
 
 _POOR = 0.5
 """A standard error larger than this part of a value says that it is not determined."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One measured quantity over time.
+class Record:
+    """What was measured in one run, beside what the fitted scene does.
 
     Attributes
     ----------
     name : str
-        ``"BODY.velocity"``, ``"BODY.position"`` or ``"CONTACT.force"``.
-    t, values : array (k,)
-        Times in s and what was measured.
-    sigma : array (k,) or None
-        Standard deviations of the noise, where they are known.
+        ``"records[0]"`` and so on where there are several, else empty.
+    scene : Scene
+        The scene with the fitted values.
+    result : Result
+        Its motion.
+    measured : tuple of Measured
     """
 
     name: str
-    t: Array = field(repr=False)
-    values: Array = field(repr=False)
-    sigma: Array | None = field(repr=False)
+    scene: Scene = field(repr=False)
+    result: Result = field(repr=False)
+    measured: tuple[Measured, ...] = field(repr=False)
 
-    @property
-    def of(self) -> str:
-        """The name of the body or row."""
-        return self.name.rpartition(".")[0]
-
-    @property
-    def quantity(self) -> str:
-        """velocity, position or force."""
-        return self.name.rpartition(".")[2]
-
-    def read(self, result: Result) -> Array:
-        """Return the quantity of a result at the measured times."""
-        return np.asarray(getattr(result.sample(self.t), self.quantity)(self.of))
+    def label(self, one: Measured) -> str:
+        """Return the name of a measured quantity among all records."""
+        return f"{self.name}.{one.name}" if self.name else one.name
 
 
 @dataclass(frozen=True)
@@ -61,11 +53,8 @@ class Fit:
     units : tuple of str
     covariance : array (p, p)
         Of the values: from the standard deviations of the noise where all are given, else from the residuals.
-    scene : Scene
-        The scene with these values.
-    result : Result
-        Its motion.
-    measured : tuple of Measured
+    records : tuple of Record
+        For each record the scene with these values, its motion and what was measured.
     cost : float
         Half of the sum of the squares of the weighted residuals.
     starts : tuple of (array, float)
@@ -78,12 +67,25 @@ class Fit:
     values: Array
     units: tuple[str, ...]
     covariance: Array = field(repr=False)
-    scene: Scene = field(repr=False)
-    result: Result = field(repr=False)
-    measured: tuple[Measured, ...] = field(repr=False)
+    records: tuple[Record, ...] = field(repr=False)
     cost: float
     starts: tuple[tuple[Array, float], ...] = field(repr=False)
     reasons: tuple[str, ...]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with these values; of several records the first."""
+        return self.records[0].scene
+
+    @property
+    def result(self) -> Result:
+        """Its motion."""
+        return self.records[0].result
+
+    @property
+    def measured(self) -> tuple[Measured, ...]:
+        """All that was measured, one record after another."""
+        return tuple(one for record in self.records for one in record.measured)
 
     @property
     def standard_errors(self) -> Array:
@@ -121,8 +123,15 @@ class Fit:
         return max(sum(one.t.size for one in self.measured) - self.values.size, 1)
 
     def residuals(self) -> dict[str, Array]:
-        """Return what was measured less what the fitted scene does, by the names of the data."""
-        return {one.name: one.values - one.read(self.result) for one in self.measured}
+        """Return what was measured less what the fitted scene does, by the names of the data.
+
+        Of several records they are called ``"records[0].BODY.velocity"`` and so on.
+        """
+        return {
+            record.label(one): one.values - one.read(record.result)
+            for record in self.records
+            for one in record.measured
+        }
 
     def plot(self, *, axes: Any = None) -> Any:
         """Draw what was measured, what the fitted scene does, and the residuals; return the figure."""

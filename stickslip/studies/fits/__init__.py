@@ -1,0 +1,1 @@
+"""Fits: the parameters with which scenes move as measured."""
