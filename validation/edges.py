@@ -122,6 +122,12 @@ def _levels() -> list[Edge]:
         ),
         _on_floor("ramp through it at a break", [(0, 0), (1, 3), (2, 5)], events=loose, end=2.0),
         _on_floor("sine that touches it", sine(3.0, 0.25), stop=20.0),
+        _on_floor(
+            "nearly at rest where the load jumps",
+            [(0, 0), (0.5, 0), (0.5, -1), (2, -1)],
+            velocity=1 + 1e-7,
+            events=[(0.5 + 1e-7 / 3, 1, 0)],
+        ),
         _edge(
             "spring at the level",
             Body("b", inertia=1.0, position=0.3),

@@ -19,8 +19,8 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-FREE, GROUND = -2, -1
-"""What leads a group: nothing, the ground, or the drive of that number."""
+UNLED = -2
+"""What leads a group: nothing; else it is -1, the ground, or the number of a drive."""
 
 _MANY = 120
 """Bodies in a patch from which its matrices are sparse."""
@@ -72,14 +72,15 @@ class Parts:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
-        self.unit = forest.unit if forest.is_coupled else self.stop - self.t0
         self.is_coupled = forest.is_coupled
+        self._swing(motion)
+        self.unit = forest.unit if self.has_series else self.stop - self.t0
         self.inertia = system.inertia
         count = forest.order + 1
         self._ascending = np.arange(1.0, count + 2)
         self._inverse = 1.0 / self._ascending
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
-        q, slope = motion.stretch.at(motion.t), motion.stretch.slope
+        q, slope = motion.stretch.taylor(motion.t, 1, waves=False)
         self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
         self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
         self._push(motion, q, slope)
@@ -117,6 +118,21 @@ class Parts:
             given[:, 2] += pulls @ (0.5 * self.drive[system.carried, 1])
         self._given = given
 
+    def _swing(self, motion: Motion) -> None:
+        """Find the sines among the forces on each body: those of body i stand from ``_wave_from[i]`` on."""
+        self._stretch = motion.stretch
+        entries = np.array(self._stretch.waves[0], dtype=np.intp)
+        acts = scipy.sparse.csr_array(motion.system.Q[:, entries])
+        self._wave_from, self._wave, self._share = acts.indptr, acts.indices, acts.data
+        self.swings = np.diff(acts.indptr) > 0
+        self.has_series = self.is_coupled or bool(entries.size)
+
+    def bends(self, bodies: Indices) -> bool:
+        """Tell whether the series of some bodies hold for a while only: springs or dampers move them, or sines."""
+        if not self.has_series:
+            return False
+        return bool((self.lead[bodies] == UNLED).any() or self.swings[bodies].any())
+
     # -- groups ----------------------------------------------------------------------------------------------
 
     def _group(self) -> None:
@@ -127,7 +143,7 @@ class Parts:
         self.group = np.arange(n)
         self.members: dict[int, Indices] = {}
         self.inside: dict[int, Indices] = {}
-        self.lead = np.full(n, FREE)
+        self.lead = np.full(n, UNLED)
         self.groups = n
         if inner.size:
             graph = scipy.sparse.coo_array(
@@ -142,7 +158,7 @@ class Parts:
             for own in np.split(bodies, cuts):
                 if own.size > 1:
                     low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
-                    self.join(own, rows[low:high], FREE)
+                    self.join(own, rows[low:high], UNLED)
         led = held[forest.parent[held] < 0]
         for j, i in zip(led.tolist(), forest.child[led].tolist(), strict=True):
             self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
@@ -150,9 +166,9 @@ class Parts:
                 self.inside[i] = np.array([j])
 
     @property
-    def is_free(self) -> Mask:
+    def is_unled(self) -> Mask:
         """Whether neither ground nor a drive leads a body."""
-        return np.asarray(self.lead == FREE)
+        return np.asarray(self.lead == UNLED)
 
     def bodies_of(self, g: int) -> Indices:
         """Return the bodies of a group in order of their places."""
@@ -223,10 +239,19 @@ class Parts:
         return terms.sum(axis=1), self.position[bodies] + self.unit * s * (terms @ self._inverse[:-1])
 
     def forces_at(self, bodies: Indices, t: float) -> Array:
-        """Return the series of loads and friction on some bodies from time `t` on, three terms."""
+        """Return the series of loads and friction on some bodies from time `t` on: three terms, more with sines."""
         d, unit = t - self.t0, self.unit
         moved = np.array([[1.0, 0.0, 0.0], [d, unit, 0.0], [d * d, 2 * d * unit, unit * unit]])
-        return np.asarray(self.force[bodies] @ moved)
+        straight = np.asarray(self.force[bodies] @ moved)
+        if not self.swings[bodies].any():
+            return straight
+        found = np.zeros((bodies.size, self.velocity.shape[1]))
+        found[:, :3] = straight
+        places = _spans(self._wave_from, bodies)
+        own = np.repeat(np.arange(bodies.size), self._wave_from[bodies + 1] - self._wave_from[bodies])
+        waves = self._stretch.taylor_of_waves(self._wave[places], t, found.shape[1] - 1, unit)
+        np.add.at(found, own, self._share[places, None] * waves.T)
+        return found
 
     def normals(self, rows: Indices, t: float) -> Array:
         """Return normal forces at time `t`."""
@@ -269,7 +294,7 @@ class Parts:
             following: list[int] = []
             for g in edge:
                 own = [g] if g < self.forest.n else self.members[g].tolist()
-                if depth and lead[own[0]] != FREE:
+                if depth and lead[own[0]] != UNLED:
                     # what ground or drives lead hands nothing on
                     continue
                 for i in own:
@@ -289,7 +314,7 @@ class Parts:
         """Return what decides how some bodies go on at time `t`."""
         v, x = self.at(bodies, t)
         k = bodies.size
-        if not self.is_coupled:
+        if not self.has_series:
             nothing = np.empty(0, dtype=np.intp)
             return Patch(t, bodies, v, x, np.zeros(k), None, np.zeros((k, 0)), nothing, nothing)
         forest, place = self.forest, self.place
@@ -333,7 +358,7 @@ class Parts:
         push = self.forces_at(bodies, t)
         series = np.zeros((first.size, self.velocity.shape[1]))
         series[:, 0] = v[first]
-        led = (lead != FREE).nonzero()[0]
+        led = (lead != UNLED).nonzero()[0]
         share = 1.0 / (inertia if own is None else np.bincount(own, inertia))
         if led.size:
             share[led] = series[led, 0] = 0.0
@@ -342,7 +367,7 @@ class Parts:
                 u = self.drive[lead[driven]]
                 series[driven, 0] = u[:, 0] + (t - self.t0) * u[:, 1]
                 series[driven, 1] = unit * u[:, 1]
-        if self.is_coupled:
+        if self.has_series:
             force = self._coupled(patch, first, own, share, push, series)
         else:
             force = push
@@ -378,7 +403,7 @@ class Parts:
         k, unit, both = patch.bodies.size, self.unit, patch.both
         order = series.shape[1] - 1
         fixed = patch.outer
-        fixed[:, :3] += push
+        fixed[:, : push.shape[1]] += push
         # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
@@ -491,11 +516,12 @@ class Parts:
 
     def live_rows(self, patch: Patch, rows: Indices) -> Mask:
         """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
-        if not self.is_coupled:
+        if not self.has_series:
             return np.zeros(rows.size, dtype=bool)
         forest, bodies = self.forest, patch.bodies
-        live = self.lead == FREE
+        live = self.is_unled
         live[bodies[patch.row[live[patch.near]]]] = True
+        live |= self.swings
         if forest.row_of is not None:
             return np.asarray(live[forest.child[rows]])
         groups = np.unique(self.group[bodies[live[bodies]]])

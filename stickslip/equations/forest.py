@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices
@@ -25,6 +25,8 @@ _MOST_HOPS = 60
 
 class Forest:
     """The rows and couplings of a scene by body.
+
+    `period` is the shortest period in s of its loads, inf where these are straight.
 
     Attributes
     ----------
@@ -52,9 +54,9 @@ class Forest:
         Couplings beyond which a change is roundoff within this time.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, period: float) -> None:
         n, m = system.n, system.m
-        self.n, self.m = n, m
+        self.n, self.m, self._first_drive = n, m, system.first_drive
         a, b = np.full(m, -1), np.full(m, -1)
         first = np.ones(m)
         self.drive = np.full(m, -1)
@@ -79,7 +81,7 @@ class Forest:
             self.row_of = np.full(n, -1)
             self.row_of[self.child] = np.arange(m)
         self._couple(system)
-        self._reach(system.inertia)
+        self._reach(system.inertia, period)
 
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
@@ -157,10 +159,20 @@ class Forest:
             [int(x) for x in self.near[self.near_from[j] : self.near_from[j + 1]] if x != j] for j in range(n)
         ]
 
-    def _reach(self, inertia: Array) -> None:
+    def takes(self, stretch: Stretch) -> bool:
+        """Tell whether the loads of a stretch are straight, but for sines among the forces on bodies."""
+        entries = stretch.waves[0]
+        first, end = self.m, self._first_drive
+        return not stretch.has_functions and all(first <= i < end for i in entries)
+
+    def _reach(self, inertia: Array, period: float) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""
+        self.order, self.unit, self.hops = _POLYNOMIAL, math.inf, 0
+        if math.isfinite(period):
+            # (omega h)^k / k! is the last term of a sine
+            self.order = _ORDER
+            self.unit = (_REMAINDER * math.factorial(_ORDER)) ** (1 / _ORDER) * period / (2 * math.pi)
         if not self.is_coupled:
-            self.order, self.unit, self.hops = _POLYNOMIAL, math.inf, 0
             return
         self.order = _ORDER
         row = np.repeat(np.arange(self.n), np.diff(self.near_from))
@@ -177,9 +189,8 @@ class Forest:
             h = 0.5 * (low + high)
             terms = _series(omega**2 * h * h, (c_own + c_near) * h, 0.0, 0.0, None, omega * h, _ORDER + 1)
             low, high = (h, high) if terms[-2:].max() <= _REMAINDER else (low, h)
-        self.unit = low
+        self.unit = low = min(low, self.unit)
         before = _series(k_own * low**2, c_own * low, 0.0, 0.0, None, 0.0, _ORDER + 2)
-        self.hops = 0
         while before.sum() > _REMAINDER and self.hops < _MOST_HOPS:
             self.hops += 1
             before = _series(

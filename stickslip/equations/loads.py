@@ -8,17 +8,29 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
 """The entries to which sines are added, and how fast these turn in rad/s."""
 
+TableRegions = tuple[int, ...] | None
+"""The region of each table in which a motion is; None where tables are looked up."""
+
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
+
+
+class Span(NamedTuple):
+    """The time span of a run."""
+
+    start: float
+    stop: float
+    is_stepped: bool = False  # whether a fixed-step method reads the loads
 
 
 class Loads:
@@ -36,7 +48,7 @@ class Loads:
         Times at which any signal breaks, each once, in order.
     has_functions : bool
         Whether any signal is a function without a known Taylor series.
-    regions : tuple of int or None
+    table_regions : tuple of int or None
         The region of each table of the state in which the run is; None where they are looked up.
     beside : array of float
         How far beside its region each table may be looked up: roundoff.
@@ -67,7 +79,7 @@ class Loads:
         levels = [s.value if isinstance(s, Constant) else 0.0 for s in self._signals]
         self._constant = np.array([*levels, *[0.0] * len(rates), 1.0])
         self._known: dict[int, Stretch] = {}
-        self.regions: tuple[int, ...] | None = None
+        self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
 
     def goes_on(self, t: float) -> bool:
@@ -94,7 +106,7 @@ class Loads:
             if len(self._known) * self.size >= _MOST_ENTRIES:
                 self._known.clear()
             self._known[number] = found
-        found.regions, found.beside = self.regions, self.beside
+        found.table_regions, found.beside = self.table_regions, self.beside
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -135,8 +147,8 @@ class Loads:
 class Stretch:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
-    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `regions` those of tables
-    in which motions begin; `beside` these they may be looked up by so much.
+    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `table_regions` those in
+    which motions begin; `beside` these tables may be looked up by so much.
     """
 
     def __init__(
@@ -149,7 +161,7 @@ class Stretch:
         functions: Sequence[tuple[int, Signal]],
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
-        self.regions: tuple[int, ...] | None = None
+        self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
         self.has_waves, self.has_functions = bool(waves), bool(functions)
@@ -213,11 +225,15 @@ class Stretch:
         found[0] = self.value + (t - self.start) * self.slope
         found[1:2] = scale * self.slope
         if self.has_waves and waves:
-            orders = np.arange(order + 1.0)[:, None]
-            factors = np.where(orders > 0, self._turn * scale / np.maximum(orders, 1.0), self._amplitude)
-            waving = np.cumprod(factors, axis=0) * np.sin(self._angle(t) + 0.5 * math.pi * orders)
-            np.add.at(found.T, self._entry, waving.T)
+            np.add.at(found.T, self._entry, self.taylor_of_waves(slice(None), t, order, scale).T)
         return found
+
+    def taylor_of_waves(self, some: Indices | slice, t: float, order: int, scale: float) -> Array:
+        """Return the same of some of the sines alone, by their places among `waves`, a column each."""
+        orders = np.arange(order + 1.0)[:, None]
+        turn, amplitude = self._turn[some], self._amplitude[some]
+        factors = np.where(orders > 0, turn * scale / np.maximum(orders, 1.0), amplitude)
+        return np.asarray(np.cumprod(factors, axis=0) * np.sin(self._angle(t)[some] + 0.5 * math.pi * orders))
 
     def swings(self, t: float) -> Array:
         """Return the sines at `t`, and after them the cosines with the same amplitudes."""

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
-from stickslip.engines.parts import FREE, Parts, Patch, distinct
+from stickslip.engines.parts import UNLED, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.mode_equations import OPEN
 from stickslip.events.endings import arrives
-from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
+from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.patchwork import Patches
@@ -66,17 +66,12 @@ class Local:
             found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
         return found
 
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether Ctrl-C was pressed."""
-        return self._interruption.pressed
-
     def takes(self, now: Settled) -> bool:
         """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
         guards, motion = now.guards, now.motion
         order = guards.order
         plain = (order == 0) | ((order == 1) & guards.is_velocity)
-        return bool(motion.stretch.is_straight and plain.all() and motion.horizon > 0)
+        return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
 
     def follow(self, now: Settled) -> tuple[Situation, bool]:
         """Follow a motion and all its events to where the whole scene is to be settled.
@@ -136,7 +131,7 @@ class Local:
         """Expand all anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
         parts.ended = t
-        live = parts.is_free
+        live = parts.is_unled
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[live[forest.near]]] = True
         live[forest.child[self._due.is_bounded]] = True
@@ -158,7 +153,7 @@ class Local:
         self._enter_bodies(patch.bodies)
         self._enter_rows(np.concatenate([held, started]))
         live = parts.live_rows(patch, rows)
-        if parts.is_coupled and parts.end >= parts.stop and (parts.lead[patch.bodies] == FREE).any():
+        if parts.end >= parts.stop and parts.bends(patch.bodies):
             parts.end = min(parts.stop, t + parts.unit)
         self._bad = self._due.look(rows, t, live)
 
@@ -269,14 +264,14 @@ class Local:
             parts.part(g)
         if tree.bodies.size == 1:
             led = mode[0] == 0
-            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else FREE)
+            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
         for one in np.unique(label).tolist():
             bodies = tree.bodies[label == one]
             own = rows[(mode == 0) & (label[place] == one)]
             led = own[forest.parent[own] < 0]
-            lead = int(forest.drive[led[0]]) if led.size else FREE
+            lead = int(forest.drive[led[0]]) if led.size else UNLED
             parts.join(bodies, own, lead)
 
     # -- results ---------------------------------------------------------------------------------------------

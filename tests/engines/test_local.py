@@ -22,6 +22,7 @@ from stickslip import (
     Spring,
     piecewise_linear,
     simulate,
+    sine,
 )
 from stickslip.engines import parts
 from stickslip.equations.forest import Forest
@@ -101,6 +102,24 @@ def random_forest(seed: int) -> tuple[Scene, float]:
     return Scene(*elements), 4.0
 
 
+def shaken(scene: Scene, seed: int) -> Scene:
+    """Return a scene with sines among the forces on a third of its bodies, slow and fast ones."""
+    rng = np.random.default_rng(seed)
+    forces = [
+        Force(
+            body.name,
+            sine(
+                float(rng.normal(scale=3.0)),
+                float(rng.choice([0.1, 1.0, 9.0])),
+                phase=float(rng.uniform(0, 6)),
+            ),
+        )
+        for body in scene.bodies
+        if rng.random() < 0.4
+    ]
+    return Scene(*scene.elements, *forces)
+
+
 def apart(scene: Scene) -> bool:
     """Tell whether no body touches ground and drives twice, so that its contacts form no loop."""
     system = System(scene)
@@ -118,6 +137,15 @@ def test_random_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -
     scene, stop = random_forest(seed)
     if apart(scene):
         both(monkeypatch, scene, stop)
+
+
+@pytest.mark.parametrize(
+    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
+)
+def test_shaken_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, stop = random_forest(seed)
+    if apart(scene):
+        both(monkeypatch, shaken(scene, seed), stop)
 
 
 def part_by_part(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> Result:
@@ -213,7 +241,7 @@ def test_in_a_long_chain_what_is_far_goes_on(
     """Patches are smaller than the chain; their matrices are sparse from 4 bodies on, or dense."""
     scene = chain(in_pairs)
     monkeypatch.setattr(parts, "_MANY", many)
-    assert Forest(System(scene)).hops < 16
+    assert Forest(System(scene), math.inf).hops < 16
     local, _ = both(monkeypatch, scene, 2.0)
     assert len(local.events) > 20
 
