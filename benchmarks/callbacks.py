@@ -22,8 +22,8 @@ from stickslip.engines.cvode import Selected
 from stickslip.equations.guards import Guards
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
-from stickslip.events.search import Situation, Uncertainty
 from stickslip.events.settle import settle
+from stickslip.events.situation import Situation, Uncertainty
 
 ROUNDS, CALLS = 7, 300
 

@@ -7,10 +7,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-
-from validation import mutations, recording
-from validation.generated import KINDS, Change, changes_of, sample
-from validation.survivors import Fate, record, try_change
+import recording
+from source_changes import KINDS, Change, changes_of, sample
+from survivors import Fate, record, try_change
 
 SOURCE = '''\
 """Says a + b."""
@@ -55,12 +54,11 @@ def project(tmp_path: Path) -> Path:
         ("stickslip/deep/__init__.py", ""),
         ("stickslip/deep/inside.py", SOURCE),
         ("tests/test_inside.py", TESTS),
-        ("validation/__init__.py", ""),
     ):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    shutil.copy(recording.__file__, tmp_path / "validation")
+    shutil.copy(recording.__file__, tmp_path / "tests")
     return tmp_path
 
 
@@ -128,13 +126,7 @@ def test_changes_are_noticed_survive_or_do_not_end(project: Path, monkeypatch: p
     # nobody calls it: all tests of the file are asked
     alone = try_change(project, pick(changes, "x + 1.0", "x"), known, 5.0)
     assert alone.fate == Fate.SURVIVED and alone.tests == 2
-    monkeypatch.setattr("validation.survivors._STARTUP", 2.0)
+    monkeypatch.setattr("survivors._STARTUP", 2.0)
     endless = try_change(project, pick(changes, "n -= 1", "pass"), known, 5.0)
     assert endless.fate == Fate.ENDLESS and not endless.survived
     assert path.read_bytes() == sound
-
-
-def test_generated_changes_have_no_names(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        mutations.main(["eq1-sign", "--generate", "3"])
-    assert "leave the names out" in capsys.readouterr().err

@@ -13,19 +13,19 @@ from tqdm import tqdm
 
 try:
     from validation import (
+        against_oracles,
         analysis,
         between,
         conservation,
+        crowds,
         edges,
         endurance,
         engines,
         exact,
-        extremes,
         impacts,
+        magnitudes,
         promises,
         published,
-        random_machines,
-        random_oracle,
         random_scenes,
         rough,
     )
@@ -54,7 +54,8 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *exact.ROWS,
         *published.ROWS,
         *conservation.ROWS,
-        *extremes.ROWS,
+        *magnitudes.ROWS,
+        *crowds.ROWS,
         *between.rows(QUICK_RUNS if quick else between.RUNS),
         *edges.ROWS,
         *endurance.ROWS,
@@ -63,8 +64,7 @@ def table(scenes: int = SCENES, quick: bool = False) -> list[Row]:
         *promises.ROWS,
         *rough.rows(max(1, family // 5)),
         *random_scenes.rows(scenes, min(scenes, QUICK_MULTIPLIED) if quick else scenes),
-        *random_oracle.rows(min(scenes, family)),
-        *random_machines.rows(min(scenes, family)),
+        *against_oracles.rows(min(scenes, family)),
         *impacts.rows(2 * scenes),
     ]
     return [row for row in rows if row.quick or not quick]

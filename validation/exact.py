@@ -28,7 +28,7 @@ from stickslip import (
     sine,
 )
 from validation import analytic
-from validation.random_oracle import scene_of
+from validation.against_oracles import scene_of
 from validation.rows import (
     FORMULATIONS,
     Answer,
@@ -127,10 +127,15 @@ def reference(name: str) -> Story:
     return Story(name, scene_of(data["scene"], None), stop, tuple(answer["names"]), events, t, v, x)
 
 
+def simulated(story: Story, formulation: str) -> Result:
+    """Simulate a story at its times."""
+    return simulate(story.scene, (0.0, story.stop), **asked(formulation), t_eval=story.t, **TIGHT)
+
+
 def told(story: Callable[[], Story], formulation: str) -> Answer:
     """Simulate a story and compare its events and velocities."""
     s = story()
-    result = simulate(s.scene, (0.0, s.stop), **asked(formulation), t_eval=s.t, **TIGHT)
+    result = simulated(s, formulation)
     times = event_error(changes(result), s.events, s.stop)
     velocities = worst(s.seen(result), s.velocities)
     return max(times, velocities), f"{len(s.events)} events, times {times:.1e}, velocities {velocities:.1e}"
@@ -160,7 +165,7 @@ STORIES: dict[str, tuple[Callable[[], Story], str, str]] = {
 } | {
     f"reference-{name}": (partial(reference, name), about, "tests/reference, 40-digit arithmetic")
     for name, about in REFERENCES.items()
-    if name not in ("flywheels-2", "pulled-block")  # which are the first and the last above
+    if name not in ("flywheels-2", "pulled-block")  # these stand above
 }
 _FREE_OF_SPRINGS = ("two-flywheels", "reference-flywheels-4", "reference-star")
 
@@ -362,11 +367,6 @@ def _short_rows() -> list[Row]:
                 )
             )
     return rows
-
-
-def simulated(story: Story, formulation: str = "contact-force", **options: Any) -> Result:
-    """Simulate a story at its times."""
-    return simulate(story.scene, (0.0, story.stop), **asked(formulation), t_eval=story.t, **(TIGHT | options))
 
 
 ROWS = [*_story_rows(), *_short_rows()]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from stickslip import SimulationError, simulate
+from validation.against_oracles import scene_of
 from validation.machine_motion import Machine
-from validation.random_machines import scene_of
 from validation.rows import Array, Row, require
 from validation.tried import Tried, try_each
 

@@ -24,7 +24,6 @@ from validation.oracle import Event
 from validation.oracle_signals import just_after
 from validation.oracle_system import Doubt
 
-"""Time in s, row, mode before, mode after."""
 OPEN = 2
 """Mode of a gap or stop between its limits."""
 REST, REACHED = 1e-10, 1e-6
@@ -48,7 +47,7 @@ class Piece:
 class Solution:
     """What was found: right up to the time `known`, which is the end unless `doubt` says why not."""
 
-    machine: Machine
+    system: Machine
     known: float
     initial: dict[str, int] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
@@ -67,7 +66,7 @@ class Solution:
     def position(self, t: float) -> Array:
         """Return the positions of all bodies."""
         motion = self._piece(t)
-        return motion.at(t - motion.start)[: self.machine.n]
+        return motion.at(t - motion.start)[: self.system.n]
 
     def forces(self, t: float) -> dict[str, float]:
         """Return the forces of all rows, nan where they are not unique."""

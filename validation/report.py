@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import html
-import io
 import math
 import platform
 import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from html import escape
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from stickslip import simulate
+from stickslip import plots
+from stickslip.plots.html import STYLE, table, vector
 from validation.exact import Story, pulled_block, reference, simulated, two_flywheels
-from validation.published import CLUTCH_EVENTS, coupled_clutches
 from validation.rows import FORMULATIONS, Outcome
-from validation.tried import as_html
+from validation.tried import summary
 
-COLOURS = ("#2a6f97", "#d1495b", "#66a182", "#8d6a9f")
-INK, FAINT = "#24292f", "#8c959f"
+GOOD, BAD = "#1a7f37", "#cf222e"
 ABOUT = {
     "Closed forms": "Motions with a formula. The right answer is computed in 40 digits by a program that "
     "shares no line with the package and integrates nothing. Where no spring or damper acts, motion is a "
@@ -47,28 +43,13 @@ ABOUT = {
     "are compared with it as with the oracle, in the default engine to 1e-9 of the span.",
 }
 
+
 _STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.55 system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', sans-serif; color: #24292f;
-  background: #fff; max-width: 70rem; margin: 0 auto; padding: 2.5rem 1.5rem 4rem; }
-h1 { font-size: 1.9rem; margin: 0 0 .3rem; letter-spacing: -.01em; }
-h2 { font-size: 1.3rem; margin: 3rem 0 .4rem; }
-h2 small { font-weight: normal; color: #57606a; font-size: .95rem; margin-left: .6rem; }
-p { max-width: 46rem; margin: .5rem 0 1rem; }
-.verdict { display: inline-block; padding: .35rem .9rem; border-radius: 1rem; font-weight: 600; margin: .8rem 0; }
-.good { background: #dafbe1; color: #116329; } .bad { background: #ffebe9; color: #a40e26; }
-table { border-collapse: collapse; width: 100%; font-size: .88rem; margin: .8rem 0 1.5rem; }
-th { text-align: left; font-weight: 600; color: #57606a; border-bottom: 2px solid #d0d7de; padding: .35rem .6rem; }
-td { border-bottom: 1px solid #eaeef2; padding: .35rem .6rem; vertical-align: top; }
-td.n, th.n { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-table.t { width: auto; } td code { color: #57606a; font-size: .8rem; } div.r { color: #57606a; font-size: .82rem; }
-td.r { color: #57606a; white-space: nowrap; } sup { line-height: 0; }
-tr.fail td { background: #fff5f5; } .mark { font-weight: 700; }
-.fail .mark { color: #cf222e; } .ok .mark { color: #1a7f37; }
-figure { margin: 1.2rem 0 2rem; } figure svg { width: 100%; height: auto; }
-figcaption { color: #57606a; font-size: .88rem; max-width: 46rem; }
-footer { margin-top: 3rem; color: #57606a; font-size: .82rem; border-top: 1px solid #d0d7de; padding-top: .8rem; }
-nav a { margin-right: 1.2rem; color: #0969da; text-decoration: none; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 0 auto; padding: 2rem 1.5rem 4rem; }
+h2 { margin-top: 3rem; } h2 small { font-weight: normal; color: #57606a; }
+p, figcaption { max-width: 46rem; } nav a { margin-right: 1.2rem; } figure { margin: 1rem 0 2rem; }
+code, .remark, figcaption, footer { color: #57606a; font-size: .85em; }
+.good { color: #1a7f37; } .bad { color: #cf222e; } .mark { font-weight: 700; }
 """
 
 
@@ -101,20 +82,20 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
     parts = [
         "<!doctype html><html lang=en><head><meta charset=utf-8><title>Validation of stickslip</title>",
         "<meta name=viewport content='width=device-width'>",
-        f"<style>{_STYLE}</style></head><body>",
+        f"<style>{_STYLE}</style>{STYLE}</head><body class=stickslip>",
         "<h1>Validation of stickslip</h1>",
-        f"<div class='verdict {'bad' if failed else 'good'}'>{verdict}</div>",
+        f"<p class='mark {'bad' if failed else 'good'}'>{verdict}</p>",
         "<p>Each row compares what <code>simulate</code> computes with an answer that owes it nothing: "
         "a closed form, a published number, a law of physics, a symmetry. The <b>error</b> is the largest one "
         "found and must not exceed the <b>bound</b>, a fixed number in the row. "
         "Errors are relative unless a row says otherwise.</p>",
-        "<nav>"
-        + "".join(f"<a href='#{_anchor(theme)}'>{html.escape(theme)}</a>" for theme in themes)
-        + "</nav>",
+        "<nav>" + "".join(f"<a href='#{_anchor(theme)}'>{escape(theme)}</a>" for theme in themes) + "</nav>",
     ]
     if failed:
         parts += ["<h2>What failed</h2>", _table(failed)]
-    parts.append(as_html(outcomes))
+    if tried := [(kind.capitalize(), *counts) for kind, *counts in summary(outcomes)]:
+        parts.append("<h2>What was tried</h2><p>One by one, each within a time limit.</p>")
+        parts.append(table(("", "Tried", "Checks", "Wrong", "Hung"), tried))
     parts.append(
         _figure(
             _overview(outcomes, themes),
@@ -124,14 +105,21 @@ def _page(outcomes: Sequence[Outcome], command: str, seconds: float) -> str:
     )
     for theme in themes:
         chosen = [o for o in outcomes if o.row.theme == theme]
-        good = sum(o.passed for o in chosen)
-        parts.append(
-            f"<h2 id='{_anchor(theme)}'>{html.escape(theme)}<small>{good} of {len(chosen)} pass</small></h2>"
-        )
-        parts.append(f"<p>{html.escape(ABOUT.get(theme, ''))}</p>")
-        parts += _figures_of(theme, chosen)
+        good = f"<small>{sum(o.passed for o in chosen)} of {len(chosen)} pass</small>"
+        parts.append(f"<h2 id='{_anchor(theme)}'>{escape(theme)} {good}</h2>")
+        parts.append(f"<p>{escape(ABOUT.get(theme, ''))}</p>")
+        parts += [
+            _story(story(), unit)
+            for start, story, unit in STORIES
+            if any(o.row.name.startswith(start) for o in chosen)
+        ]
         parts.append(_table(chosen))
-    parts.append(_footer(command, seconds))
+    packages = ("stickslip", "numpy", "scipy", "scikit-sundae", "mpmath")
+    parts.append(
+        f"<footer><code>{escape(command)}</code>, {seconds:.0f} s, {datetime.now(UTC):%d %B %Y, %H:%M} UTC. "
+        f"{', '.join(f'{name} {version(name)}' for name in packages)}; Python {sys.version.split()[0]}, "
+        f"{platform.system()} {platform.machine()}.</footer>"
+    )
     return "\n".join(parts) + "</body></html>\n"
 
 
@@ -140,250 +128,89 @@ def _anchor(theme: str) -> str:
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:
-    """Return rows as a table; the formulations of one check share a row."""
-    groups: dict[str, list[Outcome]] = {}
-    for o in outcomes:
-        groups.setdefault(o.row.name.split("/")[0], []).append(o)
-    head = (
-        "<table><thead><tr><th></th><th>What was checked</th><th>Against</th><th></th>"
-        "<th class=n>Error</th><th class=n>Bound</th><th class=n>Time</th></tr></thead><tbody>"
-    )
-    return head + "".join(_row(name, group) for name, group in groups.items()) + "</tbody></table>"
-
-
-def _row(name: str, group: Sequence[Outcome]) -> str:
-    kind = "ok" if all(o.passed for o in group) else "fail"
-    formulations = [o.row.name.partition("/")[2] for o in group]
-    what = group[0].row.what.removesuffix(f" ({formulations[0]})")
-    telling = [o for o in group if o.remark and not o.passed] or [o for o in group if o.remark][:1]
-    remarks = "".join(
-        f"<div class=r>{html.escape(remark)}</div>" for remark in dict.fromkeys(o.remark for o in telling)
-    )
-    columns = (
-        ("mark", ["✓" if o.passed else "✗" for o in group]),
-        ("", [f"{_sentence(what)}<br><code>{html.escape(name)}</code>{remarks}"]),
-        ("", [html.escape(group[0].row.source)]),
-        ("r", formulations),
-        ("n", [_power(o.error) for o in group]),
-        ("n", [_power(o.row.bound) for o in group]),
-        ("n", [f"{o.seconds:.2f} s" for o in group]),
-    )
-    cells = "".join(f"<td class='{look}'>{'<br>'.join(lines)}</td>" for look, lines in columns)
-    return f"<tr class={kind}>{cells}</tr>"
-
-
-def _sentence(text: str) -> str:
-    return html.escape(text[:1].upper() + text[1:])
-
-
-def _power(x: float) -> str:
-    text = number(x)
-    if "e" not in text:
-        return text
-    mantissa, exponent = text.split("e")
-    factor = "" if mantissa == "1.0" else f"{mantissa}\N{THIN SPACE}·\N{THIN SPACE}"
-    return f"{factor}10<sup>{int(exponent)}</sup>".replace("-", "\N{MINUS SIGN}")
-
-
-def _footer(command: str, seconds: float) -> str:
-    packages = ", ".join(
-        f"{name} {version(name)}" for name in ("stickslip", "numpy", "scipy", "scikit-sundae", "mpmath")
-    )
-    when = datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC")
+    heads = ("", "What was checked", "Against", "Error", "Bound", "Time")
     return (
-        f"<footer><code>{html.escape(command)}</code>, {seconds:.0f} s, {when}. {html.escape(packages)}; "
-        f"Python {sys.version.split()[0]}, {platform.system()} {platform.machine()}.</footer>"
+        "<table><tr>"
+        + "".join(f"<th>{head}</th>" for head in heads)
+        + "</tr>"
+        + "".join(map(_row, outcomes))
+        + "</table>"
     )
+
+
+def _row(outcome: Outcome) -> str:
+    row = outcome.row
+    mark = "<span class='mark good'>✓</span>" if outcome.passed else "<span class='mark bad'>✗</span>"
+    remark = f"<div class=remark>{escape(outcome.remark)}</div>" if outcome.remark else ""
+    what = f"{escape(row.what[:1].upper() + row.what[1:])}<br><code>{escape(row.name)}</code>{remark}"
+    numbers = (number(outcome.error), number(row.bound), f"{outcome.seconds:.2f} s")
+    cells = "".join(f"<td>{text}</td>" for text in (mark, what, escape(row.source)))
+    return f"<tr>{cells}" + "".join(f"<td class=number>{text}</td>" for text in numbers) + "</tr>"
 
 
 # Figures
 
-_LOOK: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.sans-serif": ["system-ui", "Segoe UI", "Liberation Sans", "DejaVu Sans", "sans-serif"],
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.titlesize": 11,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "legend.frameon": False,
-    "lines.linewidth": 1.4,
-}
+STORIES: tuple[tuple[str, Callable[[], Story], str], ...] = (
+    ("two-flywheels", two_flywheels, "rad/s"),
+    ("reference-flywheels-4/", lambda: reference("flywheels-4"), "rad/s"),
+    ("pulled-block", pulled_block, "m/s"),
+    ("reference-two-blocks", lambda: reference("two-blocks"), "m/s"),
+)
+"""What is drawn of motions: where rows start with a name, a story, in a unit."""
 
 
-def _figure(draw: Callable[[], Figure], caption: str) -> str:
-    with mpl.rc_context(_LOOK | {"svg.hashsalt": caption}):
-        drawn = io.StringIO()
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        draw().savefig(drawn, format="svg", metadata=nothing, transparent=True, bbox_inches="tight")
-    text = drawn.getvalue()
-    return f"<figure>{text[text.index('<svg') :]}<figcaption>{html.escape(caption)}</figcaption></figure>"
+def _figure(figure: Figure, caption: str) -> str:
+    return f"<figure>{vector(figure, caption)}<figcaption>{escape(caption)}</figcaption></figure>"
 
 
-def _overview(outcomes: Sequence[Outcome], themes: Sequence[str]) -> Callable[[], Figure]:
-    def draw() -> Figure:
-        figure = Figure(figsize=(10, 0.55 * len(themes) + 1.2))
-        axes = figure.subplots()
-        random = np.random.default_rng(0)
-        lowest = 1e-9
-        for place, theme in enumerate(themes):
-            rows = [o for o in outcomes if o.row.theme == theme]
-            ratio = np.clip([_ratio(o) for o in rows], lowest, 30.0)
-            height = place + random.uniform(-0.25, 0.25, len(rows))
-            colours = [COLOURS[0] if o.passed else "#cf222e" for o in rows]
-            axes.scatter(ratio, height, s=16, c=colours, alpha=0.75, linewidths=0)
-        axes.axvline(1.0, color="#cf222e", linewidth=1)
-        axes.text(1.2, -0.62, "bound", color="#cf222e", va="center")
-        axes.set(
-            xscale="log", xlim=(lowest / 2, 60.0), ylim=(len(themes) - 0.4, -0.85), xlabel="error / bound"
-        )
-        axes.set_yticks(range(len(themes)), themes)
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        return figure
-
-    return draw
-
-
-def _ratio(outcome: Outcome) -> float:
-    error, bound = outcome.error, outcome.row.bound
-    if bound > 0 and math.isfinite(error):
-        return error / bound
-    return 0.0 if outcome.passed else math.inf
-
-
-def _figures_of(theme: str, outcomes: Sequence[Outcome]) -> list[str]:
-    names = [o.row.name for o in outcomes]
-    ran = lambda start: any(name.startswith(start) for name in names)  # noqa: E731
-    if theme == "Closed forms":
-        stories: list[tuple[str, Callable[[], Story], str]] = [
-            ("two-flywheels", two_flywheels, "rad/s"),
-            ("four-flywheels", "rad/s"),
-            ("pulled-block", pulled_block, "m/s"),
-            ("reference-two-blocks", lambda: reference("two-blocks"), "m/s"),
-        ]
-        return [_story_figure(story(), unit) for name, story, unit in stories if ran(name)]
-    if theme == "Published results" and ran("coupled-clutches"):
-        caption = (
-            "Coupled clutches: four shafts that three clutches join. Lines as computed, vertical lines at the "
-            "exact times of the six changes of mode; below, which clutch is stuck when."
-        )
-        return [_figure(_clutches, caption)]
-    if theme == "Extremes" and ran("rtol-"):
-        points = [(float(o.row.name[5:]), o.error) for o in outcomes if o.row.name.startswith("rtol-")]
-        caption = "The pulled block at several tolerances: the error follows the tolerance."
-        return [_figure(_tolerances(points), caption)]
-    return []
-
-
-def _story_figure(story: Story, unit: str) -> str:
-    def draw() -> Figure:
-        figure = Figure(figsize=(10, 5.6))
-        top, middle, low = figure.subplots(
-            3, 1, sharex=True, height_ratios=(3, 2, 0.5 + 0.25 * len(_contacts(story)))
-        )
-        results = {f: simulated(story, f) for f in FORMULATIONS}
-        first = results["contact-force"]
-        last = 1.3 * story.events[-1][0]
-        stop = last if last < 0.5 * story.stop else story.stop
-        every = max(1, int(story.t.size * stop / story.stop) // 60)
-        for k, body in enumerate(story.bodies):
-            colour = COLOURS[k % len(COLOURS)]
-            top.plot(story.t, first.velocity(body), color=colour, label=body)
-            top.plot(
-                story.t[::every], story.velocities[::every, k], "o", color=colour, markersize=3, alpha=0.5
-            )
-        top.set(
-            ylabel=f"velocity [{unit}]", title=f"{story.title[:1].upper()}{story.title[1:]}".replace("-", " ")
-        )
-        top.legend(ncols=len(story.bodies), loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-        scale = np.abs(story.velocities).max()
-        for k, (name, result) in enumerate(results.items()):
-            v = story.seen(result)
-            error = np.abs(v - story.velocities).max(axis=1) / scale
-            style: dict[str, Any] = {"linestyle": ("-", "--", ":")[k], "color": COLOURS[k]}
-            middle.plot(story.t, np.maximum(error, 1e-17), label=name, **style)
-        middle.set(yscale="log", ylabel="velocity error")
-        middle.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-        _modes(low, story.events, _contacts(story), story.stop)
-        low.set(xlabel="time [s]", xlim=(0, stop))
-        figure.align_ylabels()
-        return figure
-
-    worst = max(
-        abs(e.t - t)
-        for e, (t, *_) in zip(
-            [e for e in simulated(story).events if e.cause != "open"], story.events, strict=True
-        )
-    )
-    caption = (
-        f"{story.title[:1].upper()}{story.title[1:]}. Above: velocities as computed (lines) and exact (dots). Middle: "
-        "the error over the largest velocity, in three formulations. Below: when each contact is "
-        f"stuck, from the exact event times, of which the {len(story.events)} computed ones are "
-        f"within {number(float(worst))} s."
-    )
-    return _figure(draw, caption)
-
-
-def _contacts(story: Story) -> list[str]:
-    return [c.name for c in story.scene.contacts]
-
-
-def _modes(axes: Any, events: Sequence[Any], contacts: Sequence[str], stop: float) -> None:
-    """Draw a bar wherever a contact is stuck, and a tick at each event."""
-    for row, contact in enumerate(contacts):
-        own = [(t, before, after) for t, name, before, after in events if name == contact]
-        edges = [0.0, *(t for t, _, _ in own), stop]
-        modes = [own[0][1] if own else 0, *(after for _, _, after in own)]
-        for left, right, mode in zip(edges[:-1], edges[1:], modes, strict=True):
-            if mode == 0 and own:
-                axes.barh(
-                    row, right - left, left=left, height=0.55, color=COLOURS[0], alpha=0.35, linewidth=0
-                )
-        axes.plot([t for t, _, _ in own], [row] * len(own), "|", color=INK, markersize=9)
-    axes.set_yticks(range(len(contacts)), contacts)
-    axes.set_ylim(len(contacts) - 0.4, -0.6)
-    axes.set_ylabel("stuck")
-    axes.tick_params(axis="y", length=0)
-
-
-def _clutches() -> Figure:
-    figure = Figure(figsize=(10, 4.4))
-    top, low = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    result = simulate(
-        coupled_clutches(), (0.0, 1.5), rtol=1e-10, atol=1e-12, t_eval=np.linspace(0.0, 1.5, 601)
-    )
-    for k in (1, 2, 3, 4):
-        top.plot(result.t, result.velocity(f"J{k}"), color=COLOURS[k - 1], label=f"J{k}")
-    for t, *_ in CLUTCH_EVENTS:
-        top.axvline(t, color=FAINT, linewidth=0.7)
-    top.set(ylabel="velocity [rad/s]", title="Coupled clutches")
-    top.legend(ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1)
-    _modes(low, CLUTCH_EVENTS, ["clutch1", "clutch2", "clutch3"], 1.5)
-    low.set(xlabel="time [s]", xlim=(0, 1.5))
-    figure.align_ylabels()
+def _overview(outcomes: Sequence[Outcome], themes: Sequence[str]) -> Figure:
+    figure = Figure(figsize=(10, 0.55 * len(themes) + 1.2), layout="constrained")
+    axes = figure.subplots()
+    random = np.random.default_rng(0)
+    lowest, highest = 1e-9, 30.0
+    for place, theme in enumerate(themes):
+        rows = [o for o in outcomes if o.row.theme == theme]
+        ratio = [o.error / o.row.bound if o.row.bound > 0 else (0.0 if o.passed else math.inf) for o in rows]
+        ratio = np.clip(np.nan_to_num(ratio, nan=math.inf), lowest, highest)
+        height = place + random.uniform(-0.25, 0.25, len(rows))
+        axes.scatter(ratio, height, s=16, c=[GOOD if o.passed else BAD for o in rows], alpha=0.75)
+    axes.axvline(1.0, color=BAD, linewidth=1)
+    axes.set(xscale="log", xlim=(lowest / 2, 2 * highest), ylim=(len(themes) - 0.4, -0.6))
+    axes.set_xlabel("error / bound")
+    axes.set_yticks(range(len(themes)), themes)
     return figure
 
 
-def _tolerances(points: Sequence[tuple[float, float]]) -> Callable[[], Figure]:
-    def draw() -> Figure:
-        figure = Figure(figsize=(10, 3.6))
-        axes = figure.subplots()
-        rtol = np.array([p for p, _ in points])
-        error = np.array([p * e for p, e in points])
-        axes.loglog(rtol, rtol, color=FAINT, linewidth=1)
-        axes.annotate(
-            "error = rtol", (rtol[-1], rtol[-1]), xytext=(8, -2), textcoords="offset points", color=FAINT
-        )
-        axes.loglog(rtol, error, "o-", color=COLOURS[0])
-        axes.invert_xaxis()
-        axes.set(xlabel="relative tolerance", ylabel="largest error", title="Tolerance and error")
-        return figure
-
-    return draw
+def _story(story: Story, unit: str) -> str:
+    """Draw a motion: as computed and exact, the error, the modes."""
+    figure = Figure(figsize=(10, 5.6), layout="constrained")
+    top, middle, low = figure.subplots(
+        3, 1, sharex=True, height_ratios=(3, 2, 0.5 + 0.25 * len(story.scene.contacts))
+    )
+    results = {f: simulated(story, f) for f in FORMULATIONS}
+    first = results["contact-force"]
+    last = 1.3 * story.events[-1][0]
+    stop = last if last < 0.5 * story.stop else story.stop
+    shown = np.flatnonzero(story.t <= stop)
+    shown = shown[:: max(1, shown.size // 60)]
+    for k, body in enumerate(story.bodies):
+        (line,) = top.plot(story.t, first.velocity(body), label=body)
+        top.plot(story.t[shown], story.velocities[shown, k], "o", color=line.get_color(), markersize=3)
+    top.set(ylabel=f"velocity [{unit}]", xlim=(0, stop))
+    top.legend(ncols=len(story.bodies))
+    scale = np.abs(story.velocities).max()
+    for k, (name, result) in enumerate(results.items()):
+        error = np.abs(story.seen(result) - story.velocities).max(axis=1) / scale
+        middle.plot(story.t, np.maximum(error, 1e-17), ("-", "--", ":")[k], label=name)
+    middle.set(yscale="log", ylabel="velocity error")
+    middle.legend(ncols=3)
+    plots.modes(first, ax=low)
+    events = [e for e in first.events if e.cause != "open"]
+    worst = max(abs(e.t - t) for e, (t, *_) in zip(events, story.events, strict=True))
+    title = f"{story.title[:1].upper()}{story.title[1:]}".replace("-", " ")
+    caption = (
+        f"{title}. Above: velocities as computed (lines) and exact (dots). Middle: the error over the largest "
+        f"velocity, in three formulations. Below: the modes, of whose {len(events)} changes the computed times are "
+        f"within {number(float(worst))} s of the exact ones."
+    )
+    return _figure(figure, caption)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from stickslip import Result, simulate
+from validation.against_oracles import scene_of
 from validation.oracle_scenes import FAMILIES
-from validation.random_oracle import scene_of
 from validation.rows import Row, Wrong
 
 __all__ = ["rows"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import html
 import math
 import os
 import signal
@@ -12,7 +11,7 @@ from typing import Any
 
 from validation.rows import Outcome, Tried
 
-__all__ = ["Hung", "as_html", "summary", "time_limit", "try_each"]
+__all__ = ["Hung", "summary", "time_limit", "try_each"]
 
 
 class Hung(BaseException):
@@ -82,23 +81,3 @@ def summary(outcomes: Sequence[Outcome]) -> list[tuple[str, int, int, int, int]]
         count = max(counts) if rows[0].row.same else sum(counts)
         lines.append((kind, count, sum(counts), wrong, hung))
     return lines
-
-
-def as_html(outcomes: Sequence[Outcome]) -> str:
-    """Return the summary as a chapter of the report, nothing where nothing was tried."""
-    lines = summary(outcomes)
-    if not lines:
-        return ""
-    titles = "<th></th>" + "".join(f"<th class=n>{t}</th>" for t in ("Tried", "Checks", "Wrong", "Hung"))
-    rows = "".join(
-        f"<tr class={'fail' if wrong or hung else 'ok'}><td>{html.escape(kind.capitalize())}</td>"
-        + "".join(f"<td class=n>{n:,}</td>" for n in (count, checks, wrong, hung)).replace(
-            ",", "\N{THIN SPACE}"
-        )
-        + "</tr>"
-        for kind, count, checks, wrong, hung in lines
-    )
-    about = "One by one, each within a time limit: what must end in the right answer or in the right error."
-    return (
-        f"<h2>What was tried</h2><p>{about}</p><table class=t><thead><tr>{titles}</tr></thead>{rows}</table>"
-    )

@@ -86,8 +86,6 @@ def first_dip(along: Along) -> Dip | None:
         # whether a guard that is not negative at the end rises there
         late = np.array([taus[-1] - _LATE * (taus[-1] - taus[-2])])
         looks, ends = np.insert(looks, -1, late), np.insert(ends, -1, values(late)[:, 0], axis=1)
-    if not looks.size:
-        return None
     begin = np.where(guards.order == 0, guards.first[0], -np.inf)[rows]
     highest = _highest(looks, ends, np.column_stack([begin, low]), taus)
     found = _first_negative(

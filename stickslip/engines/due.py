@@ -50,8 +50,6 @@ class Due:
         self.is_bounded[rows] = is_bounded
         self.is_root[rows] = False
         self.when[rows] = math.inf
-        if not rows.size or t >= parts.end:
-            return rows[:0]
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
         watched = parts.label[loose, None] * parts.watched[loose]
@@ -93,8 +91,6 @@ class Due:
         parts = self._parts
         t, due = float(parts.row_origin[j]), float(self.when[j])
         self.when[j] = math.inf
-        if t >= self._until(j):
-            return
         if parts.mode[j] == 0:
             self._refine_held(j, t, due)
             return

@@ -168,7 +168,7 @@ class _Rates:
         self._has_law = motion.has_law
         if motion.dependence is not None:
             return
-        q = motion.loads(taus) if not motion.system.dwelling.size else motion.inputs(taus, motion.y)
+        q = motion.inputs(taus, motion.y)
         self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
         if self._has_law:
             rest = np.zeros((size, taus.size))

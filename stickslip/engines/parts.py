@@ -22,8 +22,8 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-FREE, GROUND = -2, -1
-"""What leads a group: nothing, the ground, or the drive of that number."""
+UNLED = -2
+"""What leads a group: nothing; else it is -1, the ground, or the number of a drive."""
 
 _MANY = 120
 """Bodies in a patch from which its matrices are sparse."""
@@ -156,7 +156,7 @@ class Parts:
     @property
     def is_bent(self) -> Mask:
         """Which bodies follow no polynomial: neither the ground leads them nor a drive without sines."""
-        return np.asarray(self._bends_with[self.lead] if self._of_drives.any else self.lead == FREE)
+        return np.asarray(self._bends_with[self.lead] if self._of_drives.any else self.lead == UNLED)
 
     def bends(self, bodies: Indices) -> bool:
         """Tell whether the series of some bodies hold for a while only."""
@@ -174,7 +174,7 @@ class Parts:
         self.group = np.arange(n)
         self.members: dict[int, Indices] = {}
         self.inside: dict[int, Indices] = {}
-        self.lead = np.full(n, FREE)
+        self.lead = np.full(n, UNLED)
         self.groups = n
         if inner.size:
             graph = scipy.sparse.coo_array(
@@ -189,7 +189,7 @@ class Parts:
             for own in np.split(bodies, cuts):
                 if own.size > 1:
                     low, high = np.searchsorted(row_label, [label[own[0]], label[own[0]] + 1])
-                    self.join(own, rows[low:high], FREE)
+                    self.join(own, rows[low:high], UNLED)
         led = held[forest.parent[held] < 0]
         for j, i in zip(led.tolist(), forest.child[led].tolist(), strict=True):
             self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
@@ -334,7 +334,7 @@ class Parts:
             following: list[int] = []
             for g in edge:
                 own = [g] if g < self.forest.n else self.members[g].tolist()
-                if depth and lead[own[0]] != FREE:
+                if depth and lead[own[0]] != UNLED:
                     # what ground or drives lead hands nothing on
                     continue
                 for i in own:
@@ -398,7 +398,7 @@ class Parts:
         push = self.forces_at(bodies, t)
         series = np.zeros((first.size, self.velocity.shape[1]))
         series[:, 0] = v[first]
-        led = (lead != FREE).nonzero()[0]
+        led = (lead != UNLED).nonzero()[0]
         share = 1.0 / (inertia if own is None else np.bincount(own, inertia))
         if led.size:
             share[led] = series[led, 0] = 0.0

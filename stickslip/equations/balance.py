@@ -12,6 +12,7 @@ Rows that lock the same motion leave lambda undetermined; the forces of least no
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -39,7 +40,8 @@ _RIGID = 1e10
 class Balance:
     """Accelerations and held forces of one set of held rows.
 
-    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives.
+    `G` and `D` are the coefficients of the held rows on the free bodies and on the drives. ``component(some)`` returns
+    the component that some of these rows form, where many are known.
 
     Attributes
     ----------
@@ -57,14 +59,16 @@ class Balance:
         Forces that drives which move apart would need, for their accelerations; None where they cannot tear anything.
     """
 
-    def __init__(self, inertia: Array, G: Any, D: Any, among: Among | None = None) -> None:
+    def __init__(
+        self, inertia: Array, G: Any, D: Any, component: Callable[[Indices], _Eliminated] | None = None
+    ) -> None:
         self._inertia, self._is_sparse = inertia, not isinstance(G, np.ndarray)
         self._n, self.count = inertia.size, G.shape[0]
         self.loop = np.full(self.count, -1)
         self._large: list[tuple[Indices, _Tree]] = []
         if self._is_sparse:
             G, D = G.tocsr(), D.tocsr()
-            self._eliminate_many(G, D, among or Among(Components(inertia, G, D), np.arange(self.count)))
+            self._eliminate_many(G, D, component or Components(inertia, G, D).component)
         else:
             part = _Component(inertia, G, D)
             self.T, self.U, self.dependent = part.T, part.U, part.dependent
@@ -108,7 +112,7 @@ class Balance:
             # accelerations of all bodies from the forces on all bodies
             self._mobility = T @ self._reduced @ T.T
 
-    def _eliminate_many(self, G: Any, D: Any, among: Among) -> None:
+    def _eliminate_many(self, G: Any, D: Any, component: Callable[[Indices], _Eliminated]) -> None:
         """Eliminate each connected component of the held rows for itself."""
         n, h, d = self._n, self.count, D.shape[1]
         T, U, S = _Entries(), _Entries(), _Entries()
@@ -130,7 +134,7 @@ class Balance:
                 self._large.append((rows, tree))
                 S.block(rows, first + np.arange(own.size), np.zeros((rows.size, own.size)))
             else:
-                part = among.part(rows)
+                part = component(rows)
                 T.add(part.T)
                 U.add(part.U)
                 own = part.dependent
@@ -215,19 +219,19 @@ class Components:
 
     def __init__(self, inertia: Array, G: Any, D: Any) -> None:
         self._inertia, self._G, self._D = inertia, G, D
-        self._remembered = lru_cache(maxsize=_REMEMBERED)(self._part)
+        self._remembered = lru_cache(maxsize=_REMEMBERED)(self._eliminated)
 
-    def part(self, rows: Indices) -> _Part:
+    def component(self, rows: Indices) -> _Eliminated:
         """Return the component that rows form."""
-        return (self._remembered if rows.size <= _SMALL else self._part)(rows.tobytes())
+        return (self._remembered if rows.size <= _SMALL else self._eliminated)(rows.tobytes())
 
-    def _part(self, key: bytes) -> _Part:
+    def _eliminated(self, key: bytes) -> _Eliminated:
         rows = np.frombuffer(key, dtype=np.intp)
         G, D = self._G[rows], self._D[rows].toarray()
         bodies = np.unique(G.indices)
         found = _Component(self._inertia[bodies], G[:, bodies].toarray(), D)
         (i, j), (k, drive), (row, place) = found.T.nonzero(), found.U.nonzero(), found.S.nonzero()
-        return _Part(
+        return _Eliminated(
             (bodies[i], bodies[j], found.T[i, j]),
             (bodies[k], drive, found.U[k, drive]),
             (row, place, found.S[row, place]),
@@ -237,18 +241,7 @@ class Components:
         )
 
 
-class Among(NamedTuple):
-    """Held rows among all of a scene, by number."""
-
-    components: Components
-    rows: Indices
-
-    def part(self, some: Indices) -> _Part:
-        """Return the component that some of the held rows form."""
-        return self.components.part(self.rows[some])
-
-
-class _Part(NamedTuple):
+class _Eliminated(NamedTuple):
     """A connected component of held rows: entries of T and U, and of S for its rows and dependent bodies.
 
     `loop` is None where all forces are unique.

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy
 
+from stickslip.equations.loads import TableRegions
 from stickslip.equations.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
 
@@ -20,9 +21,6 @@ _CANCELLED = 1e-14
 
 _KEPT = 16
 """Values of a function that are remembered: the solver and its guards ask for the same ones."""
-
-Regions = tuple[int, ...] | None
-"""The region of each table in which a motion is; None where tables are looked up."""
 
 
 class Friction(Protocol):
@@ -33,7 +31,7 @@ class Friction(Protocol):
 
 
 @dataclass(frozen=True)
-class Part:
+class Forms:
     """Linear forms as small arrays: ``S y[columns] + P q[places]``."""
 
     columns: Indices
@@ -42,7 +40,7 @@ class Part:
     P: Array
 
     @classmethod
-    def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Part:
+    def of(cls, forms: Sequence[Form], place: Callable[[Key], int]) -> Forms:
         """Return forms as arrays; `place` tells where an input stands."""
         columns = sorted({i for form in forms for i in form.states})
         places = sorted({place(key) for form in forms for key in form.inputs})
@@ -76,7 +74,7 @@ class Dependence:
 
     Attributes
     ----------
-    arguments : list of Part
+    arguments : list of Forms
         What each node is a function of, a table what it is looked up at.
     tables : list of int
         The nodes that are tables.
@@ -85,7 +83,7 @@ class Dependence:
     columns : array of int
         The states that it reads.
     calls : int
-        How often functions have been called.
+        How often functions have been called since they were last forgotten.
     """
 
     def __init__(
@@ -97,13 +95,13 @@ class Dependence:
     ) -> None:
         self.nodes = list(nodes)
         self.calls, self._known = 0, [dict[tuple[float, ...], Array]() for _ in nodes]
-        self.arguments = [Part.of(node.arguments, place) for node in nodes]
+        self.arguments = [Forms.of(node.arguments, place) for node in nodes]
         starts = first + np.cumsum([0, *(node.width for node in nodes)])
         self._ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
         self.rows = np.array(sorted(normals), dtype=np.intp)
-        self._normals = Part.of([normals[j] for j in sorted(normals)], place)
+        self._normals = Forms.of([normals[j] for j in sorted(normals)], place)
         parts = [*self.arguments, self._normals]
-        self.columns = np.unique(np.concatenate([part.columns for part in parts]))
+        self.columns = np.unique(np.concatenate([forms.columns for forms in parts]))
         tables = {k: node.table for k, node in enumerate(nodes) if node.table is not None}
         self.tables = list(tables)
         self._lines = {k: np.array(table.lines) for k, table in tables.items()}
@@ -130,7 +128,7 @@ class Dependence:
                 open_ones.update(self.arguments[number].places.tolist())
         return frozenset(found)
 
-    def is_linear_in(self, regions: Regions) -> bool:
+    def is_linear_in(self, regions: TableRegions) -> bool:
         """Tell whether all is linear while tables follow the lines of some regions."""
         return self.is_linear and (regions is not None or not self.tables)
 
@@ -153,7 +151,7 @@ class Dependence:
         low = float(corners[region - 1]) if region > 0 else -math.inf
         return low, float(corners[region]) if region < corners.size else math.inf
 
-    def _line(self, k: int, x: Array, regions: Regions) -> Array:
+    def _line(self, k: int, x: Array, regions: TableRegions) -> Array:
         """Return offset and slope of a table, a line per value where its region is not given."""
         if regions is not None:
             return np.asarray(self._lines[k][regions[self.tables.index(k)]])
@@ -163,11 +161,11 @@ class Dependence:
         """Return how strongly states can change inputs at most by tables and sums, as a sparse matrix of sizes."""
         rows: dict[int, dict[int, float]] = {}
 
-        def enter(place: int, part: Part, line: int, slope: float) -> None:
+        def enter(place: int, forms: Forms, line: int, slope: float) -> None:
             found = rows.setdefault(place, {})
-            for column, c in zip(part.columns.tolist(), np.abs(part.S[line]).tolist(), strict=True):
+            for column, c in zip(forms.columns.tolist(), np.abs(forms.S[line]).tolist(), strict=True):
                 found[column] = found.get(column, 0.0) + slope * c
-            for other, c in zip(part.places.tolist(), np.abs(part.P[line]).tolist(), strict=True):
+            for other, c in zip(forms.places.tolist(), np.abs(forms.P[line]).tolist(), strict=True):
                 for column, of_other in rows.get(other, {}).items():
                     found[column] = found.get(column, 0.0) + slope * c * of_other
 
@@ -186,7 +184,8 @@ class Dependence:
         return found
 
     def forget(self) -> None:
-        """Forget the values of functions: they may not be the same in another run."""
+        """Forget the values of functions, which may not be the same in another run, and how often they were called."""
+        self.calls = 0
         for known in self._known:
             known.clear()
 
@@ -224,7 +223,7 @@ class Dependence:
         tau: Any,
         friction: Friction | None,
         wanted: Collection[int] | None = None,
-        regions: Regions = None,
+        regions: TableRegions = None,
     ) -> None:
         """Enter what depends on the state into the inputs, in place; columns where there are many times.
 
@@ -232,12 +231,12 @@ class Dependence:
         slow: only the nodes `wanted` are computed, None for all. Each table follows the line of its region, also beyond
         its borders; without `regions`, that of what it is looked up at.
         """
-        for number, (node, part, own) in enumerate(
+        for number, (node, forms, own) in enumerate(
             zip(self.nodes, self.arguments, self._ranges, strict=True)
         ):
             if wanted is not None and number not in wanted:
                 continue
-            arguments = part.at(y, q)
+            arguments = forms.at(y, q)
             if node.table is not None:
                 offset, slope = self._line(number, arguments[0], regions)
                 q[own] = offset + slope * arguments[0]
@@ -252,7 +251,7 @@ class Dependence:
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
-    def add_linear(self, q: Array, y: Array, regions: Regions) -> None:
+    def add_linear(self, q: Array, y: Array, regions: TableRegions) -> None:
         """Enter what depends linearly on the state, in place; columns where `q` and `y` have columns.
 
         These may be values, rates, Taylor coefficients or maps: the last input is the constant 1, which offsets of
@@ -271,8 +270,8 @@ class Dependence:
         `slopes` are the derivatives of functions with respect to their arguments, None where all are tables, and
         `values` the inputs themselves, None for their rates.
         """
-        for k, (part, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
-            sizes = part.sizes(y, q)
+        for k, (forms, own) in enumerate(zip(self.arguments, self._ranges, strict=True)):
+            sizes = forms.sizes(y, q)
             if slopes is not None:
                 # what adds up within a function is not known: no less than its value
                 q[own] += np.abs(slopes[k]) @ sizes + (0.0 if values is None else np.abs(values[own]))
@@ -298,26 +297,26 @@ class Dependence:
         return self.adds_up(q, y)
 
     def slopes(
-        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> Array:
         """Return the derivatives of the inputs with respect to the states `columns`."""
         found = np.zeros((q.size, self.columns.size))
         # what grows beyond all limits fails where it is a rate
         with np.errstate(over="ignore", invalid="ignore"):
             by_arguments = self.slopes_by_arguments(q, y, t, tau, friction, regions)
-            for slopes, part, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
-                found[own] = slopes @ part.slopes(self.columns, found)
+            for slopes, forms, own in zip(by_arguments, self.arguments, self._ranges, strict=True):
+                found[own] = slopes @ forms.slopes(self.columns, found)
             if self.rows.size:
                 found[self.rows] += self._normals.slopes(self.columns, found)
         return found
 
     def slopes_by_arguments(
-        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: Regions = None
+        self, q: Array, y: Array, t: float, tau: float, friction: Friction, regions: TableRegions = None
     ) -> list[Array]:
         """Return for each node the derivatives of its values with respect to its arguments, a line per value."""
         found = []
-        for number, (node, part) in enumerate(zip(self.nodes, self.arguments, strict=True)):
-            arguments = part.at(y, q)
+        for number, (node, forms) in enumerate(zip(self.nodes, self.arguments, strict=True)):
+            arguments = forms.at(y, q)
             if node.table is not None:
                 found.append(np.array([[self._line(number, arguments[0], regions)[1]]]))
             elif node.given is not None:

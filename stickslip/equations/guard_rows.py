@@ -187,7 +187,7 @@ class GuardRows:
         if order not in self._sizes:
             equations = self.equations
             system = equations.system
-            size, width = system.size, system.inputs + system.dwelling.size
+            size, width = system.size, system.inputs_and_dwells
             columns = size + (order + 1) * width
             found = None
             # it takes a product for each order

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -45,9 +45,9 @@ class GuardValues:
             self._constant[slips] = np.where(self.rests[slips] | within, 0.0, rows.threshold)
             self._has_constant = bool(self._constant.any())
         # functions of the state act on forces; of the others only normal forces may read them
-        self._wanted: Any = None
-        if rows.is_of_velocities:
-            self._wanted = motion.for_normals if rows.has_normals else ()
+        self._wanted: Collection[int] | None = None
+        if rows.is_of_velocities and motion.dependence is not None:
+            self._wanted = motion.dependence.for_normals
 
     def raw(self, z: Array, q: Array) -> Array:
         """Return the guards as they are, one column per time where `z` and `q` have columns."""

@@ -65,7 +65,7 @@ class Guards(GuardsAtStart):
         found = np.zeros(self.size)
         amplitudes = motion.stretch.amplitudes
         for i in amplitudes.nonzero()[0].tolist():
-            q = np.zeros(system.inputs + system.dwelling.size)
+            q = np.zeros(system.inputs_and_dwells)
             q[i] = amplitudes[i]
             found += self.rows.majorants(np.abs(motion.equations.respond(q)[system.size :]), q)
         return found
@@ -218,7 +218,7 @@ class Guards(GuardsAtStart):
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
         g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
         half = 0.5 * np.diff(path.taus)
-        middle, slope = np.zeros((2, system.inputs + system.dwelling.size, k))
+        middle, slope = np.zeros((2, system.inputs_and_dwells, k))
         middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
         slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
         for j, q in enumerate((middle, slope)):

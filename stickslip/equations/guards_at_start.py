@@ -106,55 +106,19 @@ class GuardsAtStart(GuardValues):
             self._look_closer(some.tolist(), fired)
 
     def _look_closer(self, close: list[int], fired: Mask) -> None:
-        coefficients, majorant = self.first, self.majorant
-        size, motion, modes = self.scale, self.motion, self.motion.equations.modes
-        led = motion.stretch.has_functions and motion.equations.is_driven
-        has_fired = np.append(fired, False)[self.row]
-        of_stop = np.zeros(self.size, dtype=bool)
-        if self.rows.has_borders:
-            functions = motion.system.piecewise
-            owner = functions.owner[motion.equations.borders]
-            of_stop[self.is_border] = functions.is_stop[owner]
-            # a stop that was closed is at its limit, too, as the solver or roundoff has left it
-            has_fired[self.is_border] = (
-                functions.is_stop[owner] & (fired | self.at_rest)[functions.row[owner]]
-            )
+        """Tell of guards near 0 whether they are 0, and how these leave it."""
+        motion = self.motion
+        has_fired, of_stop = self._at_limit(fired)
         for i in close:
-            flat = 0.0
-            closeness = _AS_FIRED if has_fired[i] else AT_LIMIT
-            rough = (_BY_DIFFERENCES if led and self.rows.is_force[i] else ROUNDOFF) * majorant[0, i]
-            if self.is_velocity[i] and not self._constant[i]:
-                if not self.rests[i]:
-                    self.violated[i] = coefficients[0, i] < -self.velocity_uncertainty
-                    continue
-                if modes[self.row[i]] == OPEN:
-                    # nothing but roundoff is uncertain where no force can hold it
-                    limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
-                else:
-                    # where a load is a function, its slopes are as uncertain as the time
-                    near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
-                    found_at = _AS_FIRED * self._given_at_level(i) if has_fired[i] else 0.0
-                    limits = [
-                        max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i],
-                        AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i],
-                    ]
+            passes_0 = self.is_velocity[i] and not self._constant[i]
+            if passes_0:
+                found = self._roundoff_of_velocity(i, has_fired[i]) if self.rests[i] else None
             else:
-                reach = closeness * size[i] + rough
-                if of_stop[i] and coefficients[0, i] <= 0:
-                    # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
-                    reach = np.inf
-                elif of_stop[i] and not has_fired[i]:
-                    # in flight it is not at its limit, however low it flies: there it rebounds
-                    reach = STRETCH_ROUNDOFF * majorant[0, i]
-                if not abs(coefficients[0, i]) <= reach:
-                    self.violated[i] = coefficients[0, i] < 0
-                    continue
-                flat = AT_LIMIT * size[i] + rough
-                limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
-                if of_stop[i] and coefficients[1, i] > limits[0]:
-                    # a stop that has rebounded leaves its limit, however soon the motion ends; but a solver's points
-                    # cannot tell less than roundoff
-                    flat = rough if self.velocity_uncertainty else 0.0
+                found = self._roundoff_of_level(i, has_fired[i], of_stop[i])
+            if found is None:
+                self.violated[i] = self.first[0, i] < (-self.velocity_uncertainty if passes_0 else 0.0)
+                continue
+            limits, flat = found
             if not motion.is_linear:
                 limits[1] += _DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)
@@ -164,6 +128,52 @@ class GuardsAtStart(GuardValues):
                 self.order[i], self.is_plain = order, False
                 moves = self.is_velocity[i] and not motion.is_linear and not self._never[i]
                 self.lets_go[i] = has_fired[i] and moves and order == NEVER
+
+    def _at_limit(self, fired: Mask) -> tuple[Mask, Mask]:
+        """Return the guards of rows that have been found at their limit, and those of stops."""
+        has_fired, of_stop = np.append(fired, False)[self.row], np.zeros(self.size, dtype=bool)
+        if self.rows.has_borders:
+            functions = self.motion.system.piecewise
+            owner = functions.owner[self.motion.equations.borders]
+            of_stop[self.is_border] = functions.is_stop[owner]
+            # a stop that was closed is at its limit, too, as the solver or roundoff has left it
+            has_fired[self.is_border] = (
+                functions.is_stop[owner] & (fired | self.at_rest)[functions.row[owner]]
+            )
+        return has_fired, of_stop
+
+    def _roundoff_of_velocity(self, i: int, has_fired: bool) -> tuple[list[float], float]:
+        """Return within what the first two derivatives of a velocity that is 0 are roundoff, and 0."""
+        motion, majorant = self.motion, self.majorant
+        if motion.equations.modes[self.row[i]] == OPEN:
+            # nothing but roundoff is uncertain where no force can hold it
+            return [ROUNDOFF * majorant[k, i] for k in (1, 2)], 0.0
+        # where a load is a function, its slopes are as uncertain as the time
+        near = self._adds_up if motion.stretch.is_straight or motion.is_linear else majorant
+        found_at = _AS_FIRED * self._given_at_level(i) if has_fired else 0.0
+        first = max(AT_LIMIT * near[1, i], found_at) + ROUNDOFF * majorant[1, i]
+        return [first, AT_LIMIT * near[2, i] + ROUNDOFF * majorant[2, i]], 0.0
+
+    def _roundoff_of_level(self, i: int, has_fired: bool, of_stop: bool) -> tuple[list[float], float] | None:
+        """Return the same of what is compared with a level, and within what it is at that; None where it is not."""
+        motion, coefficients, majorant = self.motion, self.first, self.majorant
+        led = self.rows.is_force[i] and motion.stretch.has_functions and motion.equations.is_driven
+        rough = (_BY_DIFFERENCES if led else ROUNDOFF) * majorant[0, i]
+        reach = (_AS_FIRED if has_fired else AT_LIMIT) * self.scale[i] + rough
+        if of_stop and coefficients[0, i] <= 0:
+            # a stop cannot pass its limit: what is beyond it is what the solver or roundoff left
+            reach = np.inf
+        elif of_stop and not has_fired:
+            # in flight it is not at its limit, however low it flies: there it rebounds
+            reach = STRETCH_ROUNDOFF * majorant[0, i]
+        if not abs(coefficients[0, i]) <= reach:
+            return None
+        limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
+        if of_stop and coefficients[1, i] > limits[0]:
+            # a stop that has rebounded leaves its limit, however soon the motion ends; but a solver's points cannot
+            # tell less than roundoff
+            return limits, rough if self.velocity_uncertainty else 0.0
+        return limits, AT_LIMIT * self.scale[i] + rough
 
     def _way_out(self, i: int, limits: list[float], flat: float) -> int:
         """Return the order with which a guard leaves 0: the first one that brings it beyond `flat` by the horizon."""

@@ -20,6 +20,8 @@ _DIFFERENCE = 1e-5
 _BESIDE = 1e-11
 """Part of a border within which a table is not left: roundoff."""
 
+_NO_ROWS = np.empty(0, dtype=np.intp)
+
 
 class Inputs:
     """The inputs along a motion from a state on, and the states that its modes allow.
@@ -32,12 +34,12 @@ class Inputs:
         self.equations, self.stretch, self.t, self.y, self.since = equations, stretch, t, y, since
         system = self.system = equations.system
         self.horizon = stretch.stop - t
-        self.dependence, self.regions = system.dependence, stretch.regions
+        self.dependence, self.table_regions = system.dependence, stretch.table_regions
         self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
-        self._dwelling = system.dwelling
+        self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
-        if self._dwelling.size:
-            self._place_dwells()
+        if equations.resting_dwells.size:
+            self._place_rising()
 
     def exact(self, tau: float | Array, y: Array) -> Array:
         """Return a state (or columns) with dependent velocities written through T."""
@@ -56,11 +58,6 @@ class Inputs:
 
     # -- values --------------------------------------------------------------------------------------------
 
-    @property
-    def for_normals(self) -> Collection[int]:
-        """The functions and tables of the state on which normal forces depend."""
-        return () if self.dependence is None else self.dependence.for_normals
-
     def loads(self, tau: float | Array) -> Array:
         """Return the inputs that loads are at local time `tau`, without what depends on the state."""
         if isinstance(tau, np.ndarray):
@@ -76,15 +73,15 @@ class Inputs:
         q = self.loads(tau)
         if self.dependence is not None:
             y = self.exact(tau, y)
-            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.regions)
-        if not self._dwelling.size:
+            self.dependence.fill(q, y, self.t + tau, tau, self, wanted, self.table_regions)
+        if not self.system.dwelling.size:
             return q
-        full = np.zeros((q.shape[0] + self._dwelling.size, *q.shape[1:]))
+        full = np.zeros((self.system.inputs_and_dwells, *q.shape[1:]))
         full[: q.shape[0]] = q
         if self._rising.size:
             age, rate = (self._age[:, None], self._rate[:, None]) if many else (self._age, self._rate)
             decay = np.exp(-(age + rate * tau))
-            full[q.shape[0] + self._rising] = decay * q[self._dwelling[self._rising]]
+            full[q.shape[0] + self._rising] = decay * q[self._rising_rows]
         return full
 
     @cached_property
@@ -103,7 +100,7 @@ class Inputs:
 
         The motion need not be followed any further: on a line that tables have left it may grow beyond all bounds.
         """
-        if not self.regions:
+        if not self.table_regions:
             return False
         low, high = self._limits
         x = self.looked_up(tau, y).T
@@ -115,7 +112,7 @@ class Inputs:
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)
         low, high = np.array(
-            [self.dependence.borders(k, region) for k, region in enumerate(self.regions or ())]
+            [self.dependence.borders(k, region) for k, region in enumerate(self.table_regions or ())]
         ).T
         low, high = np.minimum(low, x), np.maximum(high, x)
         size = np.max(np.where(np.isfinite([low, high, x]), np.abs([low, high, x]), 0.0), axis=0)
@@ -137,12 +134,12 @@ class Inputs:
         rate = self.stretch.rate(self.t + tau)
         if self.dependence is not None:
             self._add_rates(rate, tau, y, y_rate)
-        if not self._dwelling.size:
+        if not self.system.dwelling.size:
             return rate
-        full = np.zeros(rate.size + self._dwelling.size)
+        full = np.zeros(self.system.inputs_and_dwells)
         full[: rate.size] = rate
         if self._rising.size:
-            rows = self._dwelling[self._rising]
+            rows = self._rising_rows
             decay = np.exp(-(self._age + self._rate * tau))
             normal = self.inputs(tau, y)[rows]
             full[rate.size + self._rising] = decay * (rate[rows] - self._rate * normal)
@@ -153,7 +150,7 @@ class Inputs:
         dependence = self.dependence
         assert dependence is not None
         if dependence.is_linear:
-            dependence.add_linear(rate, y_rate, self.regions)
+            dependence.add_linear(rate, y_rate, self.table_regions)
             return
         d, count = self.difference_step, rate.size
         now, soon, later = (self.inputs(tau + k * d, y + k * d * y_rate)[:count] for k in (0, 1, 2))
@@ -165,28 +162,26 @@ class Inputs:
         dependence = self.dependence
         assert dependence is not None
         q = self.inputs(tau, y)
-        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.regions)
-        if self._dwelling.size and self._rising.size:
-            rows = self._dwelling[self._rising]
+        found = dependence.slopes(q, self.exact(tau, y), self.t + tau, tau, self, self.table_regions)
+        if self._rising.size:
             decay = np.exp(-(self._age + self._rate * tau))
-            found[self.system.inputs + self._rising] = decay[:, None] * found[rows]
+            found[self.system.inputs + self._rising] = decay[:, None] * found[self._rising_rows]
         return found
 
     # -- levels that rise, and sines -----------------------------------------------------------------------
 
-    def _place_dwells(self) -> None:
-        """Rows whose static coefficient is still rising."""
-        places = self._rising = self.equations.resting_dwells
-        if not places.size:
-            return
-        rows = self._dwelling[places]
-        self._rate = 1.0 / self.system.dwell[rows]
-        self._age = (self.t - self.since[rows]) * self._rate
-        young = self._age < DWELL_OVER
+    def _place_rising(self) -> None:
+        """Find the rows whose static coefficient is still rising, and the places of their dwells."""
+        places = self.equations.resting_dwells
+        rows = self.system.dwelling[places]
+        rate = 1.0 / self.system.dwell[rows]
+        age = (self.t - self.since[rows]) * rate
+        young = age < DWELL_OVER
         if not young.all():
-            self._rising, self._rate, self._age = places[young], self._rate[young], self._age[young]
-        if self._rising.size:
-            self._over = float(((DWELL_OVER - self._age) / self._rate).max())
+            places, rows, rate, age = places[young], rows[young], rate[young], age[young]
+        self._rising, self._rising_rows, self._rate, self._age = places, rows, rate, age
+        if places.size:
+            self._over = float(((DWELL_OVER - age) / rate).max())
 
     def is_rising(self, tau: float) -> bool:
         """Tell whether a static coefficient still rises at local time `tau`."""
@@ -195,17 +190,17 @@ class Inputs:
     @cached_property
     def shortest_dwell(self) -> float:
         """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
-        return 1.0 / float(self._rate.max()) if self._dwelling.size and self._rising.size else 0.0
+        return 1.0 / float(self._rate.max()) if self._rising.size else 0.0
 
     @property
     def dwell_times(self) -> Array:
         """Dwell times of the rows whose static coefficients are still rising, each once."""
-        return np.unique(1.0 / self._rate) if self._dwelling.size and self._rising.size else np.empty(0)
+        return np.unique(1.0 / self._rate) if self._rising.size else np.empty(0)
 
     def withheld(self, taus: Array) -> Array:
         """Return the part of each dwell's rise that is still withheld at local times, one column each."""
-        found = np.zeros((self._dwelling.size, taus.size))
-        if self._dwelling.size and self._rising.size:
+        found = np.zeros((self.system.dwelling.size, taus.size))
+        if self._rising.size:
             found[self._rising] = np.exp(-(self._age[:, None] + np.multiply.outer(self._rate, taus)))
         return found
 
@@ -217,7 +212,7 @@ class Inputs:
             return True
         system, entries = self.system, stretch.amplitudes.nonzero()[0]
         # each by itself: two that cancel at their peaks move something all the same
-        each = np.zeros((system.inputs + self._dwelling.size, entries.size))
+        each = np.zeros((system.inputs_and_dwells, entries.size))
         each[entries, np.arange(entries.size)] = stretch.amplitudes[entries]
         rate, _ = equations.magnitudes(np.zeros(system.size), each.sum(axis=1))
         moved = np.abs(equations.respond(each)[: system.size]) > 1e-12 * rate[:, None]
@@ -240,13 +235,13 @@ class Inputs:
 
         With `frozen` they keep the values that they have at `tau`.
         """
-        if not (self._dwelling.size and self._rising.size):
+        if not self._rising.size:
             return None
         age = self._age + self._rate * tau
         live = (age < DWELL_OVER).nonzero()[0]
         if not live.size:
             return None
-        rows, places = self._dwelling[self._rising[live]], self.system.inputs + self._rising[live]
+        rows, places = self._rising_rows[live], self.system.inputs + self._rising[live]
         found = np.zeros((order + 1, live.size))
         found[0] = np.exp(-age[live])
         for k in range(0 if frozen else order):
@@ -256,11 +251,10 @@ class Inputs:
     def _input_series(self, tau: float, order: int, scale: float, frozen: bool) -> Array:
         """Return the Taylor coefficients of inputs and dwells without what depends on the state, a row per order."""
         series = self.stretch.taylor(self.t + tau, order, scale, not (frozen and self.waves_rest))
-        if not self._dwelling.size:
+        if not self.system.dwelling.size:
             return series
-        inputs = self.system.inputs
-        full = np.zeros((order + 1, inputs + self._dwelling.size))
-        full[:, :inputs] = series
+        full = np.zeros((order + 1, self.system.inputs_and_dwells))
+        full[:, : self.system.inputs] = series
         decaying = self.decay(tau, order, scale, frozen)
         if decaying is not None:
             rows, places, decay = decaying
@@ -272,21 +266,21 @@ class Inputs:
         """Return the Taylor coefficients of inputs and dwells, from those of the states."""
         found = self._input_series(tau, y.shape[0] - 1, scale, frozen)
         if self.dependence is not None:
-            self.dependence.add_linear(found.T[: self.system.inputs], y.T, self.regions)
+            self.dependence.add_linear(found.T[: self.system.inputs], y.T, self.table_regions)
         return found
 
     def _extended(self, tau: float, y: Array) -> Array:
         """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
         stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
-        count = self._dwelling.size
+        count = self.system.dwelling.size
         x = np.zeros(size + 2 * inputs + 2 * count)
         x[:size] = y
         q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
         np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
         q += stretch.value
         slope[:] = stretch.slope
-        if count and tau < self._over:
-            rows = self._dwelling[self._rising]
+        if tau < self._over:
+            rows = self._rising_rows
             age = self._age + self._rate * tau
             factor = np.exp(-age) if tau == 0 else np.where(age < DWELL_OVER, np.exp(-age), 0.0)
             dwells = x[size + 2 * inputs :].reshape(2, count)
@@ -306,22 +300,20 @@ class Inputs:
 
     def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
         """Tell whether a static coefficient of one of these rows still rises at the start."""
-        if not (self._dwelling.size and self._rising.size):
-            return False
-        return bool(np.isin(self._dwelling[self._rising], rows).any())
+        return self._rising.size > 0 and bool(np.isin(self._rising_rows, rows).any())
 
     # -- what adds up --------------------------------------------------------------------------------------
 
     def _input_magnitudes(self, order: int) -> Array:
         """Return what adds up in inputs and dwells at the start, an order per row, without feedback."""
         parts = self.stretch.magnitudes(self.t, order)
-        if not self._dwelling.size:
+        if not self.system.dwelling.size:
             return parts
         inputs = self.system.inputs
-        found = np.zeros((order + 1, inputs + self._dwelling.size))
+        found = np.zeros((order + 1, self.system.inputs_and_dwells))
         found[:, :inputs] = parts
         if self._rising.size:
-            normals = parts[:, self._dwelling[self._rising]]
+            normals = parts[:, self._rising_rows]
             decay = self.system.decays(order)[:, self._rising]
             rises = np.zeros(normals.shape)
             for k in range(order + 1 if self.stretch.has_waves else 2):
@@ -340,7 +332,9 @@ class Inputs:
     def _slopes_by_arguments(self) -> list[Array]:
         assert self.dependence is not None
         y = self.exact(0.0, self.y)
-        return self.dependence.slopes_by_arguments(self.start_inputs, y, self.t, 0.0, self, self.regions)
+        return self.dependence.slopes_by_arguments(
+            self.start_inputs, y, self.t, 0.0, self, self.table_regions
+        )
 
 
 class Linked:
@@ -349,7 +343,7 @@ class Linked:
     def __init__(self, motion: Inputs, tau: float, order: int, scale: float, frozen: bool) -> None:
         self._motion = motion
         self.loads = motion.stretch.taylor(motion.t + tau, order, scale)
-        self.q = np.zeros((order + 1, motion.system.inputs + motion.system.dwelling.size))
+        self.q = np.zeros((order + 1, motion.system.inputs_and_dwells))
         self._decay = motion.decay(tau, order, scale, frozen)
 
     def part(self, k: int, y: Array) -> Array:
@@ -359,7 +353,7 @@ class Linked:
         own = full[: motion.system.inputs]
         own[:] = self.loads[k]
         assert motion.dependence is not None
-        motion.dependence.add_linear(own, y, motion.regions)
+        motion.dependence.add_linear(own, y, motion.table_regions)
         if self._decay is not None:
             rows, places, decay = self._decay
             full[places] = _of_product(decay, self.q[:, rows], k)

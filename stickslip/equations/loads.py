@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +19,19 @@ from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, S
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
 """The entries to which sines are added, and how fast these turn in rad/s."""
 
+TableRegions = tuple[int, ...] | None
+"""The region of each table in which a motion is; None where tables are looked up."""
+
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
+
+
+class Span(NamedTuple):
+    """The time span of a run."""
+
+    start: float
+    stop: float
+    is_stepped: bool = False  # whether a fixed-step method reads the loads
 
 
 class Loads:
@@ -37,7 +49,7 @@ class Loads:
         Times at which any signal breaks, each once, in order.
     has_functions : bool
         Whether any signal is a function without a known Taylor series.
-    regions : tuple of int or None
+    table_regions : tuple of int or None
         The region of each table of the state in which the run is; None where they are looked up.
     beside : array of float
         How far beside its region each table may be looked up: roundoff.
@@ -68,7 +80,7 @@ class Loads:
         levels = [s.value if isinstance(s, Constant) else 0.0 for s in self._signals]
         self._constant = np.array([*levels, *[0.0] * len(rates), 1.0])
         self._known: dict[int, Stretch] = {}
-        self.regions: tuple[int, ...] | None = None
+        self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
 
     def goes_on(self, t: float) -> bool:
@@ -95,7 +107,7 @@ class Loads:
             if len(self._known) * self.size >= _MOST_ENTRIES:
                 self._known.clear()
             self._known[number] = found
-        found.regions, found.beside = self.regions, self.beside
+        found.table_regions, found.beside = self.table_regions, self.beside
         return found
 
     def _stretch(self, t: float, stop: float) -> Stretch:
@@ -136,8 +148,8 @@ class Loads:
 class Stretch:
     """The input vector between two breaks: ``q = value + slope (t - start) + sines + functions``.
 
-    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `regions` those of tables
-    in which motions begin; `beside` these they may be looked up by so much.
+    `value` and `slope` are the straight part, `bent` the entries that are not straight, and `table_regions` those in
+    which motions begin; `beside` these tables may be looked up by so much.
     """
 
     def __init__(
@@ -150,7 +162,7 @@ class Stretch:
         functions: Sequence[tuple[int, Signal]],
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
-        self.regions: tuple[int, ...] | None = None
+        self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
         self.has_waves, self.has_functions = bool(waves), bool(functions)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.guard_rows import GuardRows
-from stickslip.equations.loads import Waves
+from stickslip.equations.loads import TableRegions, Waves
 from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima, scaled, stacked
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
@@ -105,7 +105,7 @@ class ModeEquations:
         self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
         self._quantities = system.size + self.rows + self.guards.size
-        self._maps: dict[tuple[bool, tuple[int, ...] | None, Waves], TaylorMap] = {}
+        self._maps: dict[tuple[bool, TableRegions, Waves], TaylorMap] = {}
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (
@@ -156,7 +156,7 @@ class ModeEquations:
         side[modes == AT_LOW] = 1
         self.side = side
         plain, top = self.slip[~system.laws.curved[self.slip]], self.at_level
-        total = system.inputs + system.dwelling.size
+        total = system.inputs_and_dwells
         entries = Triplets()
         entries.extend(plain, plain, modes[plain] * system.mu_c[side[plain], plain])
         if top.size:
@@ -217,7 +217,7 @@ class ModeEquations:
     @cached_property
     def _BH(self) -> Any:
         """The map from inputs, of a small scene."""
-        return self._of_inputs(np.eye(self.system.inputs + self.system.dwelling.size))
+        return self._of_inputs(np.eye(self.system.inputs_and_dwells))
 
     @cached_property
     def _KL(self) -> Any:
@@ -265,14 +265,12 @@ class ModeEquations:
         guards = self.guards
         return np.vstack([self._AE, guards.by_state]), np.vstack([self._BH, guards.by_input])
 
-    def taylor(
-        self, order: int, frozen: bool, lines: tuple[int, ...] | None, waves: Waves
-    ) -> TaylorMap | None:
+    def taylor(self, order: int, frozen: bool, table_regions: TableRegions, waves: Waves) -> TaylorMap | None:
         """Return the map to Taylor coefficients up to an order at least, None where it would be large.
 
-        Where it is `frozen` static coefficients keep their values; `lines` are those that tables of the state follow.
+        Where it is `frozen` static coefficients keep their values.
         """
-        key = frozen, lines, waves
+        key = frozen, table_regions, waves
         found = self._maps.get(key)
         if found is None or found.order < order:
             system = self.system
@@ -280,7 +278,7 @@ class ModeEquations:
                 return None
             of, link = system.dependence, None
             if of is not None:
-                link = partial(of.add_linear, regions=lines)
+                link = partial(of.add_linear, regions=table_regions)
             if not frozen and (self.feeds_back or of is not None):
                 # what follows the start asks for more
                 order = max(order, ORDER)
@@ -452,7 +450,7 @@ class ModeEquations:
     @cached_property
     def _sizes(self) -> Array | None:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
-        columns = self.system.size + self.system.inputs + self.system.dwelling.size
+        columns = self.system.size + self.system.inputs_and_dwells
         if not is_quickly_made(self.system, columns, self.system.size + self.rows):
             return None
         units = np.eye(columns)

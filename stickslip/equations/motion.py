@@ -69,7 +69,7 @@ class Motion(Inputs):
         super().__init__(equations, stretch, t, y, since)
         self.has_law = equations.velocity_dependent.size > 0
         self.has_functions = stretch.has_functions or not (
-            self.dependence is None or self.dependence.is_linear_in(self.regions)
+            self.dependence is None or self.dependence.is_linear_in(self.table_regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
         self._at_start: tuple[TaylorMap, Array] | None = None
@@ -125,7 +125,7 @@ class Motion(Inputs):
             or self.dependence is not None
         ):
             return None
-        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs + self._dwelling.size)
+        value, slope = self.inputs(0.0, self.y), np.zeros(system.inputs_and_dwells)
         slope[: system.inputs] = self.stretch.slope
         rows, none = equations.velocity_dependent, np.zeros(system.size)
         w, bend = (system.relative_velocity(none, q)[rows] for q in (value, slope))
@@ -184,10 +184,6 @@ class Motion(Inputs):
     def law_forces(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return the friction forces that depend on velocity; the inputs `q` need not be given."""
         return self.equations.law.forces(*self.law_arguments(tau, y, q))
-
-    def law_slopes(self, tau: float, y: Array) -> Array:
-        """Return the derivatives of the friction forces that depend on velocity with respect to it."""
-        return self.equations.law.slopes(*self.law_arguments(tau, y))
 
     def both(self, tau: float | Array, y: Array, q: Array | None = None) -> Array:
         """Return ``y'`` and what is watched in one array; states are columns where `tau` is an array.
@@ -355,7 +351,9 @@ class Motion(Inputs):
         size = system.size
         swings = self.stretch.has_waves and not (frozen and self.waves_rest)
         if not (self._rises_with_state or (swings and self._rises_with_waves)):
-            taylor = equations.taylor(order, frozen, self.regions, self.stretch.waves if swings else ((), ()))
+            taylor = equations.taylor(
+                order, frozen, self.table_regions, self.stretch.waves if swings else ((), ())
+            )
             if taylor is not None and taylor.reaches(scale):
                 y, z, g = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
                 return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)

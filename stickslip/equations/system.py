@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import scipy
 
-from stickslip.equations.balance import Among, Balance, Components
-from stickslip.equations.dependence import Dependence, Friction, Part
-from stickslip.equations.loads import Loads
+from stickslip.equations.balance import Balance, Components
+from stickslip.equations.dependence import Dependence, Forms, Friction
+from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
@@ -46,12 +46,14 @@ _NO_LAW = DryFriction(0.0, 0.0)
 class System:
     """A scene compiled to constant matrices. It never changes.
 
-    `watched` are quantities that are to be known, too: nothing depends on them.
+    `observed` are quantities that are to be known, too: nothing depends on them.
 
     Attributes
     ----------
     n, drives, m, size, inputs : int
         Numbers of bodies, drives, rows, states and inputs.
+    inputs_and_dwells : int
+        The number of inputs followed by ``exp(-age / dwell) N`` of the rows with a dwell time.
     G, D : array or sparse (m, n), (m, drives)
         Coefficients of the rows on bodies and drives.
     C, Q : array or sparse (n, size), (n, inputs)
@@ -66,9 +68,9 @@ class System:
         Rows whose normal force depends on the state: guards tell where they open and close.
     """
 
-    def __init__(self, scene: Scene, watched: Sequence[Load] = ()) -> None:
-        self.scene, self.watched = scene, tuple(watched)
-        book = Book(scene.elements, watched)
+    def __init__(self, scene: Scene, observed: Sequence[Load] = ()) -> None:
+        self.scene, self.observed = scene, tuple(observed)
+        book = Book(scene.elements, observed)
         self.index, self.rows = book.index, book.rows
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
@@ -121,24 +123,24 @@ class System:
         self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_inputs(self, book: Book) -> None:
-        """Resolve what forces depend on, and give every input its place."""
-        m, drives = self.m, self.drives
-        reader = Reader(book, self.position_state, self.blocks)
-        parts = [_parts(load) for _, load, _ in book.forces]
-        self.pushes = [
-            (i, reader.form(linear, label))
-            for (i, _, label), (_, linear) in zip(book.forces, parts, strict=True)
-            if linear is not None
-        ]
+        """Resolve what forces, blocks and events of the user depend on, and give every input its place."""
+        reader = self.reader = Reader(book, self.position_state, self.blocks)
+        forces = [_parts(load) for _, load, _ in book.forces]
         pressed = [_parts(row.normal) for row in book.rows]
         self.normals = [own for own, _ in pressed]
         self.pressed = np.array([linear is not None for _, linear in pressed], dtype=bool)
+        # signals and functions become inputs as they are read
+        self.pushes = [
+            (i, reader.form(linear, label))
+            for (i, _, label), (_, linear) in zip(book.forces, forces, strict=True)
+            if linear is not None
+        ]
         normals = {
             j: reader.form(linear, f"the normal force of contact {book.rows[j].name!r}")
             for j, (_, linear) in enumerate(pressed)
             if linear is not None
         }
-        rates = {
+        self._rates = {
             place.first + k: form
             for place in self.blocks.values()
             for k, form in enumerate(reader.rates(place.block))
@@ -148,47 +150,47 @@ class System:
             for place in self.blocks.values()
             if isinstance(place.block, Sampled)
         ]
-        on_forces = len(reader.nodes)
-        seen = [reader.form(load, "the quantity of an event") for load in book.watched]
-        first_signal = m + len(book.forces)
-        first_node = first_signal + len(reader.signals)
-        widths = [node.width for node in reader.nodes]
-        self.others = [
-            *(own for own, _ in parts),
-            *reader.signals,
-            *[ZERO] * sum(widths),
-            *(drive.velocity for drive in book.drives),
-        ]
-        self.force_count = len(book.forces)
-        self.first_force, self.first_drive = m, first_node + sum(widths)
-        self.first_acceleration = self.first_drive + drives
-        self.inputs = self.first_acceleration + drives + 1
-        starts = first_node + np.cumsum([0, *widths])
-        firsts = {
+        acting = len(reader.nodes)
+        observed = [reader.form(load, "the quantity of an event") for load in book.observed]
+        self._number_inputs(book, [own for own, _ in forces])
+        place, first_of_node = self._place, self._first_of_node.tolist()
+        self.sampled = [(own, block, Forms.of(forms, place)) for own, block, forms in sampled]
+        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
+        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
+        nodes = reader.nodes[:acting]
+        self.dependence = Dependence(nodes, first_of_node[0], normals, place) if nodes or normals else None
+        self._observed = Forms.of(observed, place)
+        self._only_observed = Dependence(reader.nodes[acting:], first_of_node[acting], {}, place)
+        read = [self._observed, *self._only_observed.arguments]
+        places = [at for forms in read for at in forms.places.tolist()]
+        self.for_observed = self.dependence.before(places) if self.dependence is not None else frozenset()
+        """The nodes that act and on which observed quantities depend."""
+
+    def _number_inputs(self, book: Book, forces: Sequence[Signal]) -> None:
+        """Number the inputs: normal forces, forces, signals, functions, velocities and accelerations of drives, 1."""
+        widths = [node.width for node in self.reader.nodes]
+        signals = self.reader.signals
+        velocities = [drive.velocity for drive in book.drives]
+        self.others = [*forces, *signals, *[ZERO] * sum(widths), *velocities]
+        self.first_force = self.m
+        first_signal = self.first_force + len(forces)
+        self._first_of_node = first_signal + len(signals) + np.cumsum([0, *widths])
+        self.first_drive = int(self._first_of_node[-1])
+        self.first_acceleration = self.first_drive + self.drives
+        self.inputs = self.first_acceleration + self.drives + 1
+        self._first_of_kind = {
             "normal": 0,
             "signal": first_signal,
             "drive": self.first_drive,
             "one": self.inputs - 1,
         }
 
-        def place(key: Key) -> int:
-            kind, k, which = key
-            return int(starts[k]) + which if kind == "node" else firsts[kind] + k
-
-        self._place = place
-        self._rates = rates
-        self.sampled = [(own, block, Part.of(forms, place)) for own, block, forms in sampled]
-        self.reader = reader
-        clocked = [np.arange(own.first, own.end) for own, _, _ in sampled]
-        self.clocked = np.concatenate([np.empty(0, dtype=np.intp), *clocked])
-        nodes = reader.nodes[:on_forces]
-        self.dependence = Dependence(nodes, first_node, normals, place) if nodes or normals else None
-        self._seen = Part.of(seen, place)
-        self._only_seen = Dependence(reader.nodes[on_forces:], int(starts[on_forces]), {}, place)
-        read = [self._seen, *self._only_seen.arguments]
-        watched = [place for part in read for place in part.places.tolist()]
-        self.for_watched = self.dependence.before(watched) if self.dependence is not None else frozenset()
-        """The nodes that act and on which watched quantities depend."""
+    def _place(self, key: Key) -> int:
+        """Return where an input stands."""
+        kind, number, which = key
+        return (
+            int(self._first_of_node[number]) + which if kind == "node" else self._first_of_kind[kind] + number
+        )
 
     def _place_laws(self, book: Book) -> None:
         c = self.laws
@@ -222,6 +224,7 @@ class System:
         self.holds_more = (self.mu_s > self.least) & self.hard
         dwells = (self.rise.max(axis=0, initial=0.0) > 0) & self.hard
         self.dwelling = dwells.nonzero()[0]
+        self.inputs_and_dwells = self.inputs + self.dwelling.size
         self.dwell_place = np.full(self.m, -1)
         self.dwell_place[self.dwelling] = np.arange(self.dwelling.size)
         self.largest_coefficient = np.maximum(self.mu_s, self.least).max(axis=0, initial=0.0)
@@ -353,12 +356,12 @@ class System:
         A ValueError names block, time and arguments where a block returns what are no finite numbers.
         """
         after = y
-        for place, block, part in self.sampled:
+        for place, block, read in self.sampled:
             if not block.is_due(t, start):
                 continue
             if after is y:
                 after = y.copy()
-            x, u = y[place.first : place.first_held], part.at(y, q)
+            x, u = y[place.first : place.first_held], read.at(y, q)
             try:
                 held = block.call("output", t, x, u, place.outputs, exactly=False)
                 after[place.first_held : place.end] = held
@@ -371,33 +374,33 @@ class System:
                 ) from error
         return after
 
-    def watched_values(
+    def observed_values(
         self, q: Array, y: Array, t: Array, taus: Array, motion: Friction
     ) -> tuple[Array, Array]:
-        """Return the watched quantities at many times, a line each, and what adds up in them."""
-        self._only_seen.fill(q, y, t, taus, motion)
-        return self._seen.at(y, q), self._seen.sizes(np.abs(y), np.abs(q))
+        """Return the observed quantities at many times, a line each, and what adds up in them."""
+        self._only_observed.fill(q, y, t, taus, motion)
+        return self._observed.at(y, q), self._observed.sizes(np.abs(y), np.abs(q))
 
     def outputs_of(self, place: BlockPlace, t: Array, y: Array, q: Array) -> Array:
         """Return the outputs of a block that is not sampled, a line each, at many times."""
         block, reader = place.block, self.reader
         if isinstance(block, StateSpace):
             forms = [reader.linear_output(block, k, block.label) for k in range(place.outputs)]
-            found = Part.of(forms, self._place).at(y, q)
+            found = Forms.of(forms, self._place).at(y, q)
             limits = block.limits or ((-np.inf, np.inf),) * place.outputs
             return np.asarray(np.clip(found, *np.array(limits).T[:, :, None]))
         assert isinstance(block, Block)
         x = y[place.first : place.first_held]
         if block.output is None:
             return x
-        u = Part.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        u = Forms.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
         columns = [
             block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
             for k in range(t.size)
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
 
-    def filled(self, q: Array, y: Array, t: float, regions: tuple[int, ...] | None = None) -> Array:
+    def filled(self, q: Array, y: Array, t: float, regions: TableRegions = None) -> Array:
         """Return the inputs at `t` with what depends on the state, where the modes are not known yet.
 
         Tables follow the lines of their `regions`; without these, those of what they are looked up at.
@@ -437,13 +440,14 @@ class System:
         return make(self, key)
 
     def _balance(self, held: bytes) -> Balance:
-        mask = np.frombuffer(held, dtype=bool)
-        among = Among(self._components, mask.nonzero()[0]) if self.sparse else None
-        return Balance(self.inertia, self.G[mask], self.D[mask], among)
+        rows = np.frombuffer(held, dtype=bool).nonzero()[0]
+        return Balance(
+            self.inertia, self.G[rows], self.D[rows], lambda some: self._components.component(rows[some])
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the scene only: all the rest follows from it."""
-        return System, (self.scene, self.watched)
+        return System, (self.scene, self.observed)
 
 
 def _parts(load: Load) -> tuple[Signal, Expression | None]:

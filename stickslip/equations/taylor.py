@@ -34,7 +34,7 @@ _FASTEST = 1e12
 
 def is_small(system: System, rows: int, waves: int) -> bool:
     """Tell whether the matrices of the coefficients of so many quantities are worth making."""
-    columns = system.size + 2 * (system.inputs + system.dwelling.size + waves)
+    columns = system.size + 2 * (system.inputs_and_dwells + waves)
     return not system.sparse and columns * rows <= _MOST_ENTRIES
 
 

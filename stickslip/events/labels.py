@@ -9,7 +9,7 @@ import numpy as np
 from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
 from stickslip.equations.motion import Motion
-from stickslip.events.search import Uncertainty
+from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
 _DIFFERENCED = 1e-6

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
 from stickslip.events.collapse import collapse
 from stickslip.events.sharing import share
+from stickslip.events.situation import Inconsistent, Situation
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _ALONG = 1e-9
@@ -25,57 +25,6 @@ _ALONG = 1e-9
 
 _ENUMERATED = 6
 _MOST_TRIALS = 1000
-
-
-class Inconsistent(Exception):
-    """No set of modes satisfies the laws of all rows at rest."""
-
-    def __init__(self, rows: Indices) -> None:
-        super().__init__("no consistent modes")
-        self.rows = rows
-
-
-class Situation(NamedTuple):
-    """What is known at an instant at which modes may change."""
-
-    t: float  # time in s; loads count with their right limits
-    y: Array  # (size,)
-    labels: Modes | None  # (m,): modes before, None at the start
-    since: Array  # (m,): when each row last became held, in s
-    touching: Mask  # (m,): rows whose relative velocity has been found to be 0
-    fired: Mask  # (m,): rows found at their limit
-    was: Array | None = None  # (size,): bounds of the sizes of the states since the modes before began
-    # (p,): the regions of the piecewise-linear functions before, None at the start
-    regions: Regions | None = None
-    # (m,): +1 where a stop rests at its upper limit, -1 at its lower one, 0 elsewhere
-    sides: Modes | None = None
-    touched: int | None = None  # the row whose relative velocity only touches 0
-    arrived: Mask | None = None  # (m,): open rows that have come to 0 with a closed one, None for none
-
-    @property
-    def crossed(self) -> Mask:
-        """Rows whose velocity has come to 0 for certain: they have passed it, or arrived there."""
-        found = self.fired & (self.labels != 0) if self.labels is not None else np.zeros_like(self.fired)
-        return found if self.arrived is None else found | self.arrived
-
-    def at_level(self, system: System) -> Mask:
-        """Rows whose force has been found at its limit."""
-        if self.labels is None:
-            return self.fired
-        found: Mask = self.fired & ((self.labels == 0) | system.is_stop)
-        if self.touched is not None:
-            # what holds it at rest is its friction in motion, where its level may begin to rise
-            found[self.touched] = True
-        return found
-
-
-class Uncertainty(NamedTuple):
-    """What the errors of a run leave uncertain."""
-
-    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
-    force_uncertainty: float  # part of the forces that is uncertain
-    # velocity in m/s or rad/s by which a row has to pass 0 for an event: what errors of steps add up to
-    velocity_uncertainty: float
 
 
 class Search:

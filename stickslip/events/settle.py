@@ -17,7 +17,8 @@ from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
 from stickslip.events.impact import Jammed, Struck
 from stickslip.events.labels import label
-from stickslip.events.search import Inconsistent, Search, Situation, Uncertainty
+from stickslip.events.search import Search
+from stickslip.events.situation import Inconsistent, Situation, Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
 
@@ -120,7 +121,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     is `Jammed`.
     """
     stretch = loads.after(now.t)
-    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.regions)
+    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.table_regions)
     closed = _closed(system, stretch, now.t, q)
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes

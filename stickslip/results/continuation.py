@@ -55,7 +55,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
             case Block(name=name) | StateSpace(name=name):
                 changes = {"states": at.states_of(name)[:, 0].tolist()}
             case Sampled(name=name):
-                changes = {"first": trajectory.span[0] if element.first is None else element.first}
+                changes = {"first": trajectory.span.start if element.first is None else element.first}
                 if before is not None:
                     held = before.outputs_of(name)[:, 0].tolist()
                     states = before.states_of(name)[:, 0].tolist()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.loads import Span
 from stickslip.equations.path import Path as Steps
 from stickslip.equations.system import System
 from stickslip.model.checks import file_path, in_order
@@ -84,7 +85,7 @@ def _arrays(result: Outcome) -> dict[str, Any]:
         "stepped": stepped,
     }
     moving = [*system.names, *(drive.name for drive in system.scene.drives)]
-    about["positions"] = [moving[i] for i in system.placed] if system.watched else []
+    about["positions"] = [moving[i] for i in system.placed] if system.observed else []
     about["names"] = _names(system)
     about["scene"] = _scene_to_dict(system.scene)
     arrays["about"] = np.array(json.dumps(about))
@@ -150,7 +151,7 @@ def _kept(data: Mapping[str, Any], about: Mapping[str, Any], scene: Any, path: T
     parts: list[Piece | Patchwork] = list(_pieces(data, about["pieces"]))
     for k in about.get("patchworks", []):
         parts.insert(k, Patchwork.from_arrays(system, _under(f"patchwork.{k}.", data)))
-    trajectory = Trajectory(system, (start, stop, about["stepped"]), Pieces.of(parts))
+    trajectory = Trajectory(system, Span(start, stop, about["stepped"]), Pieces.of(parts))
     samples = Samples(trajectory, data["t"], data["piece_of"].astype(np.intp), data["taus"], data["y"])
     events = [_event_from_dict(row) for row in about["events"]]
     return Kept(samples, events, about["success"], about["status"], about["message"], about["stats"])

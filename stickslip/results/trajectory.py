@@ -10,7 +10,7 @@ from typing import Any, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, Span
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
@@ -112,8 +112,7 @@ class Trajectory(PickledByFields):
     """All pieces of a simulated motion, in order of time."""
 
     system: System = field(repr=False)
-    # start and end in s of the loads, and whether a fixed-step method read them
-    span: tuple[float, float, bool]
+    span: Span
     pieces: Sequence[Piece] = field(repr=False)
 
     @cached_property

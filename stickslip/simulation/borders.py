@@ -39,7 +39,7 @@ class Borders:
     def place(self, y: Array, t: float) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
         q = self._system.filled(self._loads.after(t).at(t), y, t)
-        regions = self._loads.regions
+        regions = self._loads.table_regions
         self._sizes = np.maximum(self._sizes, self._dependence.adds_up(q, y))
         found = []
         for k, x in enumerate(self._dependence.looked_up(q, y).tolist()):
@@ -49,13 +49,13 @@ class Borders:
             rough = ROUGH * max(*ends, float(self._sizes[k]))
             inside = low - rough <= x <= high + rough
             found.append(region if inside else self._dependence.region(k, x))
-        self._loads.regions = tuple(found)
+        self._loads.table_regions = tuple(found)
         # what a motion takes for left is beyond its border for certain
         self._loads.beside = 2 * TINY * self._sizes
 
     def cut(self, motion: Motion, path: Path) -> Path:
         """Return a path up to the first border; the regions are those beyond it."""
-        regions = self._loads.regions
+        regions = self._loads.table_regions
         if path.taus.size < 2 or regions is None:
             return path
         if self._stays_within(motion, path, regions):
@@ -80,7 +80,7 @@ class Borders:
         for tau, k, side in exits:
             if tau <= first + TOGETHER * (abs(motion.t) + first):
                 following[k] = regions[k] + side
-        self._loads.regions = tuple(following)
+        self._loads.table_regions = tuple(following)
         if first >= path.taus[-1]:
             return path
         return motion.until(path, first)

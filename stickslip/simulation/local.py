@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
-from stickslip.engines.parts import FREE, Parts, Patch, distinct
+from stickslip.engines.parts import UNLED, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.mode_equations import OPEN
 from stickslip.events.endings import arrives
-from stickslip.events.search import Situation
 from stickslip.events.settle import Settled
+from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.results.patchwork import Patches
@@ -65,11 +65,6 @@ class Local:
             duration = t - parts.row_origin[rows]
             found[rows] = arrives(w, rate, duration, parts.label[rows], ROUNDOFF * speeds)
         return found
-
-    @property
-    def is_interrupted(self) -> bool:
-        """Whether Ctrl-C was pressed."""
-        return self._interruption.pressed
 
     def takes(self, now: Settled) -> bool:
         """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
@@ -269,14 +264,14 @@ class Local:
             parts.part(g)
         if tree.bodies.size == 1:
             led = mode[0] == 0
-            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else FREE)
+            parts.join(tree.bodies, rows if led else rows[:0], int(forest.drive[rows[0]]) if led else UNLED)
             return
         place = np.searchsorted(forest.first[tree.bodies], forest.first[forest.child[rows]])
         for one in np.unique(label).tolist():
             bodies = tree.bodies[label == one]
             own = rows[(mode == 0) & (label[place] == one)]
             led = own[forest.parent[own] < 0]
-            lead = int(forest.drive[led[0]]) if led.size else FREE
+            lead = int(forest.drive[led[0]]) if led.size else UNLED
             parts.join(bodies, own, lead)
 
     # -- results ---------------------------------------------------------------------------------------------

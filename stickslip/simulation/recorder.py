@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.equations.loads import Span
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.settle import Settled
@@ -25,9 +26,7 @@ class Recorder:
     else is kept. `fewest_states` counts the velocities, positions and bristles that did not depend on others.
     """
 
-    def __init__(
-        self, system: System, span: tuple[float, float, bool], outputs: Array | None, dense: bool
-    ) -> None:
+    def __init__(self, system: System, span: Span, outputs: Array | None, dense: bool) -> None:
         self._system, self._span, self._outputs = system, span, outputs
         self.keeps_paths = dense or outputs is None
         self.events: list[Event] = []
@@ -70,7 +69,7 @@ class Recorder:
         if self._outputs is None:
             return np.empty(0)
         first = self._done
-        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span[1] else "left"))
+        self._done = int(self._outputs.searchsorted(stop, "right" if stop >= self._span.stop else "left"))
         return self._outputs[: 0 if self.keeps_paths else self._done][first:]
 
     @staticmethod

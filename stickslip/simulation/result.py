@@ -92,8 +92,7 @@ class Result(Presented):
         if isinstance(self._at, Samples):
             return self._at
         if self._at is None:
-            is_stepped = self.trajectory.span[2]
-            return at_steps(self.trajectory) if is_stepped else fit_for_plot(self.trajectory)
+            return (at_steps if self.trajectory.span.is_stepped else fit_for_plot)(self.trajectory)
         return Samples.at_times(self.trajectory, self._at)
 
     @property

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.engines.base import Engine
+from stickslip.engines.base import Engine, Task
+from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Span
 from stickslip.equations.mode_equations import FREE, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
-from stickslip.equations.system import System
 from stickslip.events.endings import (
     AtLimit,
     Jump,
@@ -24,8 +24,8 @@ from stickslip.events.endings import (
     until_rest,
 )
 from stickslip.events.impact import Struck, struck
-from stickslip.events.search import Situation
 from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
+from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import TOGETHER, Borders
@@ -44,33 +44,38 @@ _HITS_BETWEEN_LOOKS, _HITS_AT_MOST = 500, 1e9
 class Run:
     """One simulation under way: the engine advances it, `settle` says how it goes on, the recorder keeps it.
 
-    `now` is the motion from the time `t` on, and `stopped` the user's event that has stopped it.
+    With a forest, motions are followed part by part where that can be. `now` is the motion from the time `t` on, and
+    `stopped` the user's event that has stopped it.
     """
 
     def __init__(
         self,
-        system: System,
-        loads: Loads,
+        task: Task,
         engine: Engine,
         recorder: Recorder,
-        span: tuple[float, float],
+        span: Span,
         wanted: Tolerances,
+        watch: Watch | None,
+        forest: Forest | None,
     ) -> None:
-        self.system, self.loads, self.engine, self.recorder = system, loads, engine, recorder
-        self.start, self.stop = span
+        system = task.system
+        self.system, self.loads, self.engine, self.recorder = system, task.loads, engine, recorder
+        self._interruption, self._watch = task.interruption, watch
+        self._local: Local | None = None
+        if forest is not None:
+            self._local = Local(forest, engine.work, task.interruption, recorder, self._passed)
+        self.start, self.stop = span.start, span.stop
         self.t, self._wanted, self._fastest = self.start, wanted, 0.0
         self._standing = self._hits = 0
         self._looked_at = self.t
         self.restarts = self.most_guards = self.samples = 0
         self._recent: list[int] = []
         self.now: Settled | None = None
-        self.watch: Watch | None = None
         tables = system.dependence is not None and system.dependence.tables
-        self._borders = Borders(system, loads, wanted.atol / wanted.rtol) if tables else None
+        self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
-        self.local: Local | None = None
-        self._is_whole = False
+        self._as_a_whole = False
 
     def begin(self) -> None:
         """Settle the modes at the start."""
@@ -111,12 +116,26 @@ class Run:
         """Follow the motion to its end, keep it, and settle the next one."""
         now = self.now
         assert now is not None
-        motion = now.motion
         self.most_guards = max(self.most_guards, now.guards.armed)
-        if self.local is not None and not self._is_whole and self.local.takes(now):
-            self._follow(now, self.local)
+        if self._local is not None and not self._as_a_whole and self._local.takes(now):
+            self._advance_part_by_part(now, self._local)
             return
-        self._is_whole = False
+        self._as_a_whole = False
+        path, relaxed = self._path(now)
+        t = self._end(now.motion, path, relaxed)
+        if self._watch is not None:
+            path, t = self._note_crossings(now.motion, path, t, self._watch)
+        self.recorder.keep(now, path, t)
+        if now.guards.velocity_uncertainty:
+            self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
+        if self.stopped is not None:
+            self.t = t
+            return
+        self._go_on(now, path, t, relaxed)
+
+    def _path(self, now: Settled) -> tuple[Path, list[int]]:
+        """Return the path of a motion while its modes hold, and the rows that have relaxed to rest at its end."""
+        motion = now.motion
         path = self.engine.advance(motion, now.guards, motion.horizon)
         if not np.isfinite(path.last).all():
             raise ArithmeticError(
@@ -127,22 +146,17 @@ class Run:
             path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
-        path, ones = until_rest(motion, path, now.guards.velocity_uncertainty, self._wanted.margin)
-        tau = float(path.taus[-1])
+        return until_rest(motion, path, now.guards.velocity_uncertainty, self._wanted.margin)
+
+    @staticmethod
+    def _end(motion: Motion, path: Path, relaxed: list[int]) -> float:
+        """Return the time at which a path ends."""
+        tau, stop = float(path.taus[-1]), motion.stretch.stop
         t = motion.t + tau
-        stop = motion.stretch.stop
-        if (tau >= motion.horizon and not (path.has_event or ones)) or stop - t <= TOGETHER * abs(stop):
+        if (tau >= motion.horizon and not (path.has_event or relaxed)) or stop - t <= TOGETHER * abs(stop):
             # the break itself: what was added up to it has been rounded
-            t = stop
-        if self.watch is not None:
-            path, t = self._note_crossings(motion, path, t, self.watch)
-        self.recorder.keep(now, path, t)
-        if now.guards.velocity_uncertainty:
-            self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
-        if self.stopped is not None:
-            self.t = t
-            return
-        self._go_on(now, path, t, ones)
+            return stop
+        return t
 
     def _note_crossings(self, motion: Motion, path: Path, t: float, watch: Watch) -> tuple[Path, float]:
         """Note the events of the user along a path; return it and its end, cut off where one of them stops it."""
@@ -156,16 +170,16 @@ class Run:
                 return path, at
         return path, t
 
-    def _follow(self, now: Settled, local: Local) -> None:
+    def _advance_part_by_part(self, now: Settled, local: Local) -> None:
         """Follow a motion and all events that can be settled where they are, up to one that cannot."""
         motion = now.motion
-        end, self._is_whole = local.follow(now)
+        end, self._as_a_whole = local.follow(now)
         assert end.labels is not None
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
         self._watch_progress(t, hit)
-        if t >= self.stop or local.is_interrupted:
+        if t >= self.stop or self._interruption.pressed:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
@@ -174,29 +188,29 @@ class Run:
         stops = local.arrived(t)
         touching = end.touching | ((before == 0) & ~jump.parted) | stops
         labels = np.where(stops, 0, before)
-        self._settle(end._replace(y=jump.y, labels=labels, touching=touching), before, [], jump)
+        self._settle_all(end._replace(y=jump.y, labels=labels, touching=touching), before, [], jump)
 
-    def passed(self, t: float, j: int) -> None:
+    def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
         self._watch_progress(t, True)
         self.restarts += 1
 
-    def _go_on(self, now: Settled, path: Path, t: float, ones: list[int]) -> None:
+    def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
         """Go on from the end of a path: in the same modes, or with one other mode, or with all settled anew."""
         motion = now.motion
         self._watch_progress(t, path.has_event and not now.guards.is_border.any())
         if t >= self.stop:
             return
         self.restarts += 1
-        held = self._sampled(motion, path, t)
-        following = None if path.has_event or ones else self._as_before(now, path, t, held)
+        blocks = self._blocks_at_end(motion, path, t)
+        following = None if path.has_event or relaxed else self._as_before(now, path, t, blocks)
         if following is not None:
             self.now = following
             return
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
-        at = at_limit(motion, now.guards, path, ones)
+        at = at_limit(motion, now.guards, path, relaxed)
         if at.alone is not None and t < motion.stretch.stop:
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *at.alone, uncertain)
@@ -205,24 +219,24 @@ class Run:
                 if following.labels[j] != before[j]:
                     self._note(t, j, int(before[j]), True, False, None)
                 return
-        situation, jump = self._situation(now, path, t, before, since, at, held)
-        self._settle(situation, before, ones, jump)
+        situation, jump = self._situation(now, path, t, before, since, at, blocks)
+        self._settle_all(situation, before, relaxed, jump)
 
-    def _as_before(self, now: Settled, path: Path, t: float, held: Array) -> Settled | None:
+    def _as_before(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
         """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
         stretch = now.motion.stretch
         # where tables are, a motion may have been followed only so far
-        paused = t < stretch.stop and self.loads.regions == now.motion.regions
+        paused = t < stretch.stop and self.loads.table_regions == now.motion.table_regions
         after = self.loads.after(t)
         if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
             return None
-        y = np.concatenate([path.last[: self.system.first_block], held])
+        y = np.concatenate([path.last[: self.system.first_block], blocks])
         if self._borders is not None:
             self._borders.place(y, t)
         return carried_on(now, self.loads.after(t), t, y)
 
     def _situation(
-        self, now: Settled, path: Path, t: float, before: Modes, since: Array, at: AtLimit, held: Array
+        self, now: Settled, path: Path, t: float, before: Modes, since: Array, at: AtLimit, blocks: Array
     ) -> tuple[Situation, Jump]:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
@@ -240,7 +254,7 @@ class Run:
         touching = at.touching & ~jump.parted | at_rest | stops
         y = jump.y
         if system.sampled:
-            y = np.concatenate([y[: system.first_block], held])
+            y = np.concatenate([y[: system.first_block], blocks])
         if self._borders is not None:
             self._borders.place(y, t)
         labels, regions = np.where(stops, 0, before), motion.equations.regions
@@ -269,16 +283,16 @@ class Run:
                 "stiff; let it start above 0, or use DryFriction"
             )
 
-    def _settle(self, situation: Situation, before: Modes, ones: list[int], jump: Jump) -> None:
+    def _settle_all(self, situation: Situation, before: Modes, relaxed: list[int], jump: Jump) -> None:
         """Settle the whole scene, and note what has changed."""
         t, fired, settled = situation.t, situation.fired, self._settled(situation)
         self.now = settled if jump.impact is None else replace(settled, impact=jump.impact)
         changed = (self.now.labels != before) & (self.now.motion.equations.modes != FREE)
         for j in (changed | jump.hit).nonzero()[0].tolist():
-            self._note(t, j, int(before[j]), bool(fired[j]), j in ones, jump)
+            self._note(t, j, int(before[j]), bool(fired[j]), j in relaxed, jump)
 
-    def _sampled(self, motion: Motion, path: Path, t: float) -> Array:
-        """Return the states of blocks after the samples taken at the end of a path."""
+    def _blocks_at_end(self, motion: Motion, path: Path, t: float) -> Array:
+        """Return the states of blocks at the end of a path, after the samples that are taken there."""
         system = self.system
         if not system.sampled or t != motion.stretch.stop:
             return path.last[system.first_block :]
@@ -289,7 +303,7 @@ class Run:
         self.samples += sum(block.is_due(t, self.start) for _, block, _ in self.system.sampled)
         return self.system.sample(t, self.start, q, y)
 
-    def _note(self, t: float, j: int, before: int, fired: bool, relaxed_now: bool, jump: Jump | None) -> None:
+    def _note(self, t: float, j: int, before: int, fired: bool, relaxed: bool, jump: Jump | None) -> None:
         assert self.now is not None
         after = int(self.now.labels[j])
         if jump is not None and jump.hit[j]:
@@ -300,7 +314,7 @@ class Run:
             cause = "leaves" if after == Mode.OPEN else "touches"
         elif self.now.motion.equations.modes[j] == OPEN:
             cause = "open"
-        elif relaxed_now:
+        elif relaxed:
             cause = "relaxation"
         elif before == 0 and self.system.is_one_way[j]:
             cause = "force 0"

@@ -10,12 +10,13 @@ from stickslip.engines import METHODS, MethodName
 from stickslip.engines.base import Task
 from stickslip.engines.work import LOOK_AT_SCENE, Interrupted, SolverFailure
 from stickslip.equations.forest import Forest
-from stickslip.equations.loads import Loads
+from stickslip.equations.loads import Loads, Span
 from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import Jammed
-from stickslip.events.search import Inconsistent
+from stickslip.events.situation import Inconsistent
+from stickslip.model.arrays import Indices
 from stickslip.model.checks import flag
 from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
@@ -23,7 +24,6 @@ from stickslip.model.when import When
 from stickslip.simulation import arguments
 from stickslip.simulation.arguments import Formulation, Times
 from stickslip.simulation.choice import choose, why_stiff
-from stickslip.simulation.local import Local
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
@@ -113,9 +113,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     outputs = arguments.outputs(t_eval, start, stop, dense_output)
     step = arguments.step_length(method, step, stop - start)
     arguments.check_laws(scene, start, stop)
-    watched, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
-    system = System(scene, [one.quantity for one in watched]) if watched else compiled(scene)
-    span = (start, stop, step is not None)
+    user_events, progress = arguments.user_events(scene, events), flag(progress, "simulate: progress")
+    system = System(scene, [one.quantity for one in user_events]) if user_events else compiled(scene)
+    span = Span(start, stop, is_stepped=step is not None)
     loads = system.loads(*span)
     arguments.check_ties(system, loads, start, stop)
     arguments.check_stops(system, loads, start, step)
@@ -124,25 +124,28 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
     if system.dependence is not None:
         system.dependence.forget()
+    by_default = (method, name) == ("auto", "BDF") and not merged
     task = Task(
         system,
         loads,
         wanted.rtol,
         wanted.atol,
-        max_step,
-        math.nan if step is None else step,
-        merged,
-        exact_at_rest=(method, name) == ("auto", "BDF")
-        and not merged
-        and not why_stiff(system, stop - start),
+        max_step=max_step,
+        step=math.nan if step is None else step,
+        merged=merged,
+        exact_at_rest=by_default and not why_stiff(system, stop - start),
     )
-    recorder = Recorder(system, span, outputs, dense_output)
-    engine = chosen.make(task)
-    run = Run(system, loads, engine, recorder, (start, stop), wanted)
-    if watched:
-        run.watch = Watch(system, watched, loads, step is not None)
-    elif name == "series" and max_step == math.inf and (forest := _forest(system, loads)) is not None:
-        run.local = Local(forest, engine.work, task.interruption, recorder, run.passed)
+    watch = Watch(system, user_events, loads, span.is_stepped) if user_events else None
+    in_parts = name == "series" and max_step == math.inf and watch is None
+    run = Run(
+        task,
+        chosen.make(task),
+        Recorder(system, span, outputs, dense_output),
+        span,
+        wanted,
+        watch,
+        _forest(system, loads) if in_parts else None,
+    )
     with one_thread(system, always=name != "series"):
         return _Simulation(run, task, chosen.title).to_end(progress)
 
@@ -175,7 +178,6 @@ class _Simulation:
 
     def __init__(self, run: Run, task: Task, title: str) -> None:
         self._run, self._recorder, self._task, self._title = run, run.recorder, task, title
-        self._calls = self._function_calls
 
     def to_end(self, progress: bool) -> Result:
         """Advance to the end of the time span; an error or Ctrl-C carries what was computed."""
@@ -196,14 +198,14 @@ class _Simulation:
             error = self._error(failure.sentence, failure.remedy + self._where_functions_jump, failure.path)
             raise error from failure.__cause__ or failure
         except Inconsistent as conflict:
-            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            names = self._names(conflict.rows)
             message = f"no consistent modes for the contacts {names}" if names else "no consistent modes"
             remedy = "their laws contradict each other: look at their coefficients"
             if math.isfinite(self._task.step):
                 remedy = "shorten the step, or use BDF: a step may have leapt over a pre-slip velocity"
             raise self._error(message, remedy) from conflict
         except Jammed as conflict:
-            names = ", ".join(repr(run.system.rows[j].name) for j in conflict.rows[:10].tolist())
+            names = self._names(conflict.rows)
             message = f"no motion is possible: {names} are pressed together by drives or ties"
             raise self._error(message, "use a Gap there, or let the drives leave room") from conflict
         except (ArithmeticError, ValueError) as fault:
@@ -219,10 +221,8 @@ class _Simulation:
             return self._result(f"event {run.stopped!r} stopped the simulation at t = {run.t:.9g} s", 1)
         return self._result("the end of the time span was reached", 0)
 
-    @property
-    def _function_calls(self) -> int:
-        dependence = self._run.system.dependence
-        return 0 if dependence is None else dependence.calls
+    def _names(self, rows: Indices) -> str:
+        return ", ".join(repr(self._run.system.rows[j].name) for j in rows[:10].tolist())
 
     @property
     def _where_functions_jump(self) -> str:
@@ -255,7 +255,7 @@ class _Simulation:
         return SimulationError(text, t, modes, self._result(text, -1))
 
     def _result(self, message: str, status: int) -> Result:
-        work, size = self._run.engine.work, self._run.system.size
+        work, size, dependence = self._run.engine.work, self._run.system.size, self._run.system.dependence
         stats: dict[str, Any] = {
             "states": size,
             "fewest_states": self._recorder.fewest_states if self._task.merged else size,
@@ -265,7 +265,7 @@ class _Simulation:
             "rate_calls": work.rate_calls,
             "jacobian_calls": work.jacobian_calls,
             "guard_calls": work.guard_calls,
-            "function_calls": self._function_calls - self._calls,
+            "function_calls": 0 if dependence is None else dependence.calls,
             "samples": self._run.samples,
             "solvers": work.solvers,
             "guards_excluded": work.guards_excluded,

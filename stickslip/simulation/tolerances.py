@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
-from stickslip.events.search import Uncertainty
+from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array
 from stickslip.model.signals import Signal
 
@@ -142,9 +142,7 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     squared = 2 * stiffness[: system.n][heavy] / system.inertia[heavy]
     frequency = float(np.sqrt(squared.max(initial=0.0)))
     speeds = [abs(body.velocity) for body in scene.bodies]
-    speeds += [
-        largest_value(signal, start, stop) for signal in system.others[len(system.others) - system.drives :]
-    ]
+    speeds += [largest_value(drive.velocity, start, stop) for drive in scene.drives]
     speeds.append(frequency * stretched)
     return max(speeds) or _forced(system, start, stop, frequency), frequency
 
@@ -156,7 +154,8 @@ def _forced(system: System, start: float, stop: float, frequency: float) -> floa
         for i, c in link.coefficients.items():
             damping[i] += link.damping * c * c
     found, time = 0.0, min(stop - start, 1.0 / frequency if frequency else math.inf)
-    for force, signal in zip(system.scene.forces, system.others[: system.force_count], strict=True):
+    forces = system.scene.forces
+    for force, signal in zip(forces, system.others[: len(forces)], strict=True):
         i = system.index[force.body]
         if system.inertia[i] > 0:
             resistance = max(system.inertia[i] / time, damping[i])

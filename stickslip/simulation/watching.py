@@ -54,11 +54,11 @@ class Crossing(NamedTuple):
 class Watch:
     """Watches the quantities of the user's events, path by path.
 
-    The system is compiled with these quantities as the watched ones. A method of fixed steps goes beyond 0 `in_steps`
+    The system is compiled with these quantities as the observed ones. A method of fixed steps goes beyond 0 `in_steps`
     before it finds a contact stuck there.
     """
 
-    def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool = False) -> None:
+    def __init__(self, system: System, events: Sequence[When], loads: Loads, in_steps: bool) -> None:
         self._system, self._events, self._loads, self._in_steps = system, list(events), loads, in_steps
         self._signs = [0] * len(self._events)
         # whether a quantity was roundoff at the end of the last path, and whether it crossed 0 there
@@ -138,8 +138,8 @@ class Watch:
     def _values(self, motion: Motion, path: Path, taus: Array) -> tuple[Array, Array]:
         """Return the quantities at local times, a line each, and what adds up in them."""
         y = motion.exact(taus, path.at(taus).T)
-        q = motion.inputs(taus, y, self._system.for_watched)[: self._system.inputs]
-        return self._system.watched_values(q, y, motion.t + taus, taus, motion)
+        q = motion.inputs(taus, y, self._system.for_observed)[: self._system.inputs]
+        return self._system.observed_values(q, y, motion.t + taus, taus, motion)
 
     def _along(self, motion: Motion, path: Path, k: int) -> Callable[[float], float]:
         return lambda tau: float(self._values(motion, path, np.array([tau]))[0][k, 0])

@@ -179,7 +179,7 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     modes = {row.name: Mode(k) for row, k in zip(system.rows, labels, strict=True) if row.kind != "tie"}
     names, to_states, chosen = _states(system, motion)
     inputs, columns = _inputs(scene, system)
-    unit = np.zeros((system.inputs + system.dwelling.size, len(columns)))
+    unit = np.zeros((system.inputs_and_dwells, len(columns)))
     unit[columns, np.arange(len(columns))] = 1.0
     held = motion.equations.consistent(np.zeros((system.size, len(columns))), system.drive_velocities(unit))
     by_inputs = _response(motion, held, unit + _inputs_of_states(motion, held))
@@ -278,7 +278,7 @@ class _Response(NamedTuple):
 def _inputs_of_states(motion: Motion, dy: Array) -> Array:
     """Return how inputs change that depend on the state."""
     if motion.dependence is None:
-        return np.zeros((motion.system.inputs + motion.system.dwelling.size, dy.shape[1]))
+        return np.zeros((motion.system.inputs_and_dwells, dy.shape[1]))
     return np.asarray(motion.input_slopes(0.0, motion.y) @ dy[motion.dependence.columns])
 
 

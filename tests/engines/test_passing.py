@@ -27,8 +27,8 @@ from stickslip import (
     sine,
     velocity,
 )
+from validation.against_oracles import difference, scene_of
 from validation.oracle_scenes import FAMILIES
-from validation.random_oracle import difference, scene_of
 
 ENGINES: list[dict[str, Any]] = [
     {"method": "BDF"},

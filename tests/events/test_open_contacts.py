@@ -30,8 +30,8 @@ from stickslip import (
     step,
     velocity,
 )
+from validation.against_oracles import scene_of
 from validation.oracle_scenes import FAMILIES
-from validation.random_oracle import scene_of
 
 DRY = DryFriction(0.3, 0.2)
 LATER = piecewise_linear([1.0, 1.1, 1.2], [0.0, 100.0, 0.0])

@@ -5,8 +5,8 @@ import pytest
 
 from stickslip import GROUND, Body, Contact, DryFriction, Force, Mode, Scene, piecewise_linear, simulate
 from stickslip.equations.system import System
-from stickslip.events.search import Situation, Uncertainty
 from stickslip.events.settle import settle
+from stickslip.events.situation import Situation, Uncertainty
 
 
 @pytest.mark.parametrize("way", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])

@@ -23,8 +23,8 @@ from stickslip import (
     simulate,
     sine,
 )
+from validation.against_oracles import scene_of
 from validation.machine_scenes import FAMILIES
-from validation.random_machines import scene_of
 
 
 def told(result: Result, after: float) -> list[tuple[str, int, int, float]]:

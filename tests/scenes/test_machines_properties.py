@@ -11,8 +11,8 @@ import pytest
 from scipy.linalg import null_space
 
 from stickslip import Gear, Result, Scene, Tie, simulate
+from validation.against_oracles import scene_of
 from validation.machine_scenes import FAMILIES
-from validation.random_machines import scene_of
 
 CASES = [(family, number) for family in ("gaps", "stops", "machines") for number in (2, 6, 10)]
 every_case = pytest.mark.parametrize(("family", "number"), CASES)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from validation.against_oracles import OF_MACHINES, difference, truth
 from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
-from validation.random_machines import GROUPS, difference, truth
 
 
 def test_the_oracle_finds_the_impacts_of_a_slider() -> None:
@@ -95,7 +95,7 @@ def test_a_machine_agrees(family: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("group", list(GROUPS)[1:])
+@pytest.mark.parametrize("group", list(OF_MACHINES)[1:])
 def test_formulations_agree(group: str) -> None:
     assert difference("machines", group, 2) < 1e-6
 
@@ -120,5 +120,5 @@ def test_differences_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert right.t.size
     largest = max(np.abs(v).max() for v in right.velocities.values())
     wrong = replace(right, velocities={name: v + 0.1 * largest for name, v in right.velocities.items()})
-    monkeypatch.setattr("validation.random_machines.truth", lambda *_: wrong)
+    monkeypatch.setattr("validation.against_oracles.truth", lambda *_: wrong)
     assert difference("gaps", "auto", 2) > 0.05

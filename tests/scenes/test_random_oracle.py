@@ -9,11 +9,18 @@ import pytest
 
 from stickslip import Body, Contact, Drive, simulate
 from stickslip.model.quantities import Expression
-from validation import random_oracle
-from validation.comparison import over_family
+from validation import against_oracles, machine_scenes
+from validation.against_oracles import (
+    OF_CONTACTS,
+    OF_MACHINES,
+    difference,
+    over_family,
+    rows,
+    scene_of,
+    truth,
+)
 from validation.oracle import Solution, solve
 from validation.oracle_scenes import FAMILIES
-from validation.random_oracle import GROUPS, difference, rows, scene_of, truth
 from validation.rows import Wrong
 
 
@@ -55,7 +62,7 @@ def test_elements_come_in_other_orders() -> None:
     assert set(first.contacts) == set(other.contacts)
 
 
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("group", OF_CONTACTS)
 def test_a_scene_agrees(group: str) -> None:
     assert truth("symmetric", 2).events
     assert difference("symmetric", group, 2) < 1e-7
@@ -72,11 +79,11 @@ def test_other_events_velocities_and_forces_are_noticed(monkeypatch: pytest.Monk
         "force": replace(right, forces={name: force + 1.0 for name, force in right.forces.items()}),
     }
     for words, answer in wrong.items():
-        monkeypatch.setattr(random_oracle, "truth", lambda *_, answer=answer: answer)
+        monkeypatch.setattr(against_oracles, "truth", lambda *_, answer=answer: answer)
         with pytest.raises(Wrong, match=words):
             difference("wheels", "contact-force", 3)
     faster = replace(right, velocities={name: v + 1e-3 for name, v in right.velocities.items()})
-    monkeypatch.setattr(random_oracle, "truth", lambda *_: faster)
+    monkeypatch.setattr(against_oracles, "truth", lambda *_: faster)
     assert difference("wheels", "contact-force", 3) > 1e-4
 
 
@@ -86,7 +93,7 @@ def test_a_scene_in_doubt_is_compared_up_to_there_and_counted() -> None:
     answer = truth("loops", number)
     found: Solution = solve(FAMILIES["loops"][0](number))
     assert 0 < answer.stop < found.known < FAMILIES["loops"][0](number)["t_end"]
-    tried = over_family(truth, difference, "loops", "merged", number + 1)
+    tried = over_family("loops", "merged", number + 1)
     assert tried.wrong == tried.hung == 0
     assert "events" in tried.remark and "no longer unique" in tried.remark
 
@@ -101,7 +108,7 @@ def test_a_scene_without_loops_has_one_answer() -> None:
 
 def test_rows_say_how_many() -> None:
     table = rows(7)
-    assert len(table) == len(FAMILIES) * len(GROUPS)
+    assert len(table) == len(FAMILIES) * len(OF_CONTACTS) + len(machine_scenes.FAMILIES) * len(OF_MACHINES)
     assert all(row.what.startswith("7 scenes") and row.tries for row in table)
 
 
@@ -132,7 +139,7 @@ def test_the_oracle_and_the_package_agree_on_what_a_contact_is() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("group", OF_CONTACTS)
 @pytest.mark.parametrize(
     ("family", "number"),
     [("one-way", 26), ("closing", 18), ("closing-loops", 10), ("together", 3), ("pressed", 11)],
@@ -143,7 +150,7 @@ def test_scenes_that_differed(family: str, number: int, group: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("group", OF_CONTACTS)
 @pytest.mark.parametrize(
     ("family", "number"),
     [

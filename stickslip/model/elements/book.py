@@ -51,13 +51,13 @@ class Coupling:
 
 
 class Book:
-    """What elements enter, in the order of the elements, and loads that are watched without acting on anything.
+    """What elements enter, in the order of the elements, and loads that are observed without acting on anything.
 
     Each body, drive and row has a number; bodies come before drives, and the ground last.
     """
 
-    def __init__(self, elements: Iterable[Any], watched: Sequence[Load] = ()) -> None:
-        self.watched = list(watched)
+    def __init__(self, elements: Iterable[Any], observed: Sequence[Load] = ()) -> None:
+        self.observed = list(observed)
         # these three hold elements
         self.bodies: list[Any] = []
         self.drives: list[Any] = []
@@ -106,7 +106,7 @@ class Book:
         forces = [load for _, load, _ in self.forces]
         normals = [row.normal for row in self.rows]
         inputs = [load for block in self.blocks for load in block.inputs]
-        for load in (*forces, *normals, *inputs, *self.watched):
+        for load in (*forces, *normals, *inputs, *self.observed):
             if isinstance(load, Quantity):
                 yield from load.walk()
 

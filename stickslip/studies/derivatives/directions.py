@@ -43,7 +43,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
 
     If the scene exists at no values near by, or has another structure there, that is a ValueError.
     """
-    nominal, (start, stop, stepped) = trajectory.system, trajectory.span
+    nominal = trajectory.system
     bends = any(one.velocity_dependent for one in nominal.laws.characters)
     h = (_FINE_PART if bends else PART) * (abs(parameter.value) or 1.0)
     refused: Exception | None = None
@@ -55,7 +55,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
             for offset, weight in stencil:
                 system = System(parameter.set(scene, parameter.value + offset * h))
                 differs |= not _alike(nominal, system)
-                near.append((weight / h, system, system.loads(start, stop, stepped)))
+                near.append((weight / h, system, system.loads(*trajectory.span)))
         except (ValueError, TypeError) as error:
             refused, near = refused or error, []
         if near:
@@ -72,7 +72,7 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
         )
     y = sum((weight * system.at_start() for weight, system, _ in near), np.zeros(nominal.size))
     rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
-    since = sum((weight * (start - times) for weight, times in rested), np.zeros(nominal.m))
+    since = sum((weight * (trajectory.span.start - times) for weight, times in rested), np.zeros(nominal.m))
     near_ones = () if parameter.only_at_start else tuple(near)
     return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
 

@@ -94,7 +94,7 @@ def at_corners(nearby: Nearby, number: int, motion: Motion, varied: VariedPiece)
         assert own.system.dependence is not None
         return own.system.dependence.looked_up(q, states)
 
-    for i, region in enumerate(motion.regions or ()):
+    for i, region in enumerate(motion.table_regions or ()):
         for corner in dependence.borders(i, region):
             if np.abs(x[i] - corner).max() > _TOUCH * (abs(corner) + np.abs(x[i]).max() or 1.0):
                 continue

@@ -69,8 +69,8 @@ class Nearby:
     def stretch_after(self, t: float, loads: Loads) -> Stretch:
         """Return the stretch of loads near by that has the number of the nominal one after `t`."""
         number = bisect_right(self.trajectory.loads.breaks, t)
-        start, stop, _ = self.trajectory.span
-        ends = [start, *loads.breaks, stop]
+        span = self.trajectory.span
+        ends = [span.start, *loads.breaks, span.stop]
         return loads.after(0.5 * (ends[number] + ends[number + 1]))
 
     def motion_of(self, number: int) -> Motion:
@@ -78,9 +78,9 @@ class Nearby:
         loads, dependence = self.trajectory.loads, self.system.dependence
         if dependence is not None and dependence.tables:
             x = self.looked_up(number, np.array([0.5]))[:, 0]
-            loads.regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
+            loads.table_regions = tuple(dependence.region(k, one) for k, one in enumerate(x.tolist()))
         found = self.trajectory.motion(number)
-        loads.regions = None
+        loads.table_regions = None
         return found
 
     def looked_up(self, number: int, parts: Array) -> Array:
@@ -98,7 +98,7 @@ class Nearby:
         for weight, system, loads in self.near_ones[k]:
             equations = equations_in(motion.equations.modes, system, motion.equations.regions)
             stretch = self.stretch_after(motion.t, loads)
-            stretch.regions = motion.regions
+            stretch.table_regions = motion.table_regions
             found.append((weight, Motion(equations, stretch, motion.t, motion.y, motion.since)))
         return found
 

@@ -218,7 +218,7 @@ def _event_changes(variation: Variation) -> Array:
     changes = {piece.stop: varied.end for piece, varied in zip(pieces, variation.pieces, strict=False)}
     # what happens at the start does so at the start
     begun = np.isfinite(variation.pieces[0].at(np.zeros(1))[:, 0]).all(axis=0)
-    changes[variation.trajectory.span[0]] = np.where(begun, 0.0, np.nan)
+    changes[variation.trajectory.span.start] = np.where(begun, 0.0, np.nan)
     relaxed = {event.t for event in variation.result.events if event.cause == "relaxation"}
     for i, event in enumerate(variation.result.events):
         if event.t in changes and event.t not in relaxed:

@@ -103,7 +103,7 @@ class Variation(Nearby):
             S = np.where(until < np.inf, np.nan, S)
             end[:] = self._end(number, motion, S, since)
             length = piece.stop - piece.t
-            if length <= _TOGETHER * (trajectory.span[1] - trajectory.span[0]) and number:
+            if length <= _TOGETHER * (trajectory.span.stop - trajectory.span.start) and number:
                 for k, direction in enumerate(self.directions):
                     change = abs(end[k] - begin[k])
                     # rebounds that accumulate become short, but stay as they are for small changes
@@ -128,7 +128,7 @@ class Variation(Nearby):
     def give_up(self, k: int, why: str) -> None:
         """Let there be no derivative in a direction, and say why."""
         self.reasons[:] = [one for one in self.reasons if one[1] != k]
-        self._refuse(self.trajectory.span[0], [(k, why)])
+        self._refuse(self.trajectory.span.start, [(k, why)])
         for varied in self.pieces:
             varied.until[k] = 0.0
             varied.end[k] = np.nan
@@ -173,7 +173,7 @@ class Variation(Nearby):
         """Return how the time changes at which a motion ends."""
         piece, following = self.trajectory.pieces[number], self.trajectory.pieces[number + 1]
         path, breaks = piece.kept_path, self.trajectory.loads.breaks
-        span = self.trajectory.span[1] - self.trajectory.span[0]
+        span = self.trajectory.span.stop - self.trajectory.span.start
         near_break = [i for i, b in enumerate(breaks) if abs(b - piece.stop) <= _TOGETHER * span]
         if near_break:
             i = near_break[0]

@@ -1,7 +1,12 @@
-"""Generated changes tried one by one: each in a scratch copy, against the tests that run the changed lines."""
+"""Whether the tests notice that the package is wrong: ``python tests/survivors.py 20`` tries 20 small changes of it.
+
+They are drawn from the syntax tree. Each is made in a scratch copy, against the tests that run the changed lines. What
+survives is a hole in the tests, or harmless.
+"""
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import os
@@ -16,9 +21,7 @@ from enum import StrEnum
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from validation.generated import Change, changes_of, sample
-
-__all__ = ["Fate", "Record", "Trial", "record", "scratch_copy", "try_change", "try_generated"]
+from source_changes import Change, changes_of, sample
 
 PACKAGE = "stickslip"
 ROOT = Path(__file__).resolve().parents[1]
@@ -192,39 +195,18 @@ def try_change(copy: Path, change: Change, known: Record, limit: float) -> Trial
     return Trial(change, Fate.NOTICED, len(chosen), failed[0] if failed else f"pytest ends with {code}")
 
 
-def try_generated(
-    number: int, seed: int, only: str, tests: Sequence[str], limit: float, keep: Path | None
-) -> Iterator[Trial]:
-    """Try some generated changes, one after another.
-
-    Parameters
-    ----------
-    number, seed : int
-        How many changes, and which.
-    only : str
-        Pattern of the files that are changed, such as ``stickslip/plots*``.
-    tests : sequence of str
-        What pytest is to run: files and options.
-    limit : float
-        How long in s the tests of one change may take on the sound package.
-    keep : Path, optional
-        Where to keep what is known of the tests.
-    """
-    with scratch_copy() as copy:
-        changes = [change for change in changes_of(copy / PACKAGE) if fnmatchcase(change.file, only)]
-        known = record(copy, tests, keep)
-        for change in sample(changes, number, seed, copy):
-            yield try_change(copy, change, known, limit)
-
-
 def _pytest(
     copy: Path, arguments: Sequence[str], settings: dict[str, str], patience: float | None
 ) -> tuple[int | None, str]:
     """Run pytest in a scratch copy; return its exit code, None if it did not end in time, and what it said."""
-    settings = {"PYTHONPATH": str(copy), "MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"} | settings
+    settings = {
+        "PYTHONPATH": os.pathsep.join([str(copy), str(copy / "tests")]),
+        "MPLBACKEND": "Agg",
+        "OMP_NUM_THREADS": "1",
+    } | settings
     if patience is not None:
         settings["PYTHONDONTWRITEBYTECODE"] = "1"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "validation.recording", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "recording", "-p", "no:cacheprovider"]
     command += ["--hypothesis-seed=0", *arguments]
     # a session of its own: what tests have started ends with them
     process = subprocess.Popen(
@@ -255,3 +237,38 @@ def _end(process: subprocess.Popen[str]) -> None:
     else:
         process.kill()
     process.communicate()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Try generated changes, one after another; return 1 if one survives."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("number", type=int, help="how many changes to try")
+    parser.add_argument("--seed", type=int, default=0, help="which changes to make (default 0)")
+    parser.add_argument("--only", default="*", metavar="PATTERN", help="files to change, such as '*/plots*'")
+    parser.add_argument(
+        "--limit", type=float, default=30.0, help="seconds that the tests of one change may take (default 30)"
+    )
+    parser.add_argument("--slow", action="store_true", help="let slow tests watch too")
+    parser.add_argument(
+        "--keep", type=Path, metavar="FILE", help="keep here which test runs what, and read it"
+    )
+    options = parser.parse_args(arguments)
+    tests = ["tests"] if options.slow else ["tests", "-m", "not slow"]
+    trials: list[Trial] = []
+    with scratch_copy() as copy:
+        changes = [change for change in changes_of(copy / PACKAGE) if fnmatchcase(change.file, options.only)]
+        known = record(copy, tests, options.keep)
+        for change in sample(changes, options.number, options.seed, copy):
+            trials.append(try_change(copy, change, known, options.limit))
+            print(trials[-1], flush=True)
+    survivors = [trial for trial in trials if trial.survived]
+    print(f"\n{len(trials)} changes: {len(trials) - len(survivors)} noticed, {len(survivors)} survive")
+    for trial in survivors:
+        print(f"  {trial.change}")
+    return 1 if survivors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -17,28 +17,11 @@ from pathlib import Path
 __all__ = ["KINDS", "Change", "changes_of", "sample"]
 
 _PAIRS = (
-    ("a", "b"),
-    ("min", "max"),
-    ("minimum", "maximum"),
-    ("argmin", "argmax"),
-    ("upper", "lower"),
-    ("left", "right"),
-    ("low", "high"),
-    ("before", "after"),
-    ("start", "stop"),
-    ("first", "last"),
-    ("floor", "ceil"),
-    ("any", "all"),
-    ("forward", "backward"),
-    ("FORWARD", "BACKWARD"),
-    ("mu_s", "mu_c"),
-    ("mu_static", "mu_coulomb"),
-    ("sin", "cos"),
-    ("ones", "zeros"),
-    ("ones_like", "zeros_like"),
-    ("bisect_left", "bisect_right"),
+    "a b, min max, minimum maximum, argmin argmax, upper lower, left right, low high, before after, start stop, "
+    "first last, floor ceil, any all, forward backward, FORWARD BACKWARD, mu_s mu_c, mu_static mu_coulomb, sin cos, "
+    "ones zeros, ones_like zeros_like, bisect_left bisect_right"
 )
-_OTHER = {x: y for pair in _PAIRS for x, y in (pair, pair[::-1])}
+_OTHER = {x: y for pair in _PAIRS.split(", ") for x, y in (pair.split(), pair.split()[::-1])}
 _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.Gt),
     ast.LtE: (ast.Lt, ast.GtE),

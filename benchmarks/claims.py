@@ -1,6 +1,6 @@
-"""What Breedveld (2000) claims, beside what is measured here; figures 8, 11 and 12 drawn from the same runs.
+"""What Breedveld (2000) claims, beside what is measured here.
 
-    python -m validation.claims [--only KEY ...] [--figures DIR] [--repeats 5]
+    python -m benchmarks.claims [--only KEY ...] [--repeats 5]
 
 Every number comes from a run. Times are compared as ratios: the two sides take turns, and the medians count.
 Errors are the largest over both wheels and 2000 times, against the event-exact run of the contact-force model,
@@ -11,13 +11,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from statistics import median
-from typing import Any
 
 import numpy as np
 
@@ -32,6 +29,7 @@ from stickslip import (
     Result,
     Scene,
     SimulationError,
+    piecewise_linear,
     simulate,
 )
 from stickslip.benchmark import (
@@ -41,7 +39,6 @@ from stickslip.benchmark import (
     flywheel_benchmark,
     four_flywheels,
 )
-from stickslip.model.signal_makers import piecewise_linear
 
 PRE_SLIP = 1e-3
 """The paper's pre-slip velocity in rad/s (table 1)."""
@@ -273,83 +270,22 @@ CLAIMS: dict[str, tuple[str, Callable[[int], Iterator[Line]]]] = {
 }
 
 
-def draw(folder: Path) -> list[Path]:
-    """Draw figures 8, 11 and 12 of the paper into a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it does not exist.
-
-    Returns
-    -------
-    list of Path
-        The files written.
-    """
-    from stickslip import plots
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figures: dict[str, tuple[str, Scene, tuple[float, float]]] = {
-        "fig08": ("Fig. 8: two flywheels, contact force, BDF", flywheel_benchmark(), SETTLED),
-        "fig11": (
-            "Fig. 11: four flywheels, pre-slip 0.001 rad/s, BDF",
-            four_flywheels().regularized(PRE_SLIP),
-            SETTLED,
-        ),
-        "fig12": (
-            f"Fig. 12: four flywheels with viscous friction of {VISCOUS:g} N m s/rad, contact force, BDF",
-            four_flywheels(viscous=VISCOUS),
-            SETTLED,
-        ),
-    }
-    written = []
-    for name, (title, scene, shown) in figures.items():
-        figure = plots.overview(simulate(scene, BENCHMARK_SPAN), t_span=shown)
-        figure.suptitle(title, fontsize="medium")
-        written.append(folder / f"{name}.png")
-        figure.savefig(written[-1], dpi=120)
-    return written
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the claims and what is measured, and draw the figures.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Of the command line.
-
-    Returns
-    -------
-    int
-        0.
-    """
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the claims and what is measured."""
     parser = argparse.ArgumentParser(
-        prog="python -m validation.claims", description=(__doc__ or "").split("\n")[0]
+        prog="python -m benchmarks.claims", description=(__doc__ or "").split("\n")[0]
     )
-    parser.add_argument(
-        "--only", nargs="+", choices=[*CLAIMS, "figures"], help="claims to measure (default: all)"
-    )
-    parser.add_argument("--figures", type=Path, default=Path("figures"), help="folder of the figures")
+    parser.add_argument("--only", nargs="+", choices=[*CLAIMS], help="claims to measure (default: all)")
     parser.add_argument(
         "--repeats", type=int, default=5, help="runs whose median counts as a time (default: 5)"
     )
-    given: Any = parser.parse_args(arguments)
-    wanted = given.only or [*CLAIMS, "figures"]
-    for key, (claim, measure) in CLAIMS.items():
-        if key not in wanted:
-            continue
-        print(f"\n{claim}\n    python -m validation.claims --only {key}")
+    given = parser.parse_args(arguments)
+    for key in given.only or CLAIMS:
+        claim, measure = CLAIMS[key]
+        print(f"\n{claim}\n    python -m benchmarks.claims --only {key}")
         for what, value in measure(given.repeats):
             print(f"  {what:<{_WIDTH}} {value}")
-    if "figures" in wanted:
-        print(
-            f"\nFigures 8, 11 and 12\n    python -m validation.claims --only figures --figures {given.figures}"
-        )
-        for path in draw(given.figures):
-            print(f"  {path}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
