@@ -229,10 +229,10 @@ MUTATIONS = (
         _after(_no_rise),
     ),
     Mutation(
-        "margin-off", "relaxation is never found", "stickslip.events.endings:_first_rest", _returning(None)
+        "margin-off", "relaxation is never found", "stickslip.events.rest:_first_rest", _returning(None)
     ),
     Mutation(
-        "margin-alone", "inside the margin is at rest", "stickslip.events.endings:_at_rest", _returning(True)
+        "margin-alone", "inside the margin is at rest", "stickslip.events.rest:_at_rest", _returning(True)
     ),
     Mutation(
         "projection-off",
