@@ -70,7 +70,7 @@ class ModeEquations:
     functions.
     """
 
-    def __init__(self, system: System, modes: Modes, regions: Regions = _NO_REGIONS) -> None:
+    def __init__(self, system: System, modes: Modes, regions: Regions) -> None:
         self.system, self.modes, self.regions = system, modes, regions
         self.is_held = (modes == 0) & system.hard
         self.held = self.is_held.nonzero()[0]
