@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import json
 import os
 import re
 import runpy
@@ -122,6 +123,24 @@ def test_scene_file_runs(path, tmp_path, monkeypatch, capsys):
     assert "STUCK" in said
     assert (tmp_path / "o.csv").stat().st_size > 1000
     assert '"success": true' in (tmp_path / "o.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "within"),
+    [
+        # DOP853 with located events, tolerance 1e-12
+        ("planetary_shift", {"brake": 1.2663653360814, "clutch": 1.4553932412582}, 1e-11),
+        # a rigid thread, with up = m g r tan(lead + atan(mu)) and J = I + m r^2 tan(lead) tan(lead + atan(mu)):
+        # it turns faster by (120 - up) / J for 0.5 s, then slower by up / J
+        ("screw_jack", {"flank": 0.6353927628096}, 2e-8),
+    ],
+)
+def test_scene_file_has_the_events_of_an_independent_answer(name, times, within, tmp_path):
+    path = tmp_path / "o.json"
+    main(["run", str(ROOT / "examples" / "scenes" / f"{name}.toml"), "--json", str(path)])
+    events = json.loads(path.read_text(encoding="utf-8"))["events"]
+    assert [event["contact"] for event in events] == list(times)
+    np.testing.assert_allclose([event["t"] for event in events], list(times.values()), rtol=0, atol=within)
 
 
 def test_gallery_shows_every_example():

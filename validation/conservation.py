@@ -262,7 +262,7 @@ def over_all(measure: Callable[[Motion], float], formulation: str) -> Answer:
     return errors[name], f"{len(errors)} cases, worst: {name}"
 
 
-_CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
+LAWS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
     "momentum": (
         momentum_error,
         "momentum that each body gains less the impulse on it, over all",
@@ -289,6 +289,7 @@ _CHECKS: dict[str, tuple[Callable[[Motion], float], str, str, float]] = {
     ),
     "stuck": (stuck_error, "relative velocity of stuck contacts", "0, exactly", 0.0),
 }
+"""What is measured, in words, where the right answer comes from, and the largest error at tight tolerances."""
 
 ROWS = [
     conservation_row(
@@ -301,5 +302,5 @@ ROWS = [
         limit=120.0,
     )
     for f in FORMULATIONS
-    for name, (measure, what, source, bound) in _CHECKS.items()
+    for name, (measure, what, source, bound) in LAWS.items()
 ]

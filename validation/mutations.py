@@ -7,7 +7,7 @@ fail. A mutation that no row notices has survived, and is a hole in the table.
 from __future__ import annotations
 
 import argparse
-import importlib
+import pkgutil
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -35,6 +35,9 @@ _LEFT_OUT = (
 )
 
 
+Change = Callable[[Any], Any]
+
+
 @dataclass(frozen=True)
 class Mutation:
     """A way to break the package: replaces an attribute, named as module:object, by what `change` makes of it."""
@@ -42,33 +45,57 @@ class Mutation:
     name: str
     what: str
     target: str
-    change: Callable[[Any], Any]
+    change: Change
+
+
+MUTATIONS: list[Mutation] = []
+
+
+def breaks(name: str, what: str, target: str) -> Callable[[Change], Change]:
+    """Enter a way to break the package: what the decorated function makes of the original."""
+
+    def enter(change: Change) -> Change:
+        MUTATIONS.append(Mutation(name, what, target, change))
+        return change
+
+    return enter
 
 
 def apply(name: str) -> None:
     """Break the package here, for good."""
-    for mutation in MUTATIONS:
-        if mutation.name == name:
-            module, path = mutation.target.split(":")
-            owner: Any = importlib.import_module(module)
-            *parents, last = path.split(".")
-            for parent in parents:
-                owner = getattr(owner, parent)
-            setattr(owner, last, mutation.change(getattr(owner, last)))
+    (mutation,) = (m for m in MUTATIONS if m.name == name)
+    owner, _, last = mutation.target.replace(":", ".").rpartition(".")
+    setattr(pkgutil.resolve_name(owner), last, mutation.change(pkgutil.resolve_name(mutation.target)))
 
 
 # What a part is replaced by
 
 
+@breaks("eq1-sign", "eq. (1) with the wrong sign", "stickslip.equations.balance:Balance.held_forces")
 def _negated(original: Any) -> Any:
     return lambda *args, **options: -original(*args, **options)
 
 
-def _returning(value: Any) -> Any:
+def _returning(value: Any) -> Change:
     return lambda original: lambda *args, **options: value
 
 
-def _after(change: Callable[[Any], None]) -> Any:
+breaks("margin-off", "relaxation is never found", "stickslip.events.rest:_first_rest")(_returning(None))
+breaks("margin-alone", "inside the margin is at rest", "stickslip.events.rest:_at_rest")(_returning(True))
+breaks(
+    "never-released", "overloaded contacts are held all the same", "stickslip.events.search:Search._improved"
+)(_returning(None))
+breaks("looks-off-steps", "no look between computed points", "stickslip.engines.follow:first_dip")(
+    _returning(None)
+)
+
+
+@breaks("reach-off", "series are used beyond their reach", "stickslip.engines.series:Series._reach")
+def _endless_reach(original: Any) -> Any:
+    return staticmethod(_returning(1.0)(original))
+
+
+def _after(change: Callable[[Any], None]) -> Change:
     """Return a replacement that runs the original and then changes its object."""
 
     def replacement(original: Any) -> Any:
@@ -82,14 +109,21 @@ def _after(change: Callable[[Any], None]) -> Any:
     return replacement
 
 
+@breaks(
+    "static-slip", "slipping friction at the static level", "stickslip.model.laws.table:LawTable.__init__"
+)
+@_after
 def _static_while_slipping(coefficients: Any) -> None:
     coefficients.mu_c = coefficients.mu_s.copy()
 
 
+@breaks("dwell-off", "the static level is there at once", "stickslip.equations.system:System._place_laws")
+@_after
 def _no_rise(system: Any) -> None:
     system.rise[:] = 0.0
 
 
+@breaks("normal-frozen", "the level keeps the old normal force", "stickslip.equations.guards:Guards.series")
 def _frozen_normal(original: Any) -> Any:
     """The guards of held contacts do not see that their normal forces change."""
 
@@ -101,6 +135,9 @@ def _frozen_normal(original: Any) -> Any:
     return changed
 
 
+@breaks(
+    "t-start-old", "dwell counted from the start of the run", "stickslip.equations.motion:Motion.__init__"
+)
 def _since_the_start(original: Any) -> Any:
     def changed(self: Any, equations: Any, stretch: Any, t: float, y: Any, since: Any) -> None:
         original(self, equations, stretch, t, y, np.minimum(since, 0.0))
@@ -108,6 +145,7 @@ def _since_the_start(original: Any) -> Any:
     return changed
 
 
+@breaks("dwell-restarts", "dwell starts anew at every event", "stickslip.equations.motion:Motion.__init__")
 def _since_now(original: Any) -> Any:
     def changed(self: Any, equations: Any, stretch: Any, t: float, y: Any, since: Any) -> None:
         original(self, equations, stretch, t, y, np.full_like(since, t))
@@ -115,24 +153,37 @@ def _since_now(original: Any) -> Any:
     return changed
 
 
+@breaks(
+    "one-by-one", "overloaded contacts are let go with old forces", "stickslip.events.search:Search._ratios"
+)
 def _first_come(original: Any) -> Any:
     """Every overloaded contact counts as overloaded as any other: all are let go with the forces they had."""
     return lambda self, *args: np.ones_like(original(self, *args))
 
 
+@breaks(
+    "none-spared", "in loops, the first to reach its level moves", "stickslip.events.search:Search._spared"
+)
 def _none_spared(original: Any) -> Any:
     return lambda self, *args: np.zeros_like(original(self, *args))
 
 
+@breaks("deflation-off", "guards start at 0 undivided", "stickslip.equations.guards:Guards._classify")
+@_after
 def _no_zeros(guards: Any) -> None:
     guards.order[:] = 0
 
 
+@breaks(
+    "projection-heaviest",
+    "bodies lock at the velocity of the heaviest",
+    "stickslip.equations.balance:Balance.project",
+)
 def _as_the_heaviest(original: Any) -> Any:
-    """Joined bodies take the velocity of the heaviest."""
     return lambda self, v, u: self.consistent(v, u)
 
 
+@breaks("norm", "forces in loops are not the shortest", "stickslip.equations.balance:_Component._least_norm")
 def _weighted_norm(original: Any) -> Any:
     """Forces in loops that hold the motion as well, but are not the shortest."""
 
@@ -142,6 +193,7 @@ def _weighted_norm(original: Any) -> Any:
     return changed
 
 
+@breaks("shares", "groups accelerate as if all were heavy", "stickslip.equations.balance:Balance._finish")
 def _equal_shares(original: Any) -> Any:
     """Light members of a group count as heavy as the mean."""
 
@@ -153,10 +205,17 @@ def _equal_shares(original: Any) -> Any:
     return changed
 
 
+@breaks(
+    "drives-steady",
+    "what a drive holds does not feel it accelerate",
+    "stickslip.equations.balance:Balance.accelerations",
+)
 def _no_drives(original: Any) -> Any:
     return lambda self, forces, drives=None: original(self, forces, None)
 
 
+@breaks("one-sided", "no breakaway backwards", "stickslip.equations.guard_rows:GuardRows.__init__")
+@_after
 def _one_sided(rows: Any) -> None:
     """The lower breakaway level is never reached."""
     lower = (rows.direction < 0) & ~rows.is_velocity
@@ -164,6 +223,7 @@ def _one_sided(rows: Any) -> None:
     rows.has_constant |= lower.any()
 
 
+@breaks("straight-lines", "linear interpolation of outputs", "stickslip.results.steps:values")
 def _straight(original: Any) -> Any:
     def changed(coefficients: Any, step: Any, s: Any, *rest: Any, **how: Any) -> Any:
         first, last = (original(coefficients, step, np.full_like(s, end), *rest, **how) for end in (0.0, 1.0))
@@ -172,19 +232,27 @@ def _straight(original: Any) -> Any:
     return changed
 
 
+@breaks("projection-off", "velocities are not joined on locking", "stickslip.events.settle:_project")
 def _untouched(original: Any) -> Any:
     return lambda system, y, u, held: y
 
 
+@breaks("kinks-missed", "load breaks are stepped over", "stickslip.equations.loads:Loads.next_break")
 def _to_the_end(original: Any) -> Any:
     return lambda self, t, stop: stop
 
 
+@breaks(
+    "looks-off-series", "double crossings within a series are missed", "stickslip.engines.series:first_root"
+)
 def _by_sign(original: Any) -> Any:
     """Roots are looked for where the signs at both ends of a step differ, and only there."""
     return lambda c, *floor: original(c, *floor) if c.sum() < 0 else None
 
 
+@breaks(
+    "never-stuck", "contacts that come to rest are not found at rest", "stickslip.simulation.run:at_limit"
+)
 def _not_touching(original: Any) -> Any:
     """A contact whose velocity has come to 0 goes on with what is left of it."""
 
@@ -195,172 +263,29 @@ def _not_touching(original: Any) -> Any:
     return changed
 
 
+@breaks(
+    "open-by-velocity", "open contacts at rest do not show where they go", "stickslip.events.labels:_to_come"
+)
 def _by_velocity(original: Any) -> Any:
     return lambda motion, named, w, *rest: (np.sign(w), original(motion, named, w, *rest)[1])
 
 
+@breaks("curve-flat", "no Stribeck curve", "stickslip.model.laws.kinetic:Kinetic.__call__")
 def _level(original: Any) -> Any:
     return lambda self, w: np.broadcast_to(self._of_side(self._level, w), w.shape)
-
-
-MUTATIONS = (
-    Mutation(
-        "eq1-sign",
-        "eq. (1) with the wrong sign",
-        "stickslip.equations.balance:Balance.held_forces",
-        _negated,
-    ),
-    Mutation(
-        "t-start-old",
-        "dwell counted from the start of the run",
-        "stickslip.equations.motion:Motion.__init__",
-        _since_the_start,
-    ),
-    Mutation(
-        "dwell-restarts",
-        "dwell starts anew at every event",
-        "stickslip.equations.motion:Motion.__init__",
-        _since_now,
-    ),
-    Mutation(
-        "dwell-off",
-        "the static level is there at once",
-        "stickslip.equations.system:System._place_laws",
-        _after(_no_rise),
-    ),
-    Mutation(
-        "margin-off", "relaxation is never found", "stickslip.events.rest:_first_rest", _returning(None)
-    ),
-    Mutation(
-        "margin-alone", "inside the margin is at rest", "stickslip.events.rest:_at_rest", _returning(True)
-    ),
-    Mutation(
-        "projection-off",
-        "velocities are not joined on locking",
-        "stickslip.events.settle:_project",
-        _untouched,
-    ),
-    Mutation(
-        "projection-heaviest",
-        "bodies lock at the velocity of the heaviest",
-        "stickslip.equations.balance:Balance.project",
-        _as_the_heaviest,
-    ),
-    Mutation(
-        "one-by-one",
-        "overloaded contacts are let go with old forces",
-        "stickslip.events.search:Search._ratios",
-        _first_come,
-    ),
-    Mutation(
-        "none-spared",
-        "in loops, the first to reach its level moves",
-        "stickslip.events.search:Search._spared",
-        _none_spared,
-    ),
-    Mutation(
-        "never-released",
-        "overloaded contacts are held all the same",
-        "stickslip.events.search:Search._improved",
-        _returning(None),
-    ),
-    Mutation(
-        "kinks-missed",
-        "load breaks are stepped over",
-        "stickslip.equations.loads:Loads.next_break",
-        _to_the_end,
-    ),
-    Mutation(
-        "static-slip",
-        "slipping friction at the static level",
-        "stickslip.model.laws.table:LawTable.__init__",
-        _after(_static_while_slipping),
-    ),
-    Mutation(
-        "curve-flat",
-        "no Stribeck curve",
-        "stickslip.model.laws.kinetic:Kinetic.__call__",
-        _level,
-    ),
-    Mutation(
-        "normal-frozen",
-        "the level keeps the old normal force",
-        "stickslip.equations.guards:Guards.series",
-        _frozen_normal,
-    ),
-    Mutation(
-        "deflation-off",
-        "guards start at 0 undivided",
-        "stickslip.equations.guards:Guards._classify",
-        _after(_no_zeros),
-    ),
-    Mutation(
-        "looks-off-steps",
-        "no look between computed points",
-        "stickslip.engines.follow:first_dip",
-        _returning(None),
-    ),
-    Mutation(
-        "looks-off-series",
-        "double crossings within a series are missed",
-        "stickslip.engines.series:first_root",
-        _by_sign,
-    ),
-    Mutation(
-        "reach-off",
-        "series are used beyond their reach",
-        "stickslip.engines.series:Series._reach",
-        lambda original: staticmethod(_returning(1.0)(original)),
-    ),
-    Mutation(
-        "norm",
-        "forces in loops are not the shortest",
-        "stickslip.equations.balance:_Component._least_norm",
-        _weighted_norm,
-    ),
-    Mutation(
-        "shares",
-        "groups accelerate as if all were heavy",
-        "stickslip.equations.balance:Balance._finish",
-        _equal_shares,
-    ),
-    Mutation(
-        "drives-steady",
-        "what a drive holds does not feel it accelerate",
-        "stickslip.equations.balance:Balance.accelerations",
-        _no_drives,
-    ),
-    Mutation(
-        "one-sided",
-        "no breakaway backwards",
-        "stickslip.equations.guard_rows:GuardRows.__init__",
-        _after(_one_sided),
-    ),
-    Mutation(
-        "straight-lines",
-        "linear interpolation of outputs",
-        "stickslip.results.steps:values",
-        _straight,
-    ),
-    Mutation(
-        "never-stuck",
-        "contacts that come to rest are not found at rest",
-        "stickslip.simulation.run:at_limit",
-        _not_touching,
-    ),
-    Mutation(
-        "open-by-velocity",
-        "open contacts at rest do not show where they go",
-        "stickslip.events.labels:_to_come",
-        _by_velocity,
-    ),
-)
 
 
 def watched() -> list[Row]:
     """Return the rows that watch: quick ones, each with a short limit; the cheapest chapters first."""
     rows = [row for row in table(1, quick=True) if not any(fnmatchcase(row.name, name) for name in _LEFT_OUT)]
-    order = ("Closed forms", "Extremes", "Published results", "Conservation", "Oracle")
+    order = (
+        "Closed forms",
+        "Extremes",
+        "Published results",
+        "Engines against each other",
+        "Conservation",
+        "Oracle",
+    )
     rows = [row for row in rows if row.theme in order]
     return [replace(row, limit=30.0) for row in sorted(rows, key=lambda row: order.index(row.theme))]
 

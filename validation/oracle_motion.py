@@ -128,23 +128,7 @@ class Exponential:
 
 
 class Integrated:
-    """The same equations with curved loads or friction, integrated by a Runge-Kutta method of order 8.
-
-    Parameters
-    ----------
-    system : System
-        The equations.
-    start, length : float
-        Time in s at which the piece begins, and how long it may last.
-    state : tuple of array
-        Positions and velocities at its start.
-    modes : mapping
-        +1 or -1 of each slipping contact by number.
-    stuck : sequence of int
-        Contacts held.
-    opened : collection of int
-        Contacts that carry nothing, whatever the state says.
-    """
+    """The same equations with curved loads or friction, integrated by a Runge-Kutta method of order 8."""
 
     def __init__(
         self,

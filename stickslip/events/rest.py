@@ -182,7 +182,11 @@ def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
     if scale == 0:
         # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
         scale = abs(w) * np.finfo(float).eps
-    driven = sign * motion.relative_acceleration(tau, equal, row)
+    try:
+        driven = sign * motion.relative_acceleration(tau, equal, row)
+    except (ArithmeticError, ValueError):
+        # a force that grows beyond all bounds there, such as the logarithm of the speed, lets it never come to rest
+        return False
     # what drives it on at rest it does not hold
     return -_CONSTANT * scale <= driven <= AT_LIMIT * scale
 

@@ -27,6 +27,7 @@ from stickslip import (
     piecewise_linear,
     position,
     power,
+    relative_velocity,
     saturate,
     simulate,
     sine,
@@ -183,6 +184,17 @@ def test_what_raises_is_named_too() -> None:
     scene = Scene(Body("a", inertia=1.0, position=-1.0), Force("a", feedback(math.sqrt, position("a"))))
     with pytest.raises(SimulationError, match="force on 'a': feedback function sqrt raised ValueError"):
         simulate(scene, (0.0, 2.0))
+
+
+@pytest.mark.parametrize("pull", [4.5, 4.2, 4.0])
+def test_a_force_without_bounds_at_rest_lets_nothing_come_to_rest(pull: float) -> None:
+    """Friction ``5 + 0.1 log(w / 0.001)`` has no value at rest; the block slows down to where it balances the pull."""
+    friction = feedback(lambda w: 5.0 + 0.1 * math.log(abs(w) / 1e-3), relative_velocity("rub"))
+    rub = Contact("rub", "block", GROUND, DryFriction(1.0, 1.0), normal=friction)
+    scene = Scene(Body("block", inertia=1.0, velocity=1.0), Force("block", pull), rub)
+    result = simulate(scene, (0.0, 3.0))
+    assert not result.events
+    assert abs(result.velocity("block")[-1] / (1e-3 * math.exp((pull - 5.0) / 0.1)) - 1) < 1e-6
 
 
 def test_a_series_is_refused_where_a_function_acts() -> None:

@@ -82,16 +82,19 @@ def test_sums_of_quantities_are_springs_and_dampers(number: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "number", [*range(4), *(pytest.param(k, marks=pytest.mark.slow) for k in range(4, 200))]
+    "numbers",
+    [range(4), *(pytest.param(range(k, k + 14), marks=pytest.mark.slow) for k in range(4, 200, 14))],
+    ids=lambda numbers: str(numbers.start),
 )
-def test_code_and_sums_agree(number: int) -> None:
-    one = simulate(random_scene(number, "sums"), (0.0, 8.0))
-    two = simulate(random_scene(number, "code"), (0.0, 8.0), rtol=1e-9, atol=1e-11)
-    assert (one.stats["engine"], two.stats["engine"]) == ("Taylor series", "CVODE BDF")
-    assert [(e.contact, e.before, e.after) for e in one.events] == [
-        (e.contact, e.before, e.after) for e in two.events
-    ]
-    np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-5)
-    for body in "ab":
-        assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-5
-        assert abs(one.velocity(body)[-1] - two.velocity(body)[-1]) < 1e-5
+def test_code_and_sums_agree(numbers: range) -> None:
+    for number in numbers:
+        one = simulate(random_scene(number, "sums"), (0.0, 8.0))
+        two = simulate(random_scene(number, "code"), (0.0, 8.0), rtol=1e-9, atol=1e-11)
+        assert (one.stats["engine"], two.stats["engine"]) == ("Taylor series", "CVODE BDF")
+        assert [(e.contact, e.before, e.after) for e in one.events] == [
+            (e.contact, e.before, e.after) for e in two.events
+        ]
+        np.testing.assert_allclose([e.t for e in two.events], [e.t for e in one.events], rtol=0, atol=1e-5)
+        for body in "ab":
+            assert abs(one.position(body)[-1] - two.position(body)[-1]) < 1e-5
+            assert abs(one.velocity(body)[-1] - two.velocity(body)[-1]) < 1e-5
