@@ -140,11 +140,9 @@ class Forest:
         n = self.n
         full = scipy.sparse.csr_array(system.C)
         velocity = full[:, :n]
-        columns = np.array([i for i in system.placed if i < n], dtype=np.intp)
-        places = np.array([system.position_state[int(i)] for i in columns], dtype=np.intp)
-        position = full[:, places].tocoo()
+        position = full[:, system.moved_state].tocoo()
         position = scipy.sparse.csr_array(
-            (position.data, (position.row, columns[position.col])), shape=(n, n)
+            (position.data, (position.row, system.moved[position.col])), shape=(n, n)
         )
         self.is_coupled = bool(full.nnz)
         # one pattern for both: their entries stand side by side

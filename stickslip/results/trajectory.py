@@ -394,9 +394,9 @@ class Trajectory(PickledByFields):
             balance = self.system.balance(key)
             if not balance.dependent.size:
                 continue
-            led = balance.led_by_bodies @ v[:, chosen]
+            led = balance.T_dependent @ v[:, chosen]
             if drives is not None:
-                led = led + balance.led_by_drives @ drives[:, chosen]
+                led = led + balance.U_dependent @ drives[:, chosen]
             v[at_rows(balance.dependent, chosen)] = led
 
     def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:

@@ -21,9 +21,9 @@ from stickslip.events.endings import (
     at_stops,
     jumped,
     shown_at_end,
-    until_rest,
 )
 from stickslip.events.impact import Struck, struck
+from stickslip.events.rest import until_rest
 from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
 from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
