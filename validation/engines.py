@@ -43,14 +43,10 @@ PATIENCE = 120.0
 SEED = 31
 
 
-def _linear(number: int) -> Scene:
-    """Return a random scene whose motions are linear between events."""
-    return draw(number).with_laws(lambda law: replace(law, stribeck_velocity=None))
-
-
 def _apart(method: str, number: int) -> float:
     """Return how far velocities by CVODE are from those by series, over the largest."""
-    scene = _linear(number)
+    # without curves motions are linear between events
+    scene = draw(number).with_laws(lambda law: replace(law, stribeck_velocity=None))
     exact = simulate(scene, (0.0, STOP), t_eval=GRID, method="series")
     other = simulate(scene, (0.0, STOP), t_eval=GRID, method=method, **TIGHT)
     n = len(scene.bodies)

@@ -165,7 +165,7 @@ STORIES: dict[str, tuple[Callable[[], Story], str, str]] = {
 } | {
     f"reference-{name}": (partial(reference, name), about, "tests/reference, 40-digit arithmetic")
     for name, about in REFERENCES.items()
-    if name not in ("flywheels-2", "pulled-block")  # which are the first and the last above
+    if name not in ("flywheels-2", "pulled-block")  # these stand above
 }
 _FREE_OF_SPRINGS = ("two-flywheels", "reference-flywheels-4", "reference-star")
 

@@ -451,10 +451,7 @@ class Motion:
                 found[name] = 0.0
         held = [*(m.names[j] for j in self.modes.held), *(tie["name"] for tie in m.ties)]
         rows = np.vstack([m.G[list(self.modes.held)], m.C])[:, m.free]
-        rate = (self.A @ y)[m.n : m.n + m.r]
-        led = self.A @ (self.A @ y)
-        accelerations = led[: m.n]
-        assert rate.size == m.r
+        accelerations = (self.A @ (self.A @ y))[: m.n]
         left = (self.force @ y - m.mass * accelerations)[m.free]
         shares = np.linalg.lstsq(rows.T, left, rcond=RANK)[0]
         idle = null_space(rows.T, rcond=RANK) if held else np.zeros((0, 0))  # what moves nothing may be any

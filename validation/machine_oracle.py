@@ -119,13 +119,10 @@ class _Run:
             self.x, self.q = y[: m.n].copy(), y[m.n : m.n + m.r].copy()
             self._speed = max(self._speed, float(np.abs(motion.V @ y).max(initial=0.0)))
             self.t = end
-            self._before = m.velocity(self.q, self._speeds_before(motion, y))
+            self._before = m.velocity(self.q, (motion.V @ y)[m.driven])
             stalls = stalls + 1 if self.t - before < 1e-13 * m.stop else 0
             if stalls > MOST_STALLS or len(self.solution.events) > MOST_EVENTS:
                 raise Doubt(self.t, "events without end")
-
-    def _speeds_before(self, motion: Motion, y: Array) -> Array:
-        return np.asarray((motion.V @ y)[self.machine.driven])
 
     # Impacts
 
@@ -415,10 +412,7 @@ class _Trial:
 
     def candidates(self) -> list[Modes]:
         """Return the modes that may be right: first those where all that is at its level lets go."""
-        found: list[Modes] = []
-        for eager in (True, False):
-            found += self._settle(eager, {}, frozenset())
-        return found
+        return [modes for eager in (True, False) for modes in self._settle(eager, {}, frozenset())]
 
     def _motion(self, slips: Mapping[int, int], sided: Sequence[int]) -> Motion:
         run = self._run

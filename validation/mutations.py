@@ -80,8 +80,8 @@ def _returning(value: Any) -> Change:
     return lambda original: lambda *args, **options: value
 
 
-breaks("margin-off", "relaxation is never found", "stickslip.events.endings:_first_rest")(_returning(None))
-breaks("margin-alone", "inside the margin is at rest", "stickslip.events.endings:_at_rest")(_returning(True))
+breaks("margin-off", "relaxation is never found", "stickslip.events.rest:_first_rest")(_returning(None))
+breaks("margin-alone", "inside the margin is at rest", "stickslip.events.rest:_at_rest")(_returning(True))
 breaks(
     "never-released", "overloaded contacts are held all the same", "stickslip.events.search:Search._improved"
 )(_returning(None))

@@ -54,15 +54,8 @@ class _Draw:
         kinetic = self.number(0.05, 0.4, 2)
         static = round(kinetic * self.random.uniform(1.1, 2.5), 3)
         tau = self.one([0, 0, 0, 0.05, 0.1, 0.5])
-        contact: Scene = {
-            "name": name,
-            "a": a,
-            "b": b,
-            "mu_s": static,
-            "mu_c": kinetic,
-            "tau": tau,
-            "normal": normal,
-        }
+        contact: Scene = {"name": name, "a": a, "b": b, "normal": normal}
+        contact |= {"mu_s": static, "mu_c": kinetic, "tau": tau}
         if self.chance(0.25):
             contact["mu_c_back"] = self.number(0.05, 0.4, 2)
             contact["mu_s_back"] = round(contact["mu_c_back"] * self.random.uniform(1.1, 2.5), 3)
@@ -257,11 +250,8 @@ def curved(seed: int) -> Scene:
     if draw.chance(0.3):
         frequency, offset = draw.number(1, 6, 1) / stop, draw.number(5, 50, 1)
         amplitude = offset * draw.random.uniform(0.2, 0.9)
-        scene["contacts"][0]["normal"] = {
-            "amplitude": amplitude,
-            "frequency": frequency,
-            "offset": offset,
-        }
+        normal = {"amplitude": amplitude, "frequency": frequency, "offset": offset}
+        scene["contacts"][0]["normal"] = normal
     return scene
 
 
@@ -287,6 +277,23 @@ def _coefficients(draw: _Draw) -> list[float]:
     return [round(kinetic * draw.one([1.0, 1.3, 2.5]), 3), kinetic]
 
 
+def _ends(draw: _Draw, count: int, more: tuple[int, int] | None) -> list[tuple[str, str]]:
+    """Return between what contacts lie: each body rests on one before it or on the ground; more lie beside these."""
+    ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
+    for _ in range(draw.whole(*more) if more else 0):
+        a, b = draw.random.sample(range(-1, count), 2)
+        ends.append((a, b) if a >= 0 else (b, a))
+    return [(f"b{a}", "ground" if b < 0 else f"b{b}") for a, b in ends]
+
+
+def _spring(draw: _Draw, count: int) -> list[Scene]:
+    """Return a spring between two bodies, or none."""
+    if not draw.chance(0.3):
+        return []
+    a, b = "b0", "ground" if count == 1 else "b1"
+    return [{"a": a, "b": b, "k": draw.number(1, 20, 1), "c": draw.one([0, 0.5])}]
+
+
 def closing(seed: int, loops: bool = False) -> Scene:
     """Return bodies whose contacts all open and close together, where nearly all forces are 0; some loads are sines.
 
@@ -299,50 +306,29 @@ def closing(seed: int, loops: bool = False) -> Scene:
     """
     draw = _Draw(seed)
     count, stop = draw.whole(1, 4), 4.0
-    corners = [1.0, 2.0, 2.5, 3.0]
     bodies = [{"name": f"b{i}", "inertia": draw.number(0.3, 3, 2), "velocity": 0.0} for i in range(count)]
-    ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
-    for _ in range(draw.whole(1, 2) if loops else 0):
-        a, b = draw.random.sample(range(-1, count), 2)
-        ends.append((a, b) if a >= 0 else (b, a))
     contacts, forces = [], []
-    for k, (a, b) in enumerate(ends):
+    for k, (a, b) in enumerate(_ends(draw, count, (1, 2) if loops else None)):
         (static, kinetic), (static_back, kinetic_back) = _coefficients(draw), _coefficients(draw)
         if draw.chance(0.3):
             static_back = kinetic_back = 0.0
         peak, low = draw.number(2, 10, 1), draw.one([0.0, 0.0, -2.0])
-        contacts.append(
-            {
-                "name": f"c{k}",
-                "a": f"b{a}",
-                "b": "ground" if b < 0 else f"b{b}",
-                "mu_s": static,
-                "mu_c": kinetic,
-                "mu_s_back": static_back,
-                "mu_c_back": kinetic_back,
-                "tau": draw.one([0, 0, 0.1]),
-                "normal": [[corners[0], 0.0], [corners[1], peak], [corners[2], low], [corners[3], peak]],
-            }
-        )
+        contact = {"name": f"c{k}", "a": a, "b": b, "tau": draw.one([0, 0, 0.1])}
+        contact |= {"normal": [[1.0, 0.0], [2.0, peak], [2.5, low], [3.0, peak]]}
+        contact |= {"mu_s": static, "mu_c": kinetic, "mu_s_back": static_back, "mu_c_back": kinetic_back}
+        contacts.append(contact)
     for body in bodies:
         push = draw.number(-12, 12, 1)
-        load = [[corners[0], 0.0], [corners[1], push], [corners[2], 0.0], [corners[3], -0.5 * push]]
+        load = [[1.0, 0.0], [2.0, push], [2.5, 0.0], [3.0, -0.5 * push]]
         forces.append({"body": body["name"], "load": load})
-    scene: Scene = {"bodies": bodies, "contacts": contacts, "springs": [], "forces": forces, "t_end": stop}
+    scene: Scene = {"bodies": bodies, "contacts": contacts, "forces": forces, "t_end": stop}
     if draw.chance(0.7):
         # a sine beside which nothing changes, or one that moves all
-        amplitude = draw.one([draw.number(0.5, 4, 1), 0.1 if loops else 1e-25])
-        sine = {
-            "amplitude": amplitude,
-            "frequency": draw.number(0.3, 2, 2),
-            "phase": draw.one([0, draw.number(0, 3, 1)]),
-        }
+        sine = {"amplitude": draw.one([draw.number(0.5, 4, 1), 0.1 if loops else 1e-25])}
+        sine |= {"frequency": draw.number(0.3, 2, 2), "phase": draw.one([0, draw.number(0, 3, 1)])}
         forces.append({"body": draw.one(bodies)["name"], "load": sine})
         scene["max_step"] = 0.05
-    if draw.chance(0.3):
-        a, b = "b0", "ground" if count == 1 else "b1"
-        scene["springs"].append({"a": a, "b": b, "k": draw.number(1, 20, 1), "c": draw.one([0, 0.5])})
-    return scene
+    return scene | {"springs": _spring(draw, count)}
 
 
 def together(seed: int) -> Scene:
@@ -357,31 +343,21 @@ def together(seed: int) -> Scene:
         }
         for i in range(count)
     ]
-    ends = [(i, draw.one([-1, *range(i)])) for i in range(count)]
-    for _ in range(draw.whole(1, 4)):
-        a, b = draw.random.sample(range(-1, count), 2)
-        ends.append((a, b) if a >= 0 else (b, a))
     contacts = []
-    for k, (a, b) in enumerate(ends):
+    for k, (a, b) in enumerate(_ends(draw, count, (1, 4))):
         level = draw.one([5.0, 20.0, draw.number(1, 30, 1), draw.lines(stop, 0, 20, draw.whole(2, 4))])
-        contacts.append(draw.contact(f"c{k}", f"b{a}", "ground" if b < 0 else f"b{b}", level))
-    forces = [
+        contacts.append(draw.contact(f"c{k}", a, b, level))
+    forces: list[Scene] = [
         {"body": body["name"], "load": draw.lines(stop, -8, 8, draw.whole(2, 5), jumps=draw.chance(0.3))}
         for body in bodies
     ]
-    scene: Scene = {"bodies": bodies, "contacts": contacts, "springs": [], "forces": forces, "t_end": stop}
+    scene: Scene = {"bodies": bodies, "contacts": contacts, "forces": forces, "t_end": stop}
     if draw.chance(0.5):
-        sine = {
-            "amplitude": draw.number(0.5, 6, 1),
-            "frequency": draw.number(0.2, 2, 1),
-            "phase": draw.number(0, 3, 1),
-        }
+        sine = {"amplitude": draw.number(0.5, 6, 1), "frequency": draw.number(0.2, 2, 1)}
+        sine |= {"phase": draw.number(0, 3, 1)}
         forces.append({"body": draw.one(bodies)["name"], "load": sine})
         scene["max_step"] = 0.05
-    if draw.chance(0.3):
-        a, b = "b0", "ground" if count == 1 else "b1"
-        scene["springs"].append({"a": a, "b": b, "k": draw.number(1, 20, 1), "c": draw.one([0, 0.5])})
-    return scene
+    return scene | {"springs": _spring(draw, count)}
 
 
 def pressed(seed: int) -> Scene:
@@ -434,10 +410,7 @@ FAMILIES: dict[str, tuple[Callable[[int], Scene], str]] = {
     "mixed": (mixed, "wheels with springs, dampers, and contacts that open"),
     "symmetric": (symmetric, "a hub and equal arms that stick and slip at once"),
     "curved": (curved, "Stribeck curves, and sines for loads and normal forces"),
-    "trees": (
-        partial(tree, mixed),
-        "wheels with springs, dampers, contacts that open, and no loops",
-    ),
+    "trees": (partial(tree, mixed), "wheels with springs, dampers, contacts that open, and no loops"),
     "curved-trees": (
         partial(tree, curved),
         "Stribeck curves, and sines for loads and normal forces, without loops",

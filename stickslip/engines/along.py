@@ -70,7 +70,7 @@ class Along:
         found = _clenshaw(self._coefficients[row, step].tolist(), 2 * (tau - left) / (right - left) - 1)
         return found + float(self.guards.leeway[row]) if late else found
 
-    def root(self, row: int, step: int, right: float, late: bool = False) -> float:
+    def root(self, row: int, step: int, right: float, late: bool) -> float:
         """Return where a guard falls through 0 that is not negative at the start of a step, and is at `right` in it."""
         left, end = (float(self.path.taus[step + k]) for k in (0, 1))
         if self.are_exact[row] and left > self.guards.told:

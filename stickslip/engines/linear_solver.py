@@ -26,17 +26,15 @@ def band_order(system: System) -> Indices | None:
     """Return an order of the states in which what is coupled stands close together, None for small systems."""
     if system.size <= _DENSE_LIMIT:
         return None
-    n, size = system.n, system.size
-    joined = abs(scipy.sparse.csr_array(system.G).T) @ abs(scipy.sparse.csr_array(system.G))
-    pattern = scipy.sparse.lil_array((size, size))
-    pattern[:n, :n] = joined
-    pattern = pattern.tocsr()
+    size, places = system.size, (system.moved_state, system.moved)
+    joined = scipy.sparse.csr_array(system.abs_GT) @ scipy.sparse.csr_array(system.abs_G)
+    joined.resize((size, size))
+    # ties go in the order of the entries
+    joined.sort_indices()
     springs = scipy.sparse.csr_array(system.piecewise.widest(system.C))
     springs.resize((size, size))
-    inner = system.placed < n
-    rows, columns = system.n + np.flatnonzero(inner), system.placed[inner]
-    moves = scipy.sparse.csr_array((np.ones(rows.size), (rows, columns)), shape=(size, size))
-    total = pattern + springs + moves
+    moves = scipy.sparse.csr_array((np.ones(system.moved.size), places), shape=(size, size))
+    total = joined + springs + moves
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(
         scipy.sparse.csr_matrix(total + total.T), symmetric_mode=True
     )

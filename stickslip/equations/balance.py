@@ -51,7 +51,7 @@ class Balance:
         What the drives' velocities add.
     dependent : array of int
         Bodies whose velocities follow.
-    led_by_bodies, led_by_drives : array or sparse
+    T_dependent, U_dependent : array or sparse
         Their rows of T and U.
     loop : array (h,) of int
         Rows whose forces are not unique have the number of their loop, all others -1. Loops that share no row differ.
@@ -89,7 +89,7 @@ class Balance:
 
     def _finish(self) -> None:
         T: Any = self.T
-        self.led_by_bodies, self.led_by_drives = T[self.dependent], self.U[self.dependent]
+        self.T_dependent, self.U_dependent = T[self.dependent], self.U[self.dependent]
         inertia = self._inertia
         independent = np.ones(self._n, dtype=bool)
         independent[self.dependent] = False

@@ -53,6 +53,10 @@ class GuardsAtStart(GuardValues):
         Rows that are closed though their normal force is negative, or open though it is positive.
     order : array of int
         0 where a guard is positive at the start, k where it starts as tau^k, NEVER where it stays 0.
+    is_plain : bool
+        Whether no guard is 0 at the start: all orders are 0.
+    armed : int
+        How many guards may end the motion: not those that stay 0, nor those of open rows.
     lets_go : array of bool
         Velocities of rows that an event lets go, though the first orders do not tell that they leave 0.
     """

@@ -68,44 +68,40 @@ class ModeEquations:
 
     `modes` are for each row -1, 0, +1, OPEN, FREE, AT_HIGH, AT_LOW or APART; `regions` those of the piecewise-linear
     functions.
+
+    Attributes
+    ----------
+    held, slip, pre, open, free, at_level : array of int
+        Rows that are held, slip, are in pre-slip, carry no force, have no modes, or carry their level.
+    pressed, velocity_dependent, elastic : array of int
+        Rows whose normal force depends on the state, whose force depends on velocity, and gaps.
+    bristle_places : array of int
+        The states of the bristles that move.
+    dependent : array of int
+        Velocities that follow from others, by way of `T_dependent` and `U_dependent`.
+    friction : array or sparse (m, inputs)
+        Friction that is linear in the inputs.
+    is_assembled : bool
+        Whether the maps are put together as matrices; else they are applied step by step.
     """
 
-    def __init__(self, system: System, modes: Modes, regions: Regions = _NO_REGIONS) -> None:
+    def __init__(self, system: System, modes: Modes, regions: Regions) -> None:
         self.system, self.modes, self.regions = system, modes, regions
-        self.is_held = (modes == 0) & system.hard
-        self.held = self.is_held.nonzero()[0]
-        self.pre = ((modes == 0) & system.laws.has_slip_state).nonzero()[0]
-        self.slip = (np.abs(modes) == 1).nonzero()[0]
-        self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
-        self.at_level = ((modes == AT_HIGH) | (modes == AT_LOW)).nonzero()[0]
-        self.pressed = (system.pressed & system.alive).nonzero()[0]
-        self.velocity_dependent = velocity_dependent_in(modes, system).nonzero()[0]
-        directions = np.where(np.abs(modes) == 1, modes, 0)[self.velocity_dependent]
-        self.law = VelocityDependentForces(
-            [system.laws.laws[j] for j in self.velocity_dependent.tolist()], directions
-        )
-        self._alone: dict[int, VelocityDependentForces] = {}
-        self.bristle_places = np.array(
-            [system.bristle_state[j] for j in self.velocity_dependent[self.law.bristles]], dtype=np.intp
-        )
-        self.balance = system.balance(self.is_held.tobytes())
+        self._place_rows()
+        self._place_laws()
+        self.balance = system.balance(self.is_held)
         self.dependent = self.balance.dependent
-        self.T_dependent = self.balance.led_by_bodies
-        self.U_dependent = self.balance.led_by_drives
+        self.T_dependent, self.U_dependent = self.balance.T_dependent, self.balance.U_dependent
         self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
         self._place_regions()
         self._place_friction()
-        # a row that carries its level pushes with it: where that rises, the motion follows
-        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
-        rests = (modes == 0) | (modes == AT_HIGH) | (modes == AT_LOW)
-        self.resting_dwells = rests[system.dwelling].nonzero()[0]
+        self._shares = self._place_shares() if self.at_level.size else None
+        self.watched_count = system.m + self.held.size + self.at_level.size + self.borders.size
         self.guards = GuardRows(self, self.open[:0], modes[:0])
         self._guard_rows: dict[bytes, GuardRows] = {}
-        self._shares = self._place_shares() if self.at_level.size else None
-        self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
-        self.rows = system.m + self.held.size + self.at_level.size + self.borders.size
-        self._quantities = system.size + self.rows + self.guards.size
+        self._quantities = system.size + self.watched_count + self.guards.size
         self._maps: dict[tuple[bool, TableRegions, Waves], TaylorMap] = {}
+        self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (
@@ -115,6 +111,33 @@ class ModeEquations:
             (self.velocity_dependent.size > 0 or system.has_couplings)
             and self.balance.reach <= _NEAR * system.n
         )
+
+    # -- rows ------------------------------------------------------------------------------------------------
+
+    def _place_rows(self) -> None:
+        """Find which rows do what."""
+        system, modes = self.system, self.modes
+        at_level, slips = (modes == AT_HIGH) | (modes == AT_LOW), np.abs(modes) == 1
+        self.is_held = (modes == 0) & system.hard
+        self.held, self.slip = self.is_held.nonzero()[0], slips.nonzero()[0]
+        self.pre = ((modes == 0) & system.laws.has_slip_state).nonzero()[0]
+        self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
+        self.at_level = at_level.nonzero()[0]
+        self.pressed = (system.pressed & system.alive).nonzero()[0]
+        self.resting_dwells = ((modes == 0) | at_level)[system.dwelling].nonzero()[0]
+        # a row that carries its level pushes with it: where that rises, the motion follows
+        self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
+
+    def _place_laws(self) -> None:
+        """Put the laws side by side whose forces depend on velocity."""
+        system, modes = self.system, self.modes
+        rows = self.velocity_dependent = velocity_dependent_in(modes, system).nonzero()[0]
+        directions = np.where(np.abs(modes) == 1, modes, 0)[rows]
+        self.law = VelocityDependentForces([system.laws.laws[j] for j in rows.tolist()], directions)
+        self.bristle_places = np.array(
+            [system.bristle_state[j] for j in rows[self.law.bristles]], dtype=np.intp
+        )
+        self._alone: dict[int, VelocityDependentForces] = {}
 
     # -- piecewise-linear functions --------------------------------------------------------------------------
 
@@ -283,7 +306,7 @@ class ModeEquations:
                 # what follows the start asks for more
                 order = max(order, ORDER)
             found = TaylorMap(
-                system, *self._with_guards, self.rows, self.consistent, order, frozen, link, waves
+                system, *self._with_guards, self.watched_count, self.consistent, order, frozen, link, waves
             )
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
@@ -317,7 +340,7 @@ class ModeEquations:
     @cached_property
     def watched_by_laws(self) -> Mask:
         """Tell what watched quantities the forces that depend on velocity may reach."""
-        m, found = self.system.m, np.zeros(self.rows, dtype=bool)
+        m, found = self.system.m, np.zeros(self.watched_count, dtype=bool)
         if self.velocity_dependent.size:
             found[m:] = row_maxima(self.L[m:]) > 0 if self.is_assembled else True
         return found
@@ -375,8 +398,10 @@ class ModeEquations:
             own = self._shares @ (forces - inertia * acceleration)
             parts.append((slice(first, first + self.at_level.size), own))
         if borders is not None:
-            parts.append((slice(size + self.rows - self.borders.size, size + self.rows), borders))
-        return stacked(size + self.rows, parts)
+            parts.append(
+                (slice(size + self.watched_count - self.borders.size, size + self.watched_count), borders)
+            )
+        return stacked(size + self.watched_count, parts)
 
     def consistent(self, y: Array, u: Array) -> Array:
         """Write the dependent velocities of a state (or rows of its columns) through T, in place."""
@@ -451,7 +476,7 @@ class ModeEquations:
     def _sizes(self) -> Array | None:
         """The map of `magnitudes` from states and inputs together, of a small scene."""
         columns = self.system.size + self.system.inputs_and_dwells
-        if not is_quickly_made(self.system, columns, self.system.size + self.rows):
+        if not is_quickly_made(self.system, columns, self.system.size + self.watched_count):
             return None
         units = np.eye(columns)
         return self._magnitudes(units[: self.system.size], units[self.system.size :])
@@ -462,7 +487,7 @@ class ModeEquations:
         largest = system.largest_coefficient if q.ndim == 1 else system.largest_coefficient[:, None]
         abs_C, abs_Q = self._link_sizes
         forces = abs_C @ y + abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
-        found = np.zeros((size + self.rows, *q.shape[1:]))
+        found = np.zeros((size + self.watched_count, *q.shape[1:]))
         rate, z = found[:size], found[size:]
         rate[:n] = balance.acceleration_magnitudes(forces)
         if self.is_driven:

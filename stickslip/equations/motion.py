@@ -360,11 +360,11 @@ class Motion(Inputs):
         linked = Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         loads = q if linked is None else linked.loads
-        ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.rows))
+        ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.watched_count))
         ys[0] = y
         finite = False
         act = np.full(order + 1, linked is not None) | q.any(axis=1)
-        responses = np.zeros((order + 1, size + equations.rows))
+        responses = np.zeros((order + 1, size + equations.watched_count))
         if linked is None and act.any():
             responses[act] = equations.respond(q[act].T).T
         for k in range(order + 1):

@@ -21,7 +21,7 @@ from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Mask
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -82,12 +82,13 @@ class System:
         self._place_inputs(book)
         self._place_laws(book)
         self._join(book)
+        self._push(book)
         self.piecewise = self._piecewise(book)
         # as measured
         remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (100_000 + 16 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
-        self.balance = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
+        self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
             self._balance
         )
         self._components = Components(self.inertia, self.G, self.D)
@@ -108,8 +109,13 @@ class System:
                     read[name] = max(read.get(name, 1), index + 1)
         # the ground stays where it is
         stretched.discard(self.n + self.drives)
-        self.placed = np.array(sorted(stretched), dtype=np.intp)
-        self.first_bristle = self.n + self.placed.size
+        placed = self.placed = np.array(sorted(stretched), dtype=np.intp)
+        self.position_state = {int(i): self.n + k for k, i in enumerate(placed)}
+        # bodies and drives whose positions are states, and where these stand
+        self.moved, self.carried = placed[placed < self.n], placed[placed >= self.n] - self.n
+        self.first_bristle = self.n + placed.size
+        self.moved_state = np.arange(self.n, self.n + self.moved.size)
+        self.carried_state = np.arange(self.n + self.moved.size, self.first_bristle)
         c = self.laws = LawTable([row.law or _NO_LAW for row in book.rows])
         bristles = np.flatnonzero(c.has_state)
         self.bristle_state = {int(j): self.first_bristle + k for k, j in enumerate(bristles)}
@@ -120,7 +126,6 @@ class System:
             outputs = block.output_count or read.get(block.name, 1)
             place = BlockPlace(block, self.size, states, self.size + states, outputs)
             self.blocks[block.name], self.size = place, place.end
-        self.position_state = {int(i): self.n + k for k, i in enumerate(self.placed)}
 
     def _place_inputs(self, book: Book) -> None:
         """Resolve what forces, blocks and events of the user depend on, and give every input its place."""
@@ -230,13 +235,19 @@ class System:
         self.largest_coefficient = np.maximum(self.mu_s, self.least).max(axis=0, initial=0.0)
 
     def _join(self, book: Book) -> None:
-        n, drives = self.n, self.drives
-        rows, driven = Triplets(), Triplets()
+        """Enter the coefficients of the rows."""
+        n, rows, driven = self.n, Triplets(), Triplets()
         for j, row in enumerate(book.rows):
             for i, c in row.coefficients.items():
                 (rows if i < n else driven).add(j, i if i < n else i - n, c)
-        self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, drives))
-        state, inputs = Triplets(), Triplets()
+        self.G, self.D = self.matrix(rows, (self.m, n)), self.matrix(driven, (self.m, self.drives))
+        self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
+        self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
+        self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
+
+    def _push(self, book: Book) -> None:
+        """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""
+        n, state, inputs = self.n, Triplets(), Triplets()
         for link in book.couplings:
             for i, c in link.coefficients.items():
                 if i >= n:
@@ -266,15 +277,7 @@ class System:
         self.block_Q = self.matrix(block_inputs, (blocks, self.inputs))
         entries = state.values or push_state.values or block_state.values
         self.has_couplings = bool(entries or self.is_gap.any() or self.has_stops)
-        self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
-        self.abs_C, self.abs_Q, self.abs_GT = abs(self.C), abs(self.Q), abs(self.GT)
-        self.abs_G, self.abs_D = abs(self.G), abs(self.D)
-        self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
-        # places of the velocities whose integrals the positions are
-        self.moved = np.array([i for i in self.placed if i < n], dtype=np.intp)
-        self.moved_state = np.array([self.position_state[int(i)] for i in self.moved], dtype=np.intp)
-        self.carried = np.array([i - n for i in self.placed if i >= n], dtype=np.intp)
-        self.carried_state = np.array([self.position_state[int(i) + n] for i in self.carried], dtype=np.intp)
+        self.abs_C, self.abs_Q = abs(self.C), abs(self.Q)
 
     def _piecewise(self, book: Book) -> PiecewiseMatrices:
         rows = {j: row for j, row in enumerate(book.rows) if row.regions}
@@ -438,6 +441,10 @@ class System:
 
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
         return make(self, key)
+
+    def balance(self, held: Mask) -> Balance:
+        """Return the balance of forces with some rows held; the latest are remembered."""
+        return self._balances(held.tobytes())
 
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stickslip.equations.guards import FULLY, Guards
-from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, STRETCH_ROUNDOFF
+from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.loads import Loads
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
@@ -15,15 +15,11 @@ from stickslip.equations.path import Path
 from stickslip.equations.system import System
 from stickslip.events.impact import SAME, Struck, struck
 from stickslip.model.arrays import Array, Indices, Mask, Modes
-from stickslip.model.crossings import root_between
 
 _TIE, _ALONE = 1e-13, 1e-6
 """Guards, as parts of their scales, that tie; and that are near 0."""
 
 _NOTHING = 1e-200
-_CONSTANT = 1e-7
-_DRIVEN = 1e-3
-"""Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
 
 _AT_STOP = 1e-12
 """Part of what adds up in a stretch within which it is at a limit."""
@@ -229,186 +225,3 @@ def shown_at_end(motion: Motion, path: Path, labels: Modes) -> Modes:
     shown = labels.copy()
     shown[free] = motion.system.sign_of(w)[free]
     return shown
-
-
-def until_rest(motion: Motion, path: Path, uncertain: float, margin: float) -> tuple[Path, list[int]]:
-    """Return the path up to where rows have come to rest unseen, and those that have relaxed to it.
-
-    `uncertain` are a solver's errors of velocities, and `margin` is that inside which a row may have relaxed.
-    """
-    rows = motion.equations.slip[motion.system.hard[motion.equations.slip]]
-    if not (rows.size and (uncertain or margin > 0)) or path.taus.size < 2:
-        return path, []
-    points = path.points.T
-    w = _signed(motion, path.taus, points, rows)
-    cut = _until_unseen_crossing(motion, path, uncertain, rows, w) if uncertain else path
-    if cut is not path:
-        points = cut.points.T
-        w = _signed(motion, cut.taus, points, rows)
-    return _relaxed(motion, cut, margin, rows, points, w) if margin > 0 else (cut, [])
-
-
-def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: Indices, w: Array) -> Path:
-    """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
-
-    A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
-    force that follows the velocity, stops a row nearer than that. There its acceleration is gone, which at ``w = 0``
-    drove it on: that is a crossing, and no touch of 0.
-    """
-    found = float(path.taus[-1])
-    passed = w < 0
-    # what ends here is told there
-    passed[:, -1] &= (w[:, -1] < (FULLY - 1) * uncertain) | (not path.has_event)
-    for k in np.flatnonzero(passed.any(axis=1)).tolist():
-        row, beyond = rows[[k]], passed[k].astype(np.int8)
-        for left, right in np.flatnonzero(np.diff(beyond, prepend=0, append=0)).reshape(-1, 2).tolist():
-            # where it is farthest beyond 0 the velocity is constant
-            at = left + int(np.argmin(w[k, left:right]))
-            tau = float(path.taus[at])
-            if not tau or w[k, at] <= -uncertain or not _stopped(motion, tau, path.state(tau), int(row[0])):
-                continue
-
-            def signed(tau: float, row: Indices = row) -> float:
-                at = np.array([tau])
-                return float(_signed(motion, at, path.at(at).T, row)[0, 0])
-
-            before, after = path.taus[[max(left - 1, 0), left]].tolist()
-            if not left:
-                zero = tau
-            elif signed(before) > 0 > signed(after):
-                zero = root_between(signed, before, after)
-            else:
-                # of what is 0 at a point, but for roundoff, the polynomial may have either sign
-                zero = before if signed(before) <= 0 else after
-            found = min(found, zero)
-            break
-    if not 0 < found < path.taus[-1]:
-        return path
-    return motion.until(path, found, hit=True)
-
-
-def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
-    """Tell whether most of the acceleration is gone that a moving row had at ``w = 0``, where it drove it beyond."""
-    sign = float(motion.equations.modes[row])
-    equal = _brought_to_rest(motion, tau, y, row)
-    driven, left = (sign * motion.relative_acceleration(tau, state, row) for state in (equal, y))
-    rates, _ = motion.equations.magnitudes(np.abs(equal), np.abs(motion.inputs(tau, equal)))
-    adds_up = float((motion.system.abs_G[[row]] @ rates[: motion.system.n])[0])
-    return driven < -_DRIVEN * adds_up and left > 0.5 * driven
-
-
-def _relaxed(
-    motion: Motion, path: Path, margin: float, rows: Indices, points: Array, w: Array
-) -> tuple[Path, list[int]]:
-    """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
-
-    Where the velocities have become constant and a relative velocity is inside the margin, the contact is stuck;
-    only there, because the margin alone would spoil the accuracy of true crossings (Breedveld 2000, section 6.2).
-    """
-    count = path.taus.size - path.has_event
-    points, w = points[:, :count], w[:, :count]
-    near = (w <= margin) & (w > 0)
-    if not np.count_nonzero(near):
-        return path, []
-    # what has left rest only grows: no rates are needed to tell
-    falls = w[:, 1:] <= w[:, :-1]
-    edge = np.zeros((rows.size, 1), dtype=bool)
-    near &= np.concatenate([falls, edge], axis=1) | np.concatenate([edge, falls], axis=1)
-    some = np.flatnonzero(near.any(axis=0))
-    if not some.size:
-        return path, []
-    near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
-    found: tuple[float, list[int]] | None = None
-    for k in np.flatnonzero(near.any(axis=1)).tolist():
-        tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
-        if tau is None:
-            continue
-        if found is None or tau < found[0]:
-            found = (tau, [int(rows[k])])
-        elif tau == found[0]:
-            found[1].append(int(rows[k]))
-    if found is None:
-        return path, []
-    tau, ones = found
-    end = motion.until(path, tau) if tau < path.taus[-1] else path
-    # all that rest by then
-    last = _signed(motion, np.array([tau]), end.last[:, None], rows)[:, 0]
-    for k in ((last > 0) & (last <= margin)).nonzero()[0].tolist():
-        row = int(rows[k])
-        if row not in ones and _at_rest(motion, tau, end.last, row):
-            ones.append(row)
-    return end, sorted(ones)
-
-
-def _signed(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
-    system = motion.system
-    q = motion.loads(taus) if system.drives else np.empty(0)
-    w = system.relative_velocity(motion.exact(taus, states), q)[rows]
-    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
-
-
-def _signed_rates(motion: Motion, taus: Array, states: Array, rows: Indices) -> Array:
-    """Return how fast relative velocities grow away from 0."""
-    rates = [motion.stretch.rate(motion.t + tau) for tau in taus.tolist()] if motion.system.drives else []
-    w = motion.system.relative_velocity(motion.rate(taus, states), np.array(rates).T)[rows]
-    return np.asarray(w * motion.equations.modes[rows].astype(float)[:, None])
-
-
-def _first_rest(motion: Motion, path: Path, row: int, near: Mask, margin: float) -> float | None:
-    """Return the first time at which a row is within the margin and would stay at rest, there and at the next point."""
-    rows = np.array([row])
-    ends = near.nonzero()[0]
-    for k in ends.tolist():
-        tau = float(path.taus[k])
-        if not _at_rest(motion, tau, path.state(tau), row):
-            continue
-        if k and not near[k - 1]:
-
-            def beyond(x: float) -> float:
-                at = np.array([x])
-                return float(_signed(motion, at, path.at(at).T, rows)[0, 0]) - (1 - 1e-12) * margin
-
-            left = float(path.taus[k - 1])
-            entry = root_between(beyond, left, tau) if beyond(left) > 0 > beyond(tau) else tau
-            if _at_rest(motion, entry, path.state(entry), row):
-                return entry if entry > 0 else tau
-            continue
-        if k:
-            return tau
-    return None
-
-
-def _at_rest(motion: Motion, tau: float, y: Array, row: int) -> bool:
-    """Tell whether a moving row near rest would stay there: its relative acceleration is zero at ``w = 0``.
-
-    A velocity that falls to 0 exponentially never crosses it; one that crosses has a relative acceleration of the order
-    of its breakaway force (Breedveld 2000, section 6.2).
-    """
-    system, equations = motion.system, motion.equations
-    sign = float(equations.modes[row])
-    w = float(motion.watched(tau, y)[row])
-    if sign * motion.relative_acceleration(tau, y, row) > 0:
-        return False
-    equal = _brought_to_rest(motion, tau, y, row)
-    q = motion.inputs(tau, y)
-    scale = float(system.mu_s[:, row].max() * max(q[row], 0.0)) * equations.mobility(row)
-    if scale == 0:
-        # nothing that could hold it: constant means that no acceleration is left of what the velocity causes
-        scale = abs(w) * np.finfo(float).eps
-    try:
-        driven = sign * motion.relative_acceleration(tau, equal, row)
-    except (ArithmeticError, ValueError):
-        # a force that grows beyond all bounds there, such as the logarithm of the speed, lets it never come to rest
-        return False
-    # what drives it on at rest it does not hold
-    return -_CONSTANT * scale <= driven <= AT_LIMIT * scale
-
-
-def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
-    """Return the state in which a moving row is at rest, too."""
-    system, equal = motion.system, motion.exact(tau, y).copy()
-    held = motion.equations.is_held.copy()
-    held[row] = True
-    u = system.drive_velocities(motion.loads(tau))
-    equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
-    return equal

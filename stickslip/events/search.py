@@ -28,24 +28,25 @@ _MOST_TRIALS = 1000
 
 
 class Search:
-    """Try mode sets until one is consistent."""
+    """Try mode sets until one is consistent.
+
+    `labels` are 0 for rows at rest, else the signs of their velocities; `candidates` are rows that may be held, and
+    `regions` those in which the search begins.
+    """
 
     def __init__(
         self,
         system: System,
         stretch: Stretch,
         now: Situation,
-        y: Array,
-        since: Array,
         labels: Modes,
         candidates: Mask,
         regions: Regions,
         velocity_uncertainty: float,
     ) -> None:
-        self._system, self._stretch, self._now = system, stretch, now
-        self._y, self._since, self._labels, self._candidates = y, since, labels, candidates
-        self._regions, self._at_level = regions, now.at_level(system)
-        self._velocity_uncertainty = velocity_uncertainty
+        self._system, self._stretch, self._now, self._y = system, stretch, now, now.y
+        self._labels, self._candidates, self._regions = labels, candidates, regions
+        self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
         self._tried: dict[bytes, None] = {}
@@ -84,7 +85,7 @@ class Search:
             self._regions[functions.is_stop] = np.where(trial[row] == APART, 0, side)
         while True:
             equations = equations_in(trial, self._system, self._regions)
-            motion = Motion(equations, self._stretch, self._now.t, self._y, self._since)
+            motion = Motion(equations, self._stretch, self._now.t, self._y, self._now.since)
             guards = Guards(
                 motion, self._labels, self._candidates, self._at_level, self._velocity_uncertainty
             )
@@ -159,7 +160,7 @@ class Search:
         u = system.drive_velocities(self._stretch.at(self._now.t))
         held = (trial == 0) & system.hard
         self._y = self._y.copy()
-        self._y[:n] = system.balance(held.tobytes()).project(self._y[:n], u)
+        self._y[:n] = system.balance(held).project(self._y[:n], u)
 
     def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
@@ -188,7 +189,7 @@ class Search:
             rest = motion.equations.is_held.copy()
             rest[rows] = False
             push = system.GT[:, rows] @ side
-            given = system.balance(rest.tobytes()).accelerations(push)
+            given = system.balance(rest).accelerations(push)
             along = np.asarray(system.G[top] @ given)
             along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
             # what others hold does not move along, but for roundoff
@@ -235,7 +236,7 @@ class Search:
         balance = motion.equations.balance
         rest = motion.equations.is_held.copy()
         rest[rows] = False
-        others = self._system.balance(rest.tobytes())
+        others = self._system.balance(rest)
         return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
     def _parts(self, motion: Motion, others: Balance, rows: Indices) -> bool:

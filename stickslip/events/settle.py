@@ -85,7 +85,7 @@ def with_one(
         return None
     held = equations.is_held.copy()
     held[row] = True
-    balance = system.balance(held.tobytes())
+    balance = system.balance(held)
     may_be_spared = balance.has_loops
     if (direction and may_be_spared) or balance.parting is not None:
         # others may hold what it held, or drives tear them
@@ -155,7 +155,6 @@ def _settled(
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
-    all_closed = np.count_nonzero(closed) == closed.size
     w, rough = _relative(system, now.y, now.was, now.t, q)
     u = system.drive_velocities(q)
     if system.has_dead_bands:
@@ -164,7 +163,7 @@ def _settled(
     # a law that does not stick has no rest but where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
-    if now.labels is not None and (beyond or not all_closed):
+    if now.labels is not None and (beyond or np.count_nonzero(closed) < closed.size):
         named, resting = _directions(now, w, closed, resting, beyond)
     candidates = closed & resting
     y = _project(system, now.y, u, candidates)
@@ -177,17 +176,11 @@ def _settled(
             candidates = closed & resting
             y = _project(system, now.y, u, candidates)
     labels = np.where(resting, 0, named).astype(np.int8)
-    trial = labels
-    if not system.all_hard:
-        trial = np.where(system.hard, trial, _slip_states(system, w, now)).astype(np.int8)
-    if not all_closed:
-        trial = np.where(closed, trial, OPEN).astype(np.int8)
-    functions = system.piecewise
-    if functions.count:
-        trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
+    trial = _tried_first(system, labels, w, now, closed, at_stop)
     since = now.since if now.labels is not None else np.where(trial == 0, now.since, now.t)
-    regions = functions.at(y, q, now.regions)
-    search = Search(system, stretch, now, y, since, labels, candidates, regions, beyond)
+    now = now._replace(y=y, since=since)
+    regions = system.piecewise.at(y, q, now.regions)
+    search = Search(system, stretch, now, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
     crossed = now.crossed if beyond else np.zeros(system.m, dtype=bool)
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
@@ -201,9 +194,23 @@ def _settled(
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.any(watched[is_open] != labels[is_open]):
             guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), beyond)
-    if functions.count:
-        shown = functions.shown(shown, motion.equations.regions)
+    if system.piecewise.count:
+        shown = system.piecewise.shown(shown, motion.equations.regions)
     return Settled(shown, motion, guards)
+
+
+def _tried_first(
+    system: System, labels: Modes, w: Array, now: Situation, closed: Mask, at_stop: Mask
+) -> Modes:
+    """Return the modes in which all rows at rest are held that can carry a force."""
+    trial = labels
+    if not system.all_hard:
+        trial = np.where(system.hard, trial, _slip_states(system, w, now)).astype(np.int8)
+    if np.count_nonzero(closed) < closed.size:
+        trial = np.where(closed, trial, OPEN).astype(np.int8)
+    if system.piecewise.count:
+        trial = np.where(system.is_gap | system.is_stop & ~at_stop, APART, trial).astype(np.int8)
+    return trial
 
 
 def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask) -> Mask:
@@ -227,7 +234,7 @@ def _at_rest_in_bands(
     held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
     for j in moving.nonzero()[0].tolist():
         G = system.G[[j]]
-        left = row_maxima(G @ system.balance(held.tobytes()).T)
+        left = row_maxima(G @ system.balance(held).T)
         led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
         held[j] = not led[j]
     return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
@@ -250,7 +257,7 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
     if not np.count_nonzero(held):
         return y
     y = y.copy()
-    y[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    y[: system.n] = system.balance(held).project(y[: system.n], u)
     return y
 
 

@@ -17,7 +17,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.simulation.watching import DEGREE, ROUGH, TINY, signs_along
+from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
 TOGETHER = 1e-14
 """Part of a time within which nothing can be told apart."""

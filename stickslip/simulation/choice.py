@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import scipy
 
@@ -19,9 +17,7 @@ Measured (`benchmarks/border.py`): there the exact series takes about twice as l
 """
 
 
-def choose(
-    system: System, loads: Loads, formulation: str, method: str, duration: float = math.inf
-) -> tuple[str, str]:
+def choose(system: System, loads: Loads, formulation: str, method: str, duration: float) -> tuple[str, str]:
     """Return the engine, a key of `METHODS`, and the reason for it.
 
     Formulation and method are as `simulate` takes them; a run of short `duration` in s is no stiff one. A ValueError

@@ -10,18 +10,14 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes, from_nodes
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.model.crossings import root_between
 from stickslip.model.when import When
-
-DEGREE = 20
-"""Order of the polynomial that a quantity is taken for within a step."""
+from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
 _HALVINGS, _AT_MOST = 16, 1000
 """How often a step is halved at most in which a quantity is no such polynomial, and how many parts are at once."""
@@ -34,12 +30,6 @@ _SHORTLY, _OFF = 1e-3, 10.0
 
 _PARTS = 4
 """Parts of the shortest period of the loads within which a quantity is a polynomial."""
-
-ROUGH = 1e-11
-"""Part of what adds up in a quantity below which it is 0 at the start."""
-
-TINY = 1e-14
-"""The same part once its sign is known: roundoff."""
 
 
 class Crossing(NamedTuple):
@@ -66,45 +56,56 @@ class Watch:
 
     def crossings(self, motion: Motion, path: Path) -> list[Crossing]:
         """Return the events along a path in order of time, up to the first that stops the simulation."""
-        found: list[Crossing] = []
         edges, values, sizes = self._parts(motion, path)
-        after, lengths = list(self._signs), np.diff(edges)
-        for k, event in enumerate(self._events if edges.size > 1 else []):
-            rough, noise = (part * float(sizes[k].max(initial=0.0)) for part in (ROUGH, TINY))
-            of_one = self._along(motion, path, k)
-            sign = after[k]
-            first = values[k, 0, 0]
-            if sign and abs(first) > rough and (first > 0) != (sign > 0):
-                # the quantity has jumped
-                sign = -sign
-                found.append(Crossing(0.0, event, sign))
-            at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values[k]]
-            if sign and at_0[0] and not self._died[k]:
-                # it stays at 0, as what has stuck does
-                if not (self._in_steps and self._passed[k]):
-                    found.append(Crossing(0.0, event, -sign, stays=True))
-                sign = 0
-            self._passed[k] = False
-            for left, row in enumerate(values[k]):
-                if sign and left and at_0[left] and not at_0[left - 1]:
-                    tau = _first_at_0(of_one, edges[left - 1], edges[left], noise)
-                    before = tau - _SHORTLY * min(lengths[left - 1 : left + 1])
-                    if abs(of_one(before)) > _OFF * noise:
-                        # it bends there and stays, as what is cut off does: it has not died away, nor goes through
-                        found.append(Crossing(tau, event, -sign, stays=True))
-                        sign = 0
-                least = rough if sign == 0 else noise
-                for tau, now in signs_along(edges[left], edges[left + 1], row, of_one, least, noise):
-                    if sign == -now:
-                        found.append(Crossing(tau, event, now))
-                        self._passed[k] = left == len(at_0) - 1
-                    sign = now
-            after[k], self._died[k] = sign, at_0[-1]
+        found: list[Crossing] = []
+        for k in range(len(self._events)) if edges.size > 1 else ():
+            size = float(sizes[k].max(initial=0.0))
+            found += self._of_event(k, edges, values[k], size, self._along(motion, path, k))
         wanted = [one for one in found if one.event.direction in (0, one.sign)]
         wanted.sort(key=lambda one: one.tau)
-        self._signs = after
         stops = [one for one in wanted if one.event.stop]
         return [one for one in wanted if one.tau <= stops[0].tau] if stops else wanted
+
+    def _of_event(
+        self, k: int, edges: Array, values: Array, size: float, exact: Callable[[float], float]
+    ) -> list[Crossing]:
+        """Return where the quantity of one event crosses 0, or comes to it and stays, between the `edges` of parts.
+
+        `values` are those at the Chebyshev points of each part, `size` is what adds up in them, and `exact` is the
+        quantity itself.
+        """
+        event, sign = self._events[k], self._signs[k]
+        rough, noise = ROUGH * size, TINY * size
+        found: list[Crossing] = []
+        first = values[0, 0]
+        if sign and abs(first) > rough and (first > 0) != (sign > 0):
+            # the quantity has jumped
+            sign = -sign
+            found.append(Crossing(0.0, event, sign))
+        at_0 = [bool(np.all(np.abs(row) <= noise)) for row in values]
+        if sign and at_0[0] and not self._died[k]:
+            # it stays at 0, as what has stuck does
+            if not (self._in_steps and self._passed[k]):
+                found.append(Crossing(0.0, event, -sign, stays=True))
+            sign = 0
+        self._passed[k] = False
+        lengths = np.diff(edges)
+        for left, row in enumerate(values):
+            if sign and left and at_0[left] and not at_0[left - 1]:
+                tau = _first_at_0(exact, edges[left - 1], edges[left], noise)
+                before = tau - _SHORTLY * min(lengths[left - 1 : left + 1])
+                if abs(exact(before)) > _OFF * noise:
+                    # it bends there and stays, as what is cut off does: it has not died away, nor goes through
+                    found.append(Crossing(tau, event, -sign, stays=True))
+                    sign = 0
+            least = rough if sign == 0 else noise
+            for tau, now in signs_along(edges[left], edges[left + 1], row, exact, least, noise):
+                if sign == -now:
+                    found.append(Crossing(tau, event, now))
+                    self._passed[k] = left == len(at_0) - 1
+                sign = now
+        self._signs[k], self._died[k] = sign, at_0[-1]
+        return found
 
     def _parts(self, motion: Motion, path: Path) -> tuple[Array, Array, Array]:
         """Return the ends of parts of a path, the quantities in each at Chebyshev points, and what adds up in them.
@@ -153,38 +154,3 @@ def _first_at_0(value: Callable[[float], float], left: float, right: float, nois
         else:
             left = middle
     return right
-
-
-def signs_along(
-    left: float, right: float, values: Array, exact: Callable[[float], float], rough: float, noise: float
-) -> list[tuple[float, int]]:
-    """Return where a quantity takes a sign between two times, and which: at `left`, and after each of its roots.
-
-    `values` are those at the Chebyshev points between the times, `exact` is the quantity itself. Below `rough` it
-    counts as 0 before its sign is known, below `noise` after.
-    """
-    signs = np.sign(np.where(np.abs(values) > rough, values, 0.0)).astype(int)
-    c = from_nodes(values.size - 1) @ values
-    some = int(signs[signs != 0][0]) if signs.any() else 0
-    if abs(c[0]) > np.abs(c[1:]).sum() or not some:
-        return [(left, some)] if some else []
-    c = np.where(np.abs(c) > TINY * np.abs(c).max(), c, 0.0)
-    inner = chebyshev.chebroots(np.trim_zeros(c, "b"))
-    real = np.sort(inner[np.abs(inner.imag) < 1e-6].real)
-    marks = np.unique(np.concatenate([[-1.0], real[(real > -1.0) & (real < 1.0)], [1.0]]))
-    middles = 0.5 * (marks[1:] + marks[:-1])
-    found: list[tuple[float, int]] = []
-    before: tuple[float, int] | None = None
-    for x in [-1.0, *middles.tolist(), 1.0]:
-        tau = left + 0.5 * (x + 1.0) * (right - left)
-        value = exact(tau)
-        if abs(value) <= (rough if before is None else noise):
-            continue
-        sign = 1 if value > 0 else -1
-        if before is None:
-            found.append((left, sign))
-        elif sign != before[1]:
-            root = root_between(exact, before[0], tau)
-            found.append((root, sign))
-        before = tau, sign
-    return found

@@ -312,13 +312,11 @@ def _outputs(motion: Motion, changes: list[tuple[Array, _Response]]) -> tuple[tu
     """Return names of the outputs, and how they follow from changes of states and of inputs."""
     system = motion.system
     n = system.n
-    places = [i for i in system.placed if i < n]
     names = [f"velocity({body.name})" for body in system.scene.bodies]
-    names += [f"position({system.scene.bodies[i].name})" for i in places]
+    names += [f"position({system.scene.bodies[i].name})" for i in system.moved]
     names += [f"relative_velocity({row.name})" for row in system.rows]
     names += [f"force({row.name})" for row in system.rows]
-    positions = [system.position_state[int(i)] for i in places]
     return tuple(names), [
-        np.concatenate([dy[:n], dy[positions], response.relative, response.forces])
+        np.concatenate([dy[:n], dy[system.moved_state], response.relative, response.forces])
         for dy, response in changes
     ]

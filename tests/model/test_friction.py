@@ -217,25 +217,6 @@ def test_memory_the_peak_exists_only_on_breaking_away() -> None:
     assert np.abs(result.force("c")[~slips]).max() == pytest.approx(5.0, rel=1e-9)
 
 
-def test_leines_belt() -> None:
-    """Limit cycle of Leine, Van Campen, De Kraker and Van den Steen (1998), in numbers of a shooting method."""
-    law = DryFriction(1.0, 1.0, kinetic=lambda speed: 1.0 / (1.0 + 3.0 * speed))
-    scene = Scene(
-        Body("m", inertia=1.0, position=1.13394467644166),
-        Drive("belt", velocity=0.2),
-        Spring("m", GROUND, stiffness=1.0),
-        Contact("c", "m", "belt", law, normal=1.0),
-    )
-    result = simulate(scene, (0.0, 40.0), **TIGHT)
-    assert told(result) == [("c", -1, 0), ("c", 0, -1)] * 3 + [("c", -1, 0)]
-    t = np.array([e.t for e in result.events])
-    np.testing.assert_allclose(np.diff(t)[0::2], 7.70503176935042, atol=1e-8)
-    np.testing.assert_allclose(np.diff(t)[1::2], 4.29599952548016, atol=1e-8)
-    np.testing.assert_allclose(t[2:] - t[:-2], 12.0010312948306, atol=1e-8)
-    later = np.linspace(t[0], 40.0, 20_001)
-    assert result(later)[1].max() == pytest.approx(1.13394467644166, abs=1e-7)
-
-
 # LuGre
 
 
