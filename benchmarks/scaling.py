@@ -1,10 +1,11 @@
-"""How the work grows with the size of a scene: chains of wheels, chains of blocks on a belt, and pre-slip.
+"""How the work grows with the size of a scene: chains of wheels, of blocks on a belt, shaken ones too, and pre-slip.
 
     python -m benchmarks.scaling [--quick]
 
 Every size runs in a process of its own, for its peak memory. Wheels: inertia 1, free ends, friction between
 neighbours, to the standstill of all interfaces; their last velocity must be the average of the first ones.
 Blocks: each tied by springs to its two neighbours and to a plate at rest, on a belt that moves steadily.
+Shaken: the same blocks with a sine among the forces on each.
 Pre-slip: the same chains of wheels on the linear law, time per step.
 """
 
@@ -21,16 +22,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Scene, Spring, simulate
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Force, Scene, Spring, simulate, sine
 
 WHEELS = (10, 100, 1000, 10_000)
 BLOCKS = (10, 100, 1000)
+SHAKEN = (10, 100, 1000)
 PRE_SLIP = (10, 100, 1000)
 DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1)
 PRE_SLIP_VELOCITY = 1e-4
 WHEELS_STOP = 0.05
 BLOCKS_STOP = 5.0
 BELT = 0.3
+PUSH = 0.5
 
 
 def wheels(n: int) -> Scene:
@@ -44,8 +47,8 @@ def wheels(n: int) -> Scene:
     )
 
 
-def blocks(n: int) -> Scene:
-    """Return blocks in a row on a belt, each tied to its neighbours and to a plate at rest."""
+def blocks(n: int, push: float = 0.0) -> Scene:
+    """Return blocks in a row on a belt, each tied to its neighbours and to a plate at rest, and pushed by a sine."""
     law, index = DryFriction(mu_static=0.35, mu_coulomb=0.2), range(n)
     return Scene(
         Drive("belt", velocity=BELT),
@@ -56,6 +59,7 @@ def blocks(n: int) -> Scene:
         *(Contact(f"f{i}", f"b{i}", "belt", law, normal=5.0) for i in index),
         *(Spring(f"b{i}", GROUND, stiffness=1.0, damping=0.05) for i in index),
         *(Spring(f"b{i}", f"b{i + 1}", stiffness=3.0) for i in index[:-1]),
+        *(Force(f"b{i}", sine(push, 1.5, phase=0.7 * i)) for i in index if push),
     )
 
 
@@ -77,17 +81,18 @@ class Measured:
 
 def measure(kind: str, n: int) -> Measured:
     """Simulate one size in this process."""
-    scene = blocks(n) if kind == "blocks" else wheels(n)
+    is_blocks = kind in ("blocks", "shaken")
+    scene = blocks(n, PUSH if kind == "shaken" else 0.0) if is_blocks else wheels(n)
     if kind == "pre-slip":
         scene = scene.regularized(PRE_SLIP_VELOCITY)
-    stop = BLOCKS_STOP if kind == "blocks" else WHEELS_STOP
+    stop = BLOCKS_STOP if is_blocks else WHEELS_STOP
     small = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
     before = clock.perf_counter()
     result = simulate(scene, (0.0, stop), t_eval=[stop], dense_output=False, **small)
     seconds = clock.perf_counter() - before
     error = math.nan
     last = result.y[:n, -1]
-    if kind != "blocks":
+    if not is_blocks:
         error = float(np.abs(last - np.mean([body.velocity for body in scene.bodies])).max())
     if kind == "wheels" and any(result.mode(f"c{i}")[-1] for i in range(n - 1)):
         error = math.inf
@@ -116,7 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="leave out the largest size of each kind")
     quick = parser.parse_args(arguments).quick
     wrong = 0
-    for kind, sizes in (("wheels", WHEELS), ("blocks", BLOCKS), ("pre-slip", PRE_SLIP)):
+    kinds = (("wheels", WHEELS), ("blocks", BLOCKS), ("shaken", SHAKEN), ("pre-slip", PRE_SLIP))
+    for kind, sizes in kinds:
         item = "step" if kind == "pre-slip" else "event"
         titles = (kind, "events", "steps", "time / s", f"time per {item} / ms", "peak memory / MB", "error")
         print("\n| " + " | ".join(titles) + " |")
