@@ -76,9 +76,8 @@ class Due:
         """
         parts = self._parts
         g = np.concatenate([-force, force])
-        levels, rates = parts.levels(rows, t)
-        g[:, 0] += levels.ravel()
-        g[:, 1] += parts.unit * rates.ravel()
+        levels = parts.levels(rows, t)
+        g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
         return g
 
     def moved(self, rows: Indices, t: float) -> Array:
@@ -116,14 +115,14 @@ class Due:
         span = until - t
         c = self.moved(np.array([j]), t)[0]
         c *= (span / parts.unit) ** np.arange(c.size)
-        n0, n1 = (t - parts.t0) * parts.normal[j, 1] + parts.normal[j, 0], span * parts.normal[j, 1]
+        normal = parts.normals(np.array([j]), t)[0]
+        normal *= (span / parts.unit) ** np.arange(normal.size)
         for side, sign in ((0, 1), (1, -1)):
             g = -sign * c
-            g[0] += system.mu_s[side, j] * n0
-            g[1] += system.mu_s[side, j] * n1
+            g[: normal.size] += system.mu_s[side, j] * normal
             if is_rising and system.rise[side, j]:
                 lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
-                g = _risen(g, lag, span / dwell, n0, n1)
+                g = _risen(g, lag, span / dwell, normal)
             if g[0] <= np.abs(g[1:]).sum():
                 self._enter(j, g, t, span, sign)
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
@@ -150,20 +149,19 @@ class Due:
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
-            return float(self._system.mu_s[0, j] * (parts.normal[j, 0] + (t - parts.t0) * parts.normal[j, 1]))
+            return float(self._system.mu_s[0, j]) * parts.normal_at(j, t)
         total = float(parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
             total += float(parts.speed[forest.parent[j]])
         elif forest.drive[j] >= 0:
-            total += abs(float(parts.drive[forest.drive[j], 0]))
+            total += float(parts.drive_size[forest.drive[j]])
         return total
 
 
-def _risen(g: Array, lag: float, rate: float, n0: float, n1: float) -> Array:
-    """Return a guard less what its level lacks: ``lag exp(-rate s) (n0 + n1 s)``, more terms where needed."""
+def _risen(g: Array, lag: float, rate: float, normal: Array) -> Array:
+    """Return a guard less what its level lacks, ``lag exp(-rate s)`` of the normal force; more terms where needed."""
     found = np.zeros(max(g.size, _TERMS_WITH_DWELL))
     found[: g.size] = g
     decay = lag * np.cumprod(np.append(1.0, -rate / np.arange(1.0, found.size)))
-    found -= n0 * decay
-    found[1:] -= n1 * decay[:-1]
+    found -= np.convolve(decay, normal)[: found.size]
     return found

@@ -6,14 +6,18 @@ reaches within the time for which series hold; the series of all others go on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
+from stickslip.engines.swings import Lines, Swings
 from stickslip.engines.work import Work
-from stickslip.equations.forest import Forest
+from stickslip.equations.drives import Drives
+from stickslip.equations.forest import Forest, spans
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
@@ -82,7 +86,13 @@ class Parts:
         self._factorial = np.cumprod(np.append(1.0, self._ascending))
         q, slope = motion.stretch.taylor(motion.t, 1, waves=False)
         self.normal = np.stack([np.maximum(q[:m], 0.0), slope[:m]], axis=1)
-        self.drive = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
+        self.normals = Lines(self.normal, motion.t, self._of_rows, self.unit, count)
+        start = np.zeros(system.drives)
+        start[system.carried] = motion.y[system.carried_state]
+        u = np.stack([system.drive_velocities(q), system.drive_accelerations(q)], axis=1)
+        self.drives = Drives(start, u, motion.t, self._of_drives.sines)
+        self.drive_velocities = Lines(u, motion.t, self._of_drives, self.unit, count)
+        self.drive_size = np.abs(u[:, 0]) + self._of_drives.sizes
         self._push(motion, q, slope)
         self.mode, self.label, self.since = motion.equations.modes.copy(), labels.copy(), motion.since.copy()
         self.started = np.zeros(m, dtype=bool)
@@ -95,8 +105,6 @@ class Parts:
         self.position[system.moved] = motion.y[system.moved_state]
         self.row_origin = np.full(m, motion.t)
         self.end = self.stop
-        self.drive_start = np.zeros(system.drives)
-        self.drive_start[system.carried] = motion.y[system.carried_state]
         self.ended = motion.t
         self.opens = bool((self.mode == OPEN).any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
@@ -107,31 +115,55 @@ class Parts:
         self.rub(np.arange(n))
 
     def _push(self, motion: Motion, q: Array, slope: Array) -> None:
-        """Forces from loads and drives on the bodies, in powers of the time since the start."""
+        """Enter forces from loads and drives on the bodies, in powers of the time since the start; sines apart."""
         system = motion.system
         given = np.zeros((system.n, 3))
         given[:, 0], given[:, 1] = system.Q @ q[: system.inputs], system.Q @ slope[: system.inputs]
         if system.carried.size:
             pulls = system.C[:, system.carried_state]
             given[:, 0] += pulls @ motion.y[system.carried_state]
-            given[:, 1] += pulls @ self.drive[system.carried, 0]
-            given[:, 2] += pulls @ (0.5 * self.drive[system.carried, 1])
+            given[:, 1] += pulls @ self.drives.velocity[system.carried, 0]
+            given[:, 2] += pulls @ (0.5 * self.drives.velocity[system.carried, 1])
+            # the integrals of sines do not begin at 0
+            given[:, 0] -= pulls @ self._of_drives.integrated().series(system.carried, motion.t, 1, 1.0)[:, 0]
         self._given = given
 
     def _swing(self, motion: Motion) -> None:
-        """Find the sines among the forces on each body: those of body i stand from ``_wave_from[i]`` on."""
-        self._stretch = motion.stretch
-        entries = np.array(self._stretch.waves[0], dtype=np.intp)
-        acts = scipy.sparse.csr_array(motion.system.Q[:, entries])
-        self._wave_from, self._wave, self._share = acts.indptr, acts.indices, acts.data
-        self.swings = np.diff(acts.indptr) > 0
-        self.has_series = self.is_coupled or bool(entries.size)
+        """Find the sines among normal forces, velocities of drives, and forces on bodies."""
+        system, sines, forest = motion.system, motion.stretch.sines, self.forest
+        self._of_rows = Swings.among(sines, sines.entry, system.m)
+        drive = sines.entry - system.first_drive
+        self._of_drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
+        acts, both = system.Q[:, sines.entry], sines
+        pulling = np.isin(drive, system.carried).nonzero()[0]
+        if pulling.size:
+            # springs to drives that swing
+            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
+            acts = scipy.sparse.hstack([scipy.sparse.csr_array(x) for x in (acts, system.C[:, places])])
+            both = sines.joined(sines.some(pulling).integrated())
+        self._of_bodies = Swings.of(both, acts)
+        self._has_sines = bool(sines.entry.size)
+        self.has_series = self.is_coupled or self._has_sines
+        # bodies that sines reach at once: by a force, or by what a row of theirs watches
+        self.swings = self._of_bodies.moves
+        rows = (
+            self._of_rows.moves | (forest.drive >= 0) & np.append(self._of_drives.moves, False)[forest.drive]
+        )
+        ends = np.concatenate([forest.child[rows], forest.parent[rows]])
+        self.swings[ends[ends >= 0]] = True
+        # by what leads a body: drives, then nothing, then the ground
+        self._bends_with = np.concatenate([self._of_drives.moves, [True, False]])
+
+    @property
+    def is_bent(self) -> Mask:
+        """Which bodies follow no polynomial: neither the ground leads them nor a drive without sines."""
+        return np.asarray(self._bends_with[self.lead] if self._of_drives.any else self.lead == UNLED)
 
     def bends(self, bodies: Indices) -> bool:
-        """Tell whether the series of some bodies hold for a while only: springs or dampers move them, or sines."""
+        """Tell whether the series of some bodies hold for a while only."""
         if not self.has_series:
             return False
-        return bool((self.lead[bodies] == UNLED).any() or self.swings[bodies].any())
+        return bool(self._bends_with[self.lead[bodies]].any() or self.swings[bodies].any())
 
     # -- groups ----------------------------------------------------------------------------------------------
 
@@ -164,11 +196,6 @@ class Parts:
             self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
             if self.group[i] == i:
                 self.inside[i] = np.array([j])
-
-    @property
-    def is_unled(self) -> Mask:
-        """Whether neither ground nor a drive leads a body."""
-        return np.asarray(self.lead == UNLED)
 
     def bodies_of(self, g: int) -> Indices:
         """Return the bodies of a group in order of their places."""
@@ -204,22 +231,25 @@ class Parts:
             if abs(mode) == 1:
                 self.force[i, :2] -= forest.sign[j] * mode * self.mu[int(mode < 0), j] * self.normal[j]
             return
-        self.force[bodies] = self._given[bodies]
-        rows = distinct(self.rows_at(bodies))
-        rows = rows[np.abs(self.mode[rows]) == 1]
+        force, rows = self._given[bodies], distinct(self.rows_at(bodies))
+        self._rub(force, bodies, rows, self.normal[rows])
+        self.force[bodies] = force
+
+    def _rub(self, force: Array, bodies: Indices, rows: Indices, normals: Array) -> None:
+        """Add the friction of the moving ones among some rows to forces on bodies, a line each."""
+        forest, place = self.forest, self.place
+        moving = np.abs(self.mode[rows]) == 1
+        rows, mode = rows[moving], self.mode[rows[moving]]
         if not rows.size:
             return
-        mode = self.mode[rows]
-        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * self.normal[
-            rows
+        push = (forest.sign[rows] * mode * self.mu[(mode < 0).astype(np.intp), rows])[:, None] * normals[
+            moving
         ]
-        wanted = self.place
-        wanted[bodies] = 0
-        child, parent = forest.child[rows], forest.parent[rows]
-        own, other = wanted[child] >= 0, (parent >= 0) & (wanted[parent] >= 0)
-        wanted[bodies] = -1
-        np.subtract.at(self.force[:, :2], child[own], push[own])
-        np.add.at(self.force[:, :2], parent[other], push[other])
+        place[bodies] = np.arange(bodies.size)
+        for ends, add in ((forest.child[rows], np.subtract), (forest.parent[rows], np.add)):
+            within = ((ends >= 0) & (place[ends] >= 0)).nonzero()[0]
+            add.at(force[:, : push.shape[1]], place[ends[within]], push[within])
+        place[bodies] = -1
 
     def rows_at(self, bodies: Indices) -> Indices:
         """Return the rows of some bodies; a row between two of them stands twice."""
@@ -227,7 +257,7 @@ class Parts:
         if forest.row_of is not None:
             rows = forest.row_of[bodies]
             return rows[rows >= 0]
-        return forest.rows[_spans(forest.rows_from, bodies)]
+        return forest.rows[spans(forest.rows_from, bodies)]
 
     # -- values ----------------------------------------------------------------------------------------------
 
@@ -243,42 +273,53 @@ class Parts:
         d, unit = t - self.t0, self.unit
         moved = np.array([[1.0, 0.0, 0.0], [d, unit, 0.0], [d * d, 2 * d * unit, unit * unit]])
         straight = np.asarray(self.force[bodies] @ moved)
-        if not self.swings[bodies].any():
+        if not (self._has_sines and self.swings[bodies].any()):
             return straight
-        found = np.zeros((bodies.size, self.velocity.shape[1]))
-        found[:, :3] = straight
-        places = _spans(self._wave_from, bodies)
-        own = np.repeat(np.arange(bodies.size), self._wave_from[bodies + 1] - self._wave_from[bodies])
-        waves = self._stretch.taylor_of_waves(self._wave[places], t, found.shape[1] - 1, unit)
-        np.add.at(found, own, self._share[places, None] * waves.T)
+        found = self._of_bodies.series(bodies, t, self.velocity.shape[1], unit)
+        found[:, :3] += straight
+        if self._of_rows.any:
+            rows = distinct(self.rows_at(bodies))
+            rows = rows[self._of_rows.moves[rows]]
+            self._rub(found, bodies, rows, self._of_rows.series(rows, t, found.shape[1], unit))
         return found
 
-    def normals(self, rows: Indices, t: float) -> Array:
-        """Return normal forces at time `t`."""
-        return np.asarray(self.normal[rows, 0] + (t - self.t0) * self.normal[rows, 1])
+    def normal_at(self, j: int, t: float) -> float:
+        """Return one normal force without its sines at time `t`: its size."""
+        return float(self.normal[j, 0] + (t - self.t0) * self.normal[j, 1])
 
-    def levels(self, rows: Indices, t: float) -> tuple[Array, Array]:
-        """Return breakaway levels at time `t`, forward and backward (2, k), and their rates.
+    def drive_at(self, k: int, t: float) -> tuple[float, float]:
+        """Return velocity and acceleration of a drive at time `t`; those of the ground, which is -1, are 0."""
+        if k < 0:
+            return 0.0, 0.0
+        start, slope = self.drives.velocity[k].tolist()
+        v, a = (
+            self._of_drives.series(np.array([k]), t, 2, 1.0)[0].tolist()
+            if self._of_drives.any
+            else (0.0, 0.0)
+        )
+        return start + (t - self.t0) * slope + v, slope + a
 
-        Levels that rise with the dwell count as they are; their rates are those of the normal forces.
+    def levels(self, rows: Indices, t: float) -> Array:
+        """Return the series of breakaway levels from time `t` on, forward and backward (2, k, terms).
+
+        Levels that rise with the dwell count as they are; they change with the normal forces.
         """
         static = self.system.mu_s[:, rows]
         if self._any_dwells and (some := self.dwells[rows]).any():
             # what static coefficients lack until their dwell is over
             dwell = np.where(some, self.system.dwell[rows], 1.0)
             static -= self.system.rise[:, rows] * np.exp(-(t - self.since[rows]) / dwell)
-        return static * self.normals(rows, t), static * self.normal[rows, 1]
+        return np.asarray(static[:, :, None] * self.normals(rows, t))
 
     def state(self, t: float) -> Array:
         """Return the state of the whole scene at time `t`."""
-        system, d = self.system, t - self.t0
+        system = self.system
         y = np.empty(system.size)
         v, x = self.at(np.arange(self.forest.n), t)
         y[: system.n] = v
         y[system.moved_state] = x[system.moved]
         if system.carried.size:
-            u = self.drive[system.carried]
-            y[system.carried_state] = self.drive_start[system.carried] + d * (u[:, 0] + 0.5 * d * u[:, 1])
+            y[system.carried_state] = self.drives.positions(system.carried, np.array([t]))[:, 0]
         return y
 
     # -- patches ---------------------------------------------------------------------------------------------
@@ -318,7 +359,7 @@ class Parts:
             nothing = np.empty(0, dtype=np.intp)
             return Patch(t, bodies, v, x, np.zeros(k), None, np.zeros((k, 0)), nothing, nothing)
         forest, place = self.forest, self.place
-        places = _spans(forest.near_from, bodies)
+        places = spans(forest.near_from, bodies)
         counts = forest.near_from[bodies + 1] - forest.near_from[bodies]
         rows = row = np.repeat(np.arange(k), counts)
         near = forest.near[places]
@@ -364,9 +405,8 @@ class Parts:
             share[led] = series[led, 0] = 0.0
             driven = led[lead[led] >= 0]
             if driven.size:
-                u = self.drive[lead[driven]]
-                series[driven, 0] = u[:, 0] + (t - self.t0) * u[:, 1]
-                series[driven, 1] = unit * u[:, 1]
+                u = self.drive_velocities(lead[driven], t)
+                series[driven, : u.shape[1]] = u
         if self.has_series:
             force = self._coupled(patch, first, own, share, push, series)
         else:
@@ -407,16 +447,19 @@ class Parts:
         # derivatives in units of time, i! times the coefficients: each follows from the one before by the same map
         factorial = self._factorial[: order + 1, None]
         given = fixed[:, :order].T * factorial[:-1]
-        given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
-        factor, jump = unit * share, series[:, 1]
+        if not self._of_drives.any:
+            given = given[: 1 + int(np.flatnonzero(given.any(axis=1)).max(initial=0))]
+        # what drives lead follows them
+        factor, led = unit * share, series[:, 1 : 1 + len(given)].T * factorial[1 : 1 + len(given)]
         if own is not None:
             given = np.array([np.bincount(own, g)[own] for g in given])
-            factor, jump = factor[own], jump[own]
+            factor, led = factor[own], led[:, own]
         given *= factor
-        given[0] += jump
+        given += led
         z = np.zeros((order + 1, 2 * k))
         z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
         lines, count = list(z), len(given)
+        follow: Callable[[Array, Array], object]
         if scipy.sparse.issparse(both):
 
             def follow(now: Array, following: Array) -> None:
@@ -428,9 +471,8 @@ class Parts:
             step = np.zeros((2 * k, 2 * k))
             step[:k] = factor[:, None] * (both if own is None else (own[:, None] == own) @ both)
             step[np.arange(k, 2 * k), np.arange(k)] = unit
-
-            def follow(now: Array, following: Array) -> None:
-                np.dot(step, now, out=following)
+            # a function around it would take as long as the product itself
+            follow = step.dot
 
         for now, following, rates, part in zip(lines, lines[1:], z[1:, :k], given, strict=False):
             follow(now, following)
@@ -475,9 +517,8 @@ class Parts:
                 w[has] -= self._about(parent[has], t)
             on = ((parent < 0) & (forest.drive[loose] >= 0)).nonzero()[0]
             if on.size:
-                u = self.drive[forest.drive[loose[on]]]
-                w[on, 0] -= u[:, 0] + (t - self.t0) * u[:, 1]
-                w[on, 1] -= self.unit * u[:, 1]
+                u = self.drive_velocities(forest.drive[loose[on]], t)
+                w[on, : u.shape[1]] -= u
             self.watched[loose] = forest.sign[loose, None] * w
         place[bodies] = -1
         self.row_origin[rows] = t
@@ -493,9 +534,9 @@ class Parts:
         is_held = self.mode[rows] == 0
         found = self.velocity[bodies[own]]
         if self._any_drives:
-            u = self.drive[forest.drive[rows]] * (forest.drive[rows] >= 0)[:, None]
-            found[:, 0] -= u[:, 0] + (patch.t - self.t0) * u[:, 1]
-            found[:, 1] -= self.unit * u[:, 1]
+            u = self.drive_velocities(np.maximum(forest.drive[rows], 0), patch.t)
+            u *= (forest.drive[rows] >= 0)[:, None]
+            found[:, : u.shape[1]] -= u
         terms = rest.shape[1]
         if terms < found.shape[1]:
             found[is_held, terms:] = 0.0
@@ -519,9 +560,10 @@ class Parts:
         if not self.has_series:
             return np.zeros(rows.size, dtype=bool)
         forest, bodies = self.forest, patch.bodies
-        live = self.is_unled
+        live = self.is_bent
         live[bodies[patch.row[live[patch.near]]]] = True
-        live |= self.swings
+        if self._has_sines:
+            live |= self.swings
         if forest.row_of is not None:
             return np.asarray(live[forest.child[rows]])
         groups = np.unique(self.group[bodies[live[bodies]]])
@@ -529,13 +571,6 @@ class Parts:
             live[self.members[g]] = True
         parent = forest.parent[rows]
         return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))
-
-
-def _spans(starts: Indices, some: Indices) -> Indices:
-    """Return the numbers from ``starts[i]`` up to ``starts[i + 1]`` for some i, one after another."""
-    first = starts[some]
-    count = starts[some + 1] - first
-    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
 def distinct(numbers: Indices) -> Indices:

@@ -56,7 +56,7 @@ class Forest:
 
     def __init__(self, system: System, period: float) -> None:
         n, m = system.n, system.m
-        self.n, self.m, self._first_drive = n, m, system.first_drive
+        self.n, self.m = n, m
         a, b = np.full(m, -1), np.full(m, -1)
         first = np.ones(m)
         self.drive = np.full(m, -1)
@@ -158,10 +158,13 @@ class Forest:
         ]
 
     def takes(self, stretch: Stretch) -> bool:
-        """Tell whether the loads of a stretch are straight, but for sines among the forces on bodies."""
-        entries = stretch.waves[0]
-        first, end = self.m, self._first_drive
-        return not stretch.has_functions and all(first <= i < end for i in entries)
+        """Tell whether the loads of a stretch are lines and sines, and no sine opens a contact."""
+        if stretch.has_functions or not stretch.has_waves:
+            return not stretch.has_functions
+        last = stretch.value + (stretch.stop - stretch.start) * stretch.slope
+        least = np.minimum(stretch.value, last) - stretch.amplitudes
+        normals = stretch.sines.entry[stretch.sines.entry < self.m]
+        return bool((least[normals] > 0).all() and (stretch.sines.frequency != 0).all())
 
     def _reach(self, inertia: Array, period: float) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""
@@ -216,6 +219,13 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
     if i.size and matrix.nnz:
         found[:] = dense(matrix[i, k]).ravel()
     return found
+
+
+def spans(starts: Indices, some: Indices) -> Indices:
+    """Return the numbers from ``starts[i]`` up to ``starts[i + 1]`` for some i, one after another."""
+    first = starts[some]
+    count = starts[some + 1] - first
+    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
 def _is_forest(ends: Indices, nodes: int) -> bool:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stickslip.model.arrays import Array, Indices
+from stickslip.equations.sines import NO_SINES, Sines
+from stickslip.model.arrays import Array
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
@@ -167,16 +168,8 @@ class Stretch:
         self.has_waves, self.has_functions = bool(waves), bool(functions)
         self.is_straight = not waves and not functions
         self._before_stop = math.nextafter(stop, -math.inf)
-        self._functions, self._waves = functions, waves
-        self.waves: Waves = (), ()
-        if waves:
-            entries, amplitude, frequency, phase = zip(*waves, strict=True)
-            self._entry = np.array(entries, dtype=np.intp)
-            self._amplitude, self._frequency, self._phase = (
-                np.array(x) for x in (amplitude, frequency, phase)
-            )
-            self._turn = 2 * math.pi * self._frequency
-            self.waves = entries, tuple(self._turn.tolist())
+        self._functions, self.sines = functions, Sines.of(waves) if waves else NO_SINES
+        self.waves: Waves = tuple(self.sines.entry.tolist()), tuple(self.sines.turn.tolist())
         bent = {i for i, *_ in waves} | {i for i, _ in functions}
         self.bent = np.array(sorted(bent), dtype=np.intp)
 
@@ -185,7 +178,7 @@ class Stretch:
         q = self.value + (t - self.start) * self.slope
         if not self.is_straight:
             if self.has_waves:
-                np.add.at(q, self._entry, self._amplitude * np.sin(self._angle(t)))
+                np.add.at(q, self.sines.entry, self.sines.at(t))
             for i, function in self._functions:
                 q[i] += function(min(t, self._before_stop))
         return q
@@ -198,10 +191,9 @@ class Stretch:
             slope = self.slope[only]
             sloping = slope.nonzero()[0]
             q[sloping] += np.multiply.outer(slope[sloping], times - self.start)
-        for i, amplitude, frequency, phase in self._waves:
+        for k, i in enumerate(self.waves[0]):
             if first <= i < stop:
-                angle = 2 * math.pi * np.fmod(frequency * times, 1.0) + phase
-                q[i - first] += amplitude * np.sin(angle)
+                q[i - first] += self.sines.values(k, times)
         for i, function in self._functions:
             if first <= i < stop:
                 q[i - first] += function.sampled(np.minimum(times, self._before_stop))
@@ -211,7 +203,7 @@ class Stretch:
         """Return the slopes of the inputs at `t`, by differences where the signal of a user tells none."""
         rate = self.slope.copy()
         if self.has_waves:
-            np.add.at(rate, self._entry, self._turn * self._amplitude * np.cos(self._angle(t)))
+            np.add.at(rate, self.sines.entry, self.sines.rate(t))
         for i, function in self._functions:
             rate[i] += function.slope(min(t, self._before_stop))
         return rate
@@ -225,30 +217,23 @@ class Stretch:
         found[0] = self.value + (t - self.start) * self.slope
         found[1:2] = scale * self.slope
         if self.has_waves and waves:
-            np.add.at(found.T, self._entry, self.taylor_of_waves(slice(None), t, order, scale).T)
+            np.add.at(found.T, self.sines.entry, self.sines.taylor(t, order, scale).T)
         return found
-
-    def taylor_of_waves(self, some: Indices | slice, t: float, order: int, scale: float) -> Array:
-        """Return the same of some of the sines alone, by their places among `waves`, a column each."""
-        orders = np.arange(order + 1.0)[:, None]
-        turn, amplitude = self._turn[some], self._amplitude[some]
-        factors = np.where(orders > 0, turn * scale / np.maximum(orders, 1.0), amplitude)
-        return np.asarray(np.cumprod(factors, axis=0) * np.sin(self._angle(t)[some] + 0.5 * math.pi * orders))
 
     def swings(self, t: float) -> Array:
         """Return the sines at `t`, and after them the cosines with the same amplitudes."""
-        angle = self._angle(t)
-        return np.concatenate([self._amplitude * np.sin(angle), self._amplitude * np.cos(angle)])
+        angle, amplitude = self.sines.angle(t), self.sines.amplitude
+        return np.concatenate([amplitude * np.sin(angle), amplitude * np.cos(angle)])
 
     def magnitudes(self, t: float, order: int) -> Array:
         """Return what adds up in the Taylor coefficients at `t`, orders 0 to `order` (at least 1), one per row."""
         found = np.zeros((order + 1, self.value.size))
         found[0], found[1] = np.abs(self.value) + np.abs((t - self.start) * self.slope), np.abs(self.slope)
         if self.has_waves:
-            size = np.abs(self._amplitude)
+            size = np.abs(self.sines.amplitude)
             for k, part in enumerate(found):
-                np.add.at(part, self._entry, size)
-                size = size * np.abs(self._turn) / (k + 1)
+                np.add.at(part, self.sines.entry, size)
+                size = size * np.abs(self.sines.turn) / (k + 1)
         for i, function in self._functions:
             found[0, i] += abs(function.at(min(t, self._before_stop)))
             found[1, i] += abs(function.slope(min(t, self._before_stop)))
@@ -259,17 +244,13 @@ class Stretch:
         """The sum of the amplitudes of the sines in each entry."""
         found = np.zeros(self.value.size)
         if self.has_waves:
-            np.add.at(found, self._entry, np.abs(self._amplitude))
+            np.add.at(found, self.sines.entry, np.abs(self.sines.amplitude))
         return found
 
     @property
     def longest_period(self) -> float:
         """Longest period in s of the sines."""
-        return float(1.0 / np.abs(self._frequency).min()) if self.has_waves else 0.0
-
-    def _angle(self, t: float) -> Array:
-        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
-        return np.asarray(2 * math.pi * np.fmod(self._frequency * t, 1.0) + self._phase)
+        return float(1.0 / np.abs(self.sines.frequency).min()) if self.has_waves else 0.0
 
 
 def _slope(term: Signal, start: float, stop: float) -> Signal:

@@ -89,7 +89,7 @@ class ModeEquations:
         self.system, self.modes, self.regions = system, modes, regions
         self._place_rows()
         self._place_laws()
-        self.balance = system.balance(self.is_held.tobytes())
+        self.balance = system.balance(self.is_held)
         self.dependent = self.balance.dependent
         self.T_dependent, self.U_dependent = self.balance.T_dependent, self.balance.U_dependent
         self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)

@@ -21,7 +21,7 @@ from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Mask
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -88,7 +88,7 @@ class System:
         remembered = _REMEMBERED_SPARSE if self.sparse else _MODE_BYTES // (100_000 + 16 * (n + m) ** 2)
         self.remembered = lru_cache(maxsize=remembered)(self._made)
         each = 100 * (n + m) if self.sparse else 16 * (n + m) ** 2
-        self.balance = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
+        self._balances = lru_cache(maxsize=max(min(_BYTES // each, _BALANCES), _REMEMBERED_SPARSE))(
             self._balance
         )
         self._components = Components(self.inertia, self.G, self.D)
@@ -441,6 +441,10 @@ class System:
 
     def _made(self, make: Callable[[System, bytes], Any], key: bytes) -> Any:
         return make(self, key)
+
+    def balance(self, held: Mask) -> Balance:
+        """Return the balance of forces with some rows held; the latest are remembered."""
+        return self._balances(held.tobytes())
 
     def _balance(self, held: bytes) -> Balance:
         rows = np.frombuffer(held, dtype=bool).nonzero()[0]

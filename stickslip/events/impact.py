@@ -79,7 +79,7 @@ def struck(
         lost += 0.5 * more * (between + system.relative(found, after))
     ties = system.is_tie.nonzero()[0]
     if ties.size:
-        balance = system.balance(system.is_tie.tobytes())
+        balance = system.balance(system.is_tie)
         impulses[ties] = balance.held_forces(-(system.GT @ impulses), found - v)
     return Struck(found, impulses, lost)
 
@@ -93,7 +93,7 @@ def _nearest(
     """
     impulses = np.zeros(system.m)
     ties = system.is_tie
-    balance = system.balance(ties.tobytes())
+    balance = system.balance(ties)
     v = balance.project(v, u)
     rows = part.nonzero()[0]
     sign = -turn[rows]
@@ -113,7 +113,7 @@ def _nearest(
     # what stays together does so to the last bit
     closed = ties.copy()
     closed[rows[(impulse > 0) & (wanted[rows] == 0)]] = True
-    return np.asarray(system.balance(closed.tobytes()).project(v, u)), impulses
+    return np.asarray(system.balance(closed).project(v, u)), impulses
 
 
 def _complementary(gram: Array, short: Array, rows: Indices) -> Array:

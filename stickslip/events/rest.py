@@ -197,5 +197,5 @@ def _brought_to_rest(motion: Motion, tau: float, y: Array, row: int) -> Array:
     held = motion.equations.is_held.copy()
     held[row] = True
     u = system.drive_velocities(motion.loads(tau))
-    equal[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    equal[: system.n] = system.balance(held).project(y[: system.n], u)
     return equal

@@ -160,7 +160,7 @@ class Search:
         u = system.drive_velocities(self._stretch.at(self._now.t))
         held = (trial == 0) & system.hard
         self._y = self._y.copy()
-        self._y[:n] = system.balance(held.tobytes()).project(self._y[:n], u)
+        self._y[:n] = system.balance(held).project(self._y[:n], u)
 
     def _farthest(self, motion: Motion, rows: Indices, ratio: Array) -> Mask:
         """Tell which rows go first: the largest ratios of force to level, ties within roundoff together.
@@ -189,7 +189,7 @@ class Search:
             rest = motion.equations.is_held.copy()
             rest[rows] = False
             push = system.GT[:, rows] @ side
-            given = system.balance(rest.tobytes()).accelerations(push)
+            given = system.balance(rest).accelerations(push)
             along = np.asarray(system.G[top] @ given)
             along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
             # what others hold does not move along, but for roundoff
@@ -236,7 +236,7 @@ class Search:
         balance = motion.equations.balance
         rest = motion.equations.is_held.copy()
         rest[rows] = False
-        others = self._system.balance(rest.tobytes())
+        others = self._system.balance(rest)
         return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
 
     def _parts(self, motion: Motion, others: Balance, rows: Indices) -> bool:

@@ -85,7 +85,7 @@ def with_one(
         return None
     held = equations.is_held.copy()
     held[row] = True
-    balance = system.balance(held.tobytes())
+    balance = system.balance(held)
     may_be_spared = balance.has_loops
     if (direction and may_be_spared) or balance.parting is not None:
         # others may hold what it held, or drives tear them
@@ -234,7 +234,7 @@ def _at_rest_in_bands(
     held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
     for j in moving.nonzero()[0].tolist():
         G = system.G[[j]]
-        left = row_maxima(G @ system.balance(held.tobytes()).T)
+        left = row_maxima(G @ system.balance(held).T)
         led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
         held[j] = not led[j]
     return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
@@ -257,7 +257,7 @@ def _project(system: System, y: Array, u: Array, held: Mask) -> Array:
     if not np.count_nonzero(held):
         return y
     y = y.copy()
-    y[: system.n] = system.balance(held.tobytes()).project(y[: system.n], u)
+    y[: system.n] = system.balance(held).project(y[: system.n], u)
     return y
 
 

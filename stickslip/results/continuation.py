@@ -89,5 +89,5 @@ def _velocities(at: Samples, fastest: Array, modes: Modes) -> dict[str, float]:
     rests = system.hard & ((np.abs(w) <= rough) | has_passed)
     held = (rests & (w != 0)) | (system.is_one_way & (w > 0))
     if held.any():
-        v = system.balance((held | rests | system.is_tie).tobytes()).project(v, u)
+        v = system.balance(held | rests | system.is_tie).project(v, u)
     return dict(zip(system.names, v.tolist(), strict=True))

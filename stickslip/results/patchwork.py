@@ -13,9 +13,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stickslip.equations.drives import Drives
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.polynomials import shifted
+from stickslip.equations.sines import Sines
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.results.pickled import PickledByFields
@@ -35,15 +37,12 @@ _IN_ENTRY = 3
 class Patches:
     """Collects what a run expands: at each tick some bodies and rows.
 
-    `unit` is the time in s by which the series are scaled; open rows keep their `labels`. Drives have their positions,
-    and velocities and accelerations, at the time `since`.
+    `unit` is the time in s by which the series are scaled; open rows keep their `labels`.
     """
 
-    def __init__(
-        self, system: System, t: float, unit: float, labels: Modes, drives: tuple[Array, Array], since: float
-    ) -> None:
+    def __init__(self, system: System, t: float, unit: float, labels: Modes, drives: Drives) -> None:
         self._system, self._unit, self._labels = system, unit, labels.copy()
-        self._drives, self._since = drives, since
+        self._drives = drives
         self.starts: list[float] = [t]
         self._ticks: list[float] = []
         self._piece: list[int] = []
@@ -60,15 +59,13 @@ class Patches:
 
     def bodies(self, bodies: Indices, origin: Array, position: Array, velocity: Array, lead: Array) -> None:
         """Enter the series of some bodies; the rows of `velocity` may have fewer terms than others."""
-        self._bodies.append(
-            (np.full(bodies.size, len(self._ticks) - 1), bodies, origin, position, lead, velocity)
-        )
+        self._bodies.append((len(self._ticks) - 1, bodies, origin, position, lead, velocity))
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
         """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
         force = np.where(mode[:, None] == 0, force, 0.0)
-        self._rows.append((np.full(rows.size, len(self._ticks) - 1), rows, origin, mode, since, force))
+        self._rows.append((len(self._ticks) - 1, rows, origin, mode, since, force))
         self.entries += force.size
 
     def until(self, stop: float) -> Patchwork:
@@ -80,7 +77,6 @@ class Patches:
             self._unit,
             self._labels,
             self._drives,
-            self._since,
             np.array(self._ticks),
             np.array(self._piece),
             Series.of(self._bodies),
@@ -103,10 +99,11 @@ class Series(PickledByFields):
 
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> Series:
-        """Return entries in order."""
+        """Return entries in order; each is the number of a tick, and all others of the fields for some things."""
         width = max(1, *(entry[-1].shape[1] for entry in entries))
-        columns = [np.concatenate([entry[k] for entry in entries]) for k in range(5)]
-        terms = np.zeros((columns[0].size, width))
+        ticks = np.repeat([entry[0] for entry in entries], [entry[1].size for entry in entries])
+        columns = [ticks, *(np.concatenate([entry[k] for entry in entries]) for k in range(1, 5))]
+        terms = np.zeros((ticks.size, width))
         at = 0
         for entry in entries:
             part = entry[-1]
@@ -227,8 +224,7 @@ class Patchwork(PickledByFields):
     stop: float
     unit: float
     labels: Modes = field(repr=False)
-    drives: tuple[Array, Array] = field(repr=False)
-    since: float
+    drives: Drives = field(repr=False)
     ticks: Array = field(repr=False)
     piece_of_tick: Indices = field(repr=False)
     bodies: Series = field(repr=False)
@@ -237,8 +233,10 @@ class Patchwork(PickledByFields):
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return all but the scene as arrays."""
         found: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _ARRAYS}
-        found["about"] = np.array([self.stop, self.unit, self.since])
-        found["drive positions"], found["drive velocities"] = self.drives
+        drives = self.drives
+        found["about"] = np.array([self.stop, self.unit, drives.since])
+        found["drive positions"], found["drive velocities"] = drives.start, drives.velocity
+        found["swinging drives"], found["sines of drives"] = drives.sines.entry, drives.sines.numbers
         for name, series in (("bodies", self.bodies), ("rows", self.rows)):
             found |= {f"{name} {one.name}": getattr(series, one.name) for one in fields(series)}
         return found
@@ -252,8 +250,9 @@ class Patchwork(PickledByFields):
             for kind in ("bodies", "rows")
         )
         own: dict[str, Any] = {name: arrays[name] for name in _ARRAYS}
-        drives = arrays["drive positions"], arrays["drive velocities"]
-        return cls(system, stop=stop, unit=unit, since=since, drives=drives, bodies=bodies, rows=rows, **own)
+        sines = Sines(arrays["swinging drives"], *arrays["sines of drives"])
+        drives = Drives(arrays["drive positions"], arrays["drive velocities"], since, sines)
+        return cls(system, stop=stop, unit=unit, drives=drives, bodies=bodies, rows=rows, **own)
 
     @cached_property
     def stops(self) -> Array:
@@ -300,8 +299,7 @@ class Patchwork(PickledByFields):
             if stop > first:
                 x = self._position(held, t)
                 y[n + first : n + stop] = x[system.moved[first:stop] - bodies.start]
-        u, d = self.drives[1][system.carried], t - self.since
-        y[system.carried_state] = self.drives[0][system.carried, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:])
+        y[system.carried_state] = self.drives.positions(system.carried, t)
         return y[:, back]
 
     def velocities(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
@@ -309,12 +307,12 @@ class Patchwork(PickledByFields):
         return self._read(self.bodies, piece, t, bodies, self._velocity)
 
     def _velocity(self, held: Held, t: Array) -> Array:
-        v, lead, u = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries], self.drives[1]
+        v, lead = self.bodies.values(held, t, self.unit), self.bodies.second[held.entries]
         is_led = lead >= 0
         if is_led.any():
             places = is_led.repeat(held.counts).nonzero()[0]
-            start, slope = u[lead[is_led].astype(np.intp)].repeat(held.counts[is_led], axis=0).T
-            v.ravel()[places] = start + slope * held.of_all(t - self.since)[places]
+            drives = lead[is_led].astype(np.intp).repeat(held.counts[is_led])
+            v.ravel()[places] = self.drives.velocities(drives, held.of_all(t)[places])
         return v
 
     def positions(self, piece: Indices, t: Array, bodies: slice = slice(None)) -> Array:
@@ -441,9 +439,7 @@ class Patchwork(PickledByFields):
             x = v * stretched * (h * self.unit / np.arange(1, width))
             if system.placed.size:
                 coefficients[i, 1:, system.moved_state] = x[system.moved]
-                u, d = self.drives[1][system.carried], ends[i] - self.since
-                step = h * self.unit
-                coefficients[i, 1, system.carried_state] = step * (u[:, 0] + d * u[:, 1])
-                coefficients[i, 2, system.carried_state] = 0.5 * step * step * u[:, 1]
+                moved = self.drives.moved(system.carried, ends[i], h * self.unit, width - 1)
+                coefficients[i, 1:, system.carried_state] = moved[:, 1:]
         last = self.states(np.array([k]), np.array([stop]))[:, 0]
         return Path(ends - t, coefficients, last, True)

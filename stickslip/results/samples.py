@@ -97,7 +97,7 @@ class Samples(PickledByFields):
         return found
 
     @cached_property
-    def _held(self) -> list[tuple[bytes, Indices | slice]]:
+    def _held(self) -> list[tuple[Mask, Indices | slice]]:
         """Each set of held rows, and at which of the times it holds."""
         return list(self.trajectory.by_held(self.piece_of))
 
@@ -438,8 +438,7 @@ class Samples(PickledByFields):
         drives = system.drive_accelerations(q)
         is_even = not drives.any()
         for held, chosen in sets:
-            rows = np.frombuffer(held, dtype=bool).nonzero()[0]
-            balance = system.balance(held)
+            rows, balance = held.nonzero()[0], system.balance(held)
             own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
             forces[at_rows(rows, chosen)] = rest

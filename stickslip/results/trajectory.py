@@ -16,7 +16,7 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.checks import every_digit
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.pickled import PickledByFields
@@ -277,12 +277,12 @@ class Trajectory(PickledByFields):
         return np.array([piece.since for piece in self.whole]).reshape(len(self.whole), self.system.m).T
 
     @cached_property
-    def _held(self) -> tuple[list[bytes], Indices]:
-        """All sets of held rows as keys of balances, and the number of the set of each; -1 for the empty set."""
+    def _held(self) -> tuple[list[Mask], Indices]:
+        """All sets of held rows, and the number of the set of each piece; -1 for the empty set."""
         held = (self._modes[0].T == 0) & self.system.hard
         number: dict[bytes, int] = {bytes(self.system.m): -1}
         sets = [number.setdefault(row.tobytes(), len(number) - 1) for row in held]
-        return list(number)[1:], np.array(sets)
+        return [np.frombuffer(key, dtype=bool) for key in list(number)[1:]], np.array(sets)
 
     # -- what is read of all pieces --------------------------------------------------------------------------
 
@@ -382,16 +382,14 @@ class Trajectory(PickledByFields):
             found[some] = read(own, part.starts[own] + taus[some], own_body)[0]
         return found
 
-    def write_led(
-        self, held: Iterable[tuple[bytes, Indices | slice]], v: Array, drives: Array | None
-    ) -> None:
+    def write_led(self, held: Iterable[tuple[Mask, Indices | slice]], v: Array, drives: Array | None) -> None:
         """Write what depends on others through the rows that hold it, in place.
 
         `v` are velocities of the bodies, or what follows the same ties, and `drives` the same of the drives; `held`
         tells which sets of rows hold in which columns.
         """
-        for key, chosen in held:
-            balance = self.system.balance(key)
+        for rows, chosen in held:
+            balance = self.system.balance(rows)
             if not balance.dependent.size:
                 continue
             led = balance.T_dependent @ v[:, chosen]
@@ -399,7 +397,7 @@ class Trajectory(PickledByFields):
                 led = led + balance.U_dependent @ drives[:, chosen]
             v[at_rows(balance.dependent, chosen)] = led
 
-    def by_held(self, piece_of: Indices) -> Iterator[tuple[bytes, Indices | slice]]:
+    def by_held(self, piece_of: Indices) -> Iterator[tuple[Mask, Indices | slice]]:
         """Yield each set of held rows but the empty one, as the key of its balance, and which times it holds."""
         chosen, own = self.in_whole(piece_of)
         if not own.size:

@@ -131,7 +131,7 @@ class Local:
         """Expand all anew whose series end at `t`."""
         parts, forest = self._parts, self._forest
         parts.ended = t
-        live = parts.is_unled
+        live = parts.is_bent
         row = np.repeat(np.arange(forest.n), np.diff(forest.near_from))
         live[row[live[forest.near]]] = True
         live[forest.child[self._due.is_bounded]] = True
@@ -198,7 +198,7 @@ class Local:
         rows = np.concatenate(inside) if inside else np.empty(0, dtype=np.intp)
         rows = np.concatenate([[j], rows[rows != j]])
         force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
-        normal = parts.normals(rows, t)
+        normal = parts.normals(rows, t)[:, 0]
         forward, backward = parts.mu[:, rows] * normal
         if before:
             friction = forest.sign[j] * before * (forward[0] if before > 0 else backward[0])
@@ -209,8 +209,8 @@ class Local:
         lead = None
         if led.size:
             k = int(forest.drive[led[0]])
-            lead = float(parts.drive[k, 1]) if k >= 0 else 0.0
-        to_forward, to_backward = parts.levels(rows, t)[0]
+            lead = parts.drive_at(k, t)[1]
+        to_forward, to_backward = parts.levels(rows, t)[:, :, 0]
         tree = Tree(
             bodies, parts.inertia[bodies], force, rows, to_forward, to_backward, forward, backward, lead
         )
@@ -237,7 +237,7 @@ class Local:
             held = rows[(mode == 0) & (forest.parent[rows] < 0)]
             if tree.lead is not None and not held.size:
                 k = int(forest.drive[rows[forest.parent[rows] < 0][0]])
-                v[where] = 0.0 if k < 0 else parts.drive[k, 0] + (t - parts.t0) * parts.drive[k, 1]
+                v[where] = parts.drive_at(k, t)[0]
         self._regroup(tree, outcome, groups)
         old = parts.mode[rows]
         changed = (mode != old).nonzero()[0]
@@ -248,12 +248,11 @@ class Local:
         parts.rub(distinct(ends[ends >= 0]))
         self._tick(t, True)
         self._expand(patch, v, t, which[mode[changed] != 0])
-        self._held += int(np.count_nonzero(mode[changed] == 0)) - int(np.count_nonzero(old[changed] == 0))
+        were, are = old[changed].tolist(), mode[changed].tolist()
+        self._held += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
         self.most_guards = max(self.most_guards, self._closed + self._held)
-        for j, a, b in sorted(
-            zip(which.tolist(), old[changed].tolist(), mode[changed].tolist(), strict=True)
-        ):
+        for j, a, b in sorted(zip(which.tolist(), were, are, strict=True)):
             self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
 
     def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
@@ -278,8 +277,7 @@ class Local:
 
     def _begin(self, t: float) -> None:
         parts = self._parts
-        drives = (parts.drive_start, parts.drive)
-        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.label, drives, parts.t0)
+        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.label, parts.drives)
         self._most_held = self._held
         self._last = t
         self._patches.tick(t, False)

@@ -65,16 +65,20 @@ class Run:
         if forest is not None:
             self._local = Local(forest, engine.work, task.interruption, recorder, self._passed)
         self.start, self.stop = span.start, span.stop
-        self.t, self._wanted, self._fastest = self.start, wanted, 0.0
+        self.t, self._wanted = self.start, wanted
+        # the fastest that a solver has seen
+        self._fastest = 0.0
+        # restarts without progress, events since the last look at the time, that time, and the rows that changed last
         self._standing = self._hits = 0
         self._looked_at = self.t
-        self.restarts = self.most_guards = self.samples = 0
         self._recent: list[int] = []
+        self.restarts = self.most_guards = self.samples = 0
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
+        # whether the motion from here on is not to be followed part by part
         self._as_a_whole = False
 
     def begin(self) -> None:
@@ -178,7 +182,7 @@ class Run:
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
         self.now = replace(now, labels=before)
-        self._watch_progress(t, hit)
+        self._go_to(t, hit)
         if t >= self.stop or self._interruption.pressed:
             return
         self.restarts += 1
@@ -193,13 +197,13 @@ class Run:
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
-        self._watch_progress(t, True)
+        self._go_to(t, True)
         self.restarts += 1
 
     def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
         """Go on from the end of a path: in the same modes, or with one other mode, or with all settled anew."""
         motion = now.motion
-        self._watch_progress(t, path.has_event and not now.guards.is_border.any())
+        self._go_to(t, path.has_event and not now.guards.is_border.any())
         if t >= self.stop:
             return
         self.restarts += 1
@@ -325,7 +329,7 @@ class Run:
         self._recent = [*self._recent[-19:], j]
         self.recorder.note(t, j, before, after, cause)
 
-    def _watch_progress(self, t: float, hit: bool) -> None:
+    def _go_to(self, t: float, hit: bool) -> None:
         """Go on to `t`; give up where time stands still, or goes on so slowly that 1e9 events would be needed."""
         whole = self.stop - self.start
         stands = t - self.t <= 1e-14 * whole

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ from stickslip import (
     Force,
     Result,
     Scene,
+    Signal,
     Spring,
+    load,
     piecewise_linear,
     simulate,
     sine,
@@ -103,21 +106,28 @@ def random_forest(seed: int) -> tuple[Scene, float]:
 
 
 def shaken(scene: Scene, seed: int) -> Scene:
-    """Return a scene with sines among the forces on a third of its bodies, slow and fast ones."""
+    """Return a scene with slow and fast sines among its forces, in the velocity of its belt, and in normal forces."""
     rng = np.random.default_rng(seed)
-    forces = [
-        Force(
-            body.name,
-            sine(
-                float(rng.normal(scale=3.0)),
-                float(rng.choice([0.1, 1.0, 9.0])),
-                phase=float(rng.uniform(0, 6)),
-            ),
-        )
-        for body in scene.bodies
-        if rng.random() < 0.4
-    ]
-    return Scene(*scene.elements, *forces)
+
+    def some(size: float, offset: float = 0.0) -> Signal:
+        frequency, phase = float(rng.choice([0.1, 1.0, 9.0])), float(rng.uniform(0.0, 6.0))
+        return sine(size, frequency, phase=phase, offset=offset)
+
+    elements: list[Any] = []
+    for one in scene.elements:
+        if isinstance(one, Drive) and rng.random() < 0.7:
+            elements.append(replace(one, velocity=some(float(rng.uniform(0.1, 0.6)), 0.2)))
+        elif isinstance(one, Contact) and rng.random() < 0.4:
+            level = one.normal.at(0.0)
+            elements.append(replace(one, normal=some(float(rng.uniform(0.1, 0.9)) * level, level)))
+        else:
+            elements.append(one)
+    for body in scene.bodies:
+        if rng.random() < 0.4:
+            elements.append(Force(body.name, some(float(rng.normal(scale=3.0)))))
+        if rng.random() < 0.2:
+            elements.append(Spring(body.name, "belt", stiffness=float(rng.uniform(1.0, 6.0)), damping=0.1))
+    return Scene(*elements)
 
 
 def apart(scene: Scene) -> bool:
@@ -146,6 +156,53 @@ def test_shaken_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -
     scene, stop = random_forest(seed)
     if apart(scene):
         both(monkeypatch, shaken(scene, seed), stop)
+
+
+def test_a_sine_that_opens_a_contact_is_followed_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``N = 5 + a sin(2 pi t)`` opens the contact where a is more than 5."""
+    law, found = DryFriction(0.5, 0.3), []
+    for amplitude in (4.9, 5.1):
+        scene = Scene(
+            Body("b", inertia=1.0),
+            Contact("c", "b", GROUND, law, normal=sine(amplitude, 1.0, offset=5.0)),
+            Force("b", 1.0),
+        )
+        local, _ = both(monkeypatch, scene, 1.5)
+        found.append(local.trajectory.is_patchwork)
+        assert (local.normal("c").min() == 0) == (amplitude > 5)
+    assert found == [True, False]
+
+
+def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The table moves with v = 0.1 + 0.2 sin(4 t + 1); b slides when 0.8 m/s² are more than its friction holds.
+
+    While it slides its acceleration is mu g; while it sticks, its velocity is the table's.
+    """
+    turn, phase, mu = 4.0, 1.0, 0.06
+    scene = Scene(
+        Drive("table", velocity=sine(0.2, turn / (2 * math.pi), phase=phase, offset=0.1)),
+        Body("b", inertia=2.0, velocity=0.1 + 0.2 * math.sin(phase)),
+        Body("tied", inertia=1.0),
+        Contact("c", "b", "table", DryFriction(mu, mu), normal=2.0 * 10.0),
+        Contact("rough", "tied", GROUND, DryFriction(0.1, 0.1), normal=10.0),
+        Spring("tied", "table", stiffness=3.0),
+    )
+    local, _ = both(monkeypatch, scene, 8.0)
+    assert sum(isinstance(part, Patchwork) for part in local.trajectory.parts) > 0
+    # it breaks away when 0.2 turn cos(turn t + phase) comes to -mu g
+    first = next(event for event in local.events if event.contact == "c")
+    assert first.t == pytest.approx((math.acos(-mu * 10.0 / (0.2 * turn)) - phase) / turn, abs=1e-12)
+    fine = local.sample(2001)
+    table, stuck = fine.velocity("table"), fine.mode("c") == 0
+    assert 200 < stuck.sum() < 1800
+    assert np.array_equal(fine.velocity("b")[stuck], table[stuck])
+    assert np.abs(table - (0.1 + 0.2 * np.sin(turn * fine.t + phase))).max() < 1e-14
+    moved = 0.1 * fine.t - 0.05 * (np.cos(turn * fine.t + phase) - math.cos(phase))
+    assert np.abs(fine.position("table") - moved).max() < 1e-14
+    local.save(tmp_path / "shaken.npz")
+    assert np.array_equal(load(tmp_path / "shaken.npz", scene).sample(2001).y, fine.y)
 
 
 def part_by_part(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> Result:

@@ -41,7 +41,7 @@ def random_case(rng: np.random.Generator) -> tuple[System, np.ndarray, np.ndarra
     v = rng.normal(size=n)
     # before the impact ties hold, and what is locked or closed does not move
     closed = system.is_tie | (system.is_one_way | system.is_stop) & (rng.random(system.m) < 0.3)
-    v = system.balance(closed.tobytes()).project(v, u)
+    v = system.balance(closed).project(v, u)
     w = system.G @ v + system.D @ u
     sides = np.where(system.is_stop, rng.choice([-1, 1], system.m), 0).astype(np.int8)
     # what comes to its limit moves towards it
@@ -50,7 +50,7 @@ def random_case(rng: np.random.Generator) -> tuple[System, np.ndarray, np.ndarra
     # a clutch that turns forward is none
     wrong = system.is_one_way & (w > 1e-9)
     if wrong.any():
-        v = system.balance((closed | wrong).tobytes()).project(v, u)
+        v = system.balance(closed | wrong).project(v, u)
         w = system.G @ v + system.D @ u
         if np.any(system.is_one_way & (w > 1e-9)) or np.any(system.is_stop & (sides * w < -1e-9)):
             return random_case(rng)

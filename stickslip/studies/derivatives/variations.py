@@ -20,7 +20,7 @@ import numpy as np
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
 from stickslip.events.endings import at_limit, at_stops
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
 from stickslip.results.trajectory import by_piece
 from stickslip.simulation import arguments
@@ -137,7 +137,7 @@ class Variation(Nearby):
         """Return the variations at the start, held velocities made equal."""
         piece, system = self.trajectory.pieces[0], self.system
         n, t, y = system.n, piece.t, system.at_start()
-        held = ((piece.modes == 0) & system.hard).tobytes()
+        held = (piece.modes == 0) & system.hard
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
         motion = self.motion_of(0)
@@ -158,7 +158,7 @@ class Variation(Nearby):
         self._refuse(t, kinks.at_stops(self, motion, S, sides), S)
         return S, since
 
-    def _of_scene(self, k: int, impact: VariedImpact, held: bytes, before: float, t: float) -> Any:
+    def _of_scene(self, k: int, impact: VariedImpact, held: Mask, before: float, t: float) -> Any:
         """Return what the scenes near by add in direction `k` to the derivative of the velocities after a jump at `t`.
 
         Drives jump there from the loads that hold after `before` to those after `t`.
@@ -203,7 +203,7 @@ class Variation(Nearby):
         tau = float(path.taus[-1])
         after = self.motion_of(number + 1)
         moved = S + np.outer(motion.rate(tau, path.last), times)
-        held = ((following.modes == 0) & system.hard).tobytes()
+        held = (following.modes == 0) & system.hard
         q = after.stretch.at(following.t)
         u, rates = system.drive_velocities(q), system.drive_accelerations(q)
         balance = system.balance(held)

@@ -1,0 +1,89 @@
+"""Sines that act on the bodies, rows or drives of a scene that is followed part by part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+
+from stickslip.equations.forest import spans
+from stickslip.equations.sines import Sines
+from stickslip.model.arrays import Array, Indices, Mask
+
+
+@dataclass(frozen=True)
+class Swings:
+    """What sines add to each of many things: those of thing i stand from ``firsts[i]`` on, with their `shares`."""
+
+    sines: Sines
+    firsts: Indices
+    shares: Array
+
+    @classmethod
+    def of(cls, sines: Sines, acts: Any) -> Swings:
+        """Return them from a matrix with a row for each thing and a column for each sine."""
+        acts = scipy.sparse.csr_array(acts)
+        return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data)
+
+    @classmethod
+    def among(cls, sines: Sines, things: Indices, count: int) -> Swings:
+        """Return them where each sine is a part of the thing with its number; others than `count` are nothing here."""
+        own = ((things >= 0) & (things < count)).nonzero()[0]
+        acts = scipy.sparse.csr_array((np.ones(own.size), (things[own], own)), shape=(count, things.size))
+        return cls.of(sines, acts)
+
+    @cached_property
+    def any(self) -> bool:
+        """Whether anything swings."""
+        return self.shares.size > 0
+
+    @property
+    def moves(self) -> Mask:
+        """Which things swing."""
+        return np.asarray(np.diff(self.firsts) > 0)
+
+    @property
+    def sizes(self) -> Array:
+        """The sums of the amplitudes of all things."""
+        own = np.repeat(np.arange(self.firsts.size - 1), np.diff(self.firsts))
+        size = np.abs(self.shares * self.sines.amplitude)
+        return np.asarray(np.bincount(own, size, self.firsts.size - 1), dtype=float)
+
+    def series(self, things: Indices, t: float, terms: int, unit: float) -> Array:
+        """Return what is added to some things from time `t` on: Taylor coefficients over `unit`, a row for each."""
+        found = np.zeros((things.size, terms))
+        places = spans(self.firsts, things)
+        if places.size:
+            own = np.repeat(np.arange(things.size), self.firsts[things + 1] - self.firsts[things])
+            waves = self.sines.some(places).taylor(t, terms - 1, unit)
+            np.add.at(found, own, self.shares[places, None] * waves.T)
+        return found
+
+    def integrated(self) -> Swings:
+        """Return what the integrals of the sines add."""
+        return replace(self, sines=self.sines.integrated())
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Series of things that are straight but for sines, from any time on: in powers of the time over `unit`."""
+
+    straight: Array  # (k, 2): values and slopes at `start`
+    start: float
+    swings: Swings
+    unit: float
+    terms: int  # where they swing; lines have two
+
+    def __call__(self, things: Indices, t: float) -> Array:
+        """Return the series of some things from time `t` on, a row for each."""
+        found = self.straight[things]
+        found[:, 0] += (t - self.start) * found[:, 1]
+        found[:, 1] *= self.unit
+        if not self.swings.any:
+            return found
+        both = self.swings.series(things, t, self.terms, self.unit)
+        both[:, :2] += found
+        return both

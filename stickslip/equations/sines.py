@@ -1,0 +1,79 @@
+"""Sines among the inputs: values, rates and Taylor series of many at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stickslip.model.arrays import Array, Indices
+
+
+@dataclass(frozen=True)
+class Sines:
+    """Terms ``amplitude sin(2 pi frequency t + phase)`` of the entries of a vector; frequencies in Hz."""
+
+    entry: Indices
+    amplitude: Array
+    frequency: Array
+    phase: Array
+
+    @classmethod
+    def of(cls, terms: Sequence[tuple[int, float, float, float]]) -> Sines:
+        """Return sines from entry, amplitude, frequency and phase of each."""
+        entry, amplitude, frequency, phase = zip(*terms, strict=True) if terms else ((), (), (), ())
+        numbers = (np.array(x, dtype=float) for x in (amplitude, frequency, phase))
+        return cls(np.array(entry, dtype=np.intp), *numbers)
+
+    @cached_property
+    def turn(self) -> Array:
+        """How fast they turn in rad/s."""
+        return 2 * math.pi * self.frequency
+
+    def angle(self, t: float) -> Array:
+        """Return their angles in rad at a time."""
+        # whole turns are dropped first: late in a long run the sine is as exact as frequency times t
+        return np.asarray(2 * math.pi * np.fmod(self.frequency * t, 1.0) + self.phase)
+
+    def at(self, t: float) -> Array:
+        """Return their values at a time."""
+        return np.asarray(self.amplitude * np.sin(self.angle(t)))
+
+    def values(self, number: int, t: Array) -> Array:
+        """Return the values of one of them at some times."""
+        angle = 2 * math.pi * np.fmod(self.frequency[number] * t, 1.0) + self.phase[number]
+        return np.asarray(self.amplitude[number] * np.sin(angle))
+
+    def rate(self, t: float) -> Array:
+        """Return their rates at a time."""
+        return np.asarray(self.turn * self.amplitude * np.cos(self.angle(t)))
+
+    def taylor(self, t: float, order: int, scale: float) -> Array:
+        """Return ``scale^k s^(k)(t) / k!`` for k = 0 to `order`, a row each."""
+        orders = np.arange(order + 1.0)[:, None]
+        factors = np.where(orders > 0, self.turn * scale / np.maximum(orders, 1.0), self.amplitude)
+        return np.asarray(np.cumprod(factors, axis=0) * np.sin(self.angle(t) + 0.5 * math.pi * orders))
+
+    def some(self, places: Indices) -> Sines:
+        """Return some of them."""
+        return Sines(self.entry[places], *self.numbers[:, places])
+
+    def integrated(self) -> Sines:
+        """Return sines whose rates they are."""
+        return Sines(self.entry, self.amplitude / self.turn, self.frequency, self.phase - 0.5 * math.pi)
+
+    def joined(self, others: Sines) -> Sines:
+        """Return these and others."""
+        both = np.concatenate([self.numbers, others.numbers], axis=1)
+        return Sines(np.concatenate([self.entry, others.entry]), *both)
+
+    @property
+    def numbers(self) -> Array:
+        """Amplitudes, frequencies and phases, a row each."""
+        return np.stack([self.amplitude, self.frequency, self.phase])
+
+
+NO_SINES = Sines.of(())
