@@ -6,6 +6,7 @@ reaches within the time for which series hold; the series of all others go on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -458,6 +459,7 @@ class Parts:
         z = np.zeros((order + 1, 2 * k))
         z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
         lines, count = list(z), len(given)
+        follow: Callable[[Array, Array], object]
         if scipy.sparse.issparse(both):
 
             def follow(now: Array, following: Array) -> None:
@@ -469,9 +471,8 @@ class Parts:
             step = np.zeros((2 * k, 2 * k))
             step[:k] = factor[:, None] * (both if own is None else (own[:, None] == own) @ both)
             step[np.arange(k, 2 * k), np.arange(k)] = unit
-
-            def follow(now: Array, following: Array) -> None:
-                np.dot(step, now, out=following)
+            # a function around it would take as long as the product itself
+            follow = step.dot
 
         for now, following, rates, part in zip(lines, lines[1:], z[1:, :k], given, strict=False):
             follow(now, following)

@@ -59,15 +59,13 @@ class Patches:
 
     def bodies(self, bodies: Indices, origin: Array, position: Array, velocity: Array, lead: Array) -> None:
         """Enter the series of some bodies; the rows of `velocity` may have fewer terms than others."""
-        self._bodies.append(
-            (np.full(bodies.size, len(self._ticks) - 1), bodies, origin, position, lead, velocity)
-        )
+        self._bodies.append((len(self._ticks) - 1, bodies, origin, position, lead, velocity))
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
         """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
         force = np.where(mode[:, None] == 0, force, 0.0)
-        self._rows.append((np.full(rows.size, len(self._ticks) - 1), rows, origin, mode, since, force))
+        self._rows.append((len(self._ticks) - 1, rows, origin, mode, since, force))
         self.entries += force.size
 
     def until(self, stop: float) -> Patchwork:
@@ -101,10 +99,11 @@ class Series(PickledByFields):
 
     @classmethod
     def of(cls, entries: list[tuple[Any, ...]]) -> Series:
-        """Return entries in order."""
+        """Return entries in order; each is the number of a tick, and all others of the fields for some things."""
         width = max(1, *(entry[-1].shape[1] for entry in entries))
-        columns = [np.concatenate([entry[k] for entry in entries]) for k in range(5)]
-        terms = np.zeros((columns[0].size, width))
+        ticks = np.repeat([entry[0] for entry in entries], [entry[1].size for entry in entries])
+        columns = [ticks, *(np.concatenate([entry[k] for entry in entries]) for k in range(1, 5))]
+        terms = np.zeros((ticks.size, width))
         at = 0
         for entry in entries:
             part = entry[-1]

@@ -248,12 +248,11 @@ class Local:
         parts.rub(distinct(ends[ends >= 0]))
         self._tick(t, True)
         self._expand(patch, v, t, which[mode[changed] != 0])
-        self._held += int(np.count_nonzero(mode[changed] == 0)) - int(np.count_nonzero(old[changed] == 0))
+        were, are = old[changed].tolist(), mode[changed].tolist()
+        self._held += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
         self.most_guards = max(self.most_guards, self._closed + self._held)
-        for j, a, b in sorted(
-            zip(which.tolist(), old[changed].tolist(), mode[changed].tolist(), strict=True)
-        ):
+        for j, a, b in sorted(zip(which.tolist(), were, are, strict=True)):
             self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
 
     def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
