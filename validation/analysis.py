@@ -73,40 +73,24 @@ def scene_of(number: int) -> Scene:
     """Return random scene `number`, two in three with a stop, an elastic gap, or a saturated controller as well."""
     scene, random = random_scenes.draw(number), np.random.default_rng([SEED, number])
     body = scene.bodies[int(random.integers(len(scene.bodies)))]
+    name, place = body.name, body.position
     kind = int(random.integers(6))
     room = random.uniform(0.05, 0.4)
+    extra: list[Any] = []
     if kind == 0:
-        extra: Any = Stop(
-            "stop",
-            body.name,
-            GROUND,
-            upper=body.position + room,
-            lower=body.position - 2 * room,
-            restitution=float(random.uniform(0.0, 0.9)),
-        )
+        e = float(random.uniform(0.0, 0.9))
+        extra = [Stop("stop", name, GROUND, lower=place - 2 * room, upper=place + room, restitution=e)]
     elif kind == 1:
         stiffness, damping = random.uniform(20, 200), float(random.uniform(0.0, 2.0))
-        extra = Gap(
-            "gap", body.name, GROUND, upper=body.position + room, stiffness=stiffness, damping=damping
-        )
+        extra = [Gap("gap", name, GROUND, upper=place + room, stiffness=stiffness, damping=damping)]
     elif kind == 2:
-        push = -random.uniform(5, 40) * position(body.name) - random.uniform(0, 2) * velocity(body.name)
-        extra = Force(body.name, saturate(push, -random.uniform(1, 6), random.uniform(1, 6)))
+        push = -random.uniform(5, 40) * position(name) - random.uniform(0, 2) * velocity(name)
+        extra = [Force(name, saturate(push, -random.uniform(1, 6), random.uniform(1, 6)))]
     elif kind == 3:
         drive = Drive("shaker", velocity=sine(random.uniform(0.5, 2.0), random.uniform(0.5, 2.0)))
-        room *= 0.5
-        stop = Stop(
-            "stop",
-            body.name,
-            "shaker",
-            upper=body.position + room,
-            lower=body.position - room,
-            restitution=0.5,
-        )
-        return Scene(*scene.elements, drive, stop)
-    else:
-        return scene
-    return Scene(*scene.elements, extra)
+        lower, upper = place - 0.5 * room, place + 0.5 * room
+        extra = [drive, Stop("stop", name, "shaker", lower=lower, upper=upper, restitution=0.5)]
+    return Scene(*scene.elements, *extra)
 
 
 def _names(scene: Scene) -> list[str]:
@@ -114,22 +98,15 @@ def _names(scene: Scene) -> list[str]:
     found = [f"{body.name}.{field}" for body in scene.bodies for field in ("inertia", "velocity", "position")]
     for contact in scene.contacts:
         law = contact.law
-        found += [
-            f"{contact.name}.law.mu_coulomb",
-            f"{contact.name}.law.mu_static",
-            f"{contact.name}.normal.scale",
-        ]
-        if isinstance(law, DryFriction):
-            found += [f"{contact.name}.law.dwell"] * (law.dwell > 0)
-            found += [f"{contact.name}.law.stribeck_velocity"] * (law.stribeck_velocity is not None)
+        assert isinstance(law, DryFriction)
+        fields = ["law.mu_coulomb", "law.mu_static", "normal.scale", *["law.dwell"] * (law.dwell > 0)]
+        fields += ["law.stribeck_velocity"] * (law.stribeck_velocity is not None)
+        found += [f"{contact.name}.{field}" for field in fields]
     for k in range(len(scene.springs)):
         found += [f"springs[{k}].{field}" for field in ("stiffness", "damping", "rest")]
     found += [f"dampers[{k}].damping" for k in range(len(scene.dampers))]
-    found += [
-        f"forces[{k}].signal.scale"
-        for k, force in enumerate(scene.forces)
-        if isinstance(force.signal, Signal)
-    ]
+    loads = [k for k, force in enumerate(scene.forces) if isinstance(force.signal, Signal)]
+    found += [f"forces[{k}].signal.scale" for k in loads]
     found += [f"{drive.name}.velocity.scale" for drive in scene.drives]
     found += [f"{stop.name}.{field}" for stop in scene.stops for field in ("upper", "lower", "restitution")]
     found += [f"{gap.name}.{field}" for gap in scene.gaps for field in ("upper", "stiffness", "damping")]
