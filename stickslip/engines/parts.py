@@ -124,8 +124,6 @@ class Parts:
             given[:, 0] += pulls @ motion.y[system.carried_state]
             given[:, 1] += pulls @ self.drives.velocity[system.carried, 0]
             given[:, 2] += pulls @ (0.5 * self.drives.velocity[system.carried, 1])
-            # the integrals of sines do not begin at 0
-            given[:, 0] -= pulls @ self._of_drives.integrated().series(system.carried, motion.t, 1, 1.0)[:, 0]
         self._given = given
 
     def _swing(self, motion: Motion) -> None:
@@ -134,18 +132,15 @@ class Parts:
         self._of_rows = Swings.among(sines, sines.entry, system.m)
         drive = sines.entry - system.first_drive
         self._of_drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
-        acts, both = system.Q[:, sines.entry], sines
+        self._of_bodies = Swings.of(sines, system.Q[:, sines.entry])
+        # springs to drives that swing
         pulling = np.isin(drive, system.carried).nonzero()[0]
-        if pulling.size:
-            # springs to drives that swing
-            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
-            acts = scipy.sparse.hstack([scipy.sparse.csr_array(x) for x in (acts, system.C[:, places])])
-            both = sines.joined(sines.some(pulling).integrated())
-        self._of_bodies = Swings.of(both, acts)
+        places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
+        self._of_springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
         self._has_sines = bool(sines.entry.size)
         self.has_series = self.is_coupled or self._has_sines
         # bodies that sines reach at once: by a force, or by what a row of theirs watches
-        self.swings = self._of_bodies.moves
+        self.swings = self._of_bodies.moves | self._of_springs.moves
         rows = (
             self._of_rows.moves | (forest.drive >= 0) & np.append(self._of_drives.moves, False)[forest.drive]
         )
@@ -276,6 +271,8 @@ class Parts:
         if not (self._has_sines and self.swings[bodies].any()):
             return straight
         found = self._of_bodies.series(bodies, t, self.velocity.shape[1], unit)
+        if self._of_springs.any:
+            found += self._of_springs.series(bodies, t, found.shape[1], unit)
         found[:, :3] += straight
         if self._of_rows.any:
             rows = distinct(self.rows_at(bodies))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,17 +16,21 @@ from stickslip.model.arrays import Array, Indices, Mask
 
 @dataclass(frozen=True)
 class Swings:
-    """What sines add to each of many things: those of thing i stand from ``firsts[i]`` on, with their `shares`."""
+    """What sines add to each of many things: those of thing i stand from ``firsts[i]`` on, with their `shares`.
+
+    With `since` it is what they have added up to since then.
+    """
 
     sines: Sines
     firsts: Indices
     shares: Array
+    since: float | None = None
 
     @classmethod
-    def of(cls, sines: Sines, acts: Any) -> Swings:
+    def of(cls, sines: Sines, acts: Any, since: float | None = None) -> Swings:
         """Return them from a matrix with a row for each thing and a column for each sine."""
         acts = scipy.sparse.csr_array(acts)
-        return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data)
+        return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data, since)
 
     @classmethod
     def among(cls, sines: Sines, things: Indices, count: int) -> Swings:
@@ -58,13 +62,14 @@ class Swings:
         places = spans(self.firsts, things)
         if places.size:
             own = np.repeat(np.arange(things.size), self.firsts[things + 1] - self.firsts[things])
-            waves = self.sines.some(places).taylor(t, terms - 1, unit)
+            sines = self.sines.some(places)
+            waves = (
+                sines.taylor(t, terms - 1, unit)
+                if self.since is None
+                else sines.taylor_of_gone(self.since, t, terms - 1, unit)
+            )
             np.add.at(found, own, self.shares[places, None] * waves.T)
         return found
-
-    def integrated(self) -> Swings:
-        """Return what the integrals of the sines add."""
-        return replace(self, sines=self.sines.integrated())
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,8 @@ class Drives:
         """Return the positions of some drives at some times, a row for each drive."""
         u, d = self.velocity[numbers], t - self.since
         found = self.start[numbers, None] + d * (u[:, :1] + 0.5 * d * u[:, 1:])
-        integrals = self.sines.integrated()
-        before = integrals.at(self.since)
         for k, drive in enumerate(self.sines.entry.tolist()):
-            found[numbers == drive] += integrals.values(k, t) - before[k]
+            found[numbers == drive] += self.sines.some(np.array([k])).gone(self.since, t)
         return np.asarray(found)
 
     def moved(self, numbers: Indices, t: float, step: float, order: int) -> Array:
@@ -43,7 +41,7 @@ class Drives:
         u, found = self.velocity[numbers], np.zeros((numbers.size, order + 1))
         found[:, 1] = step * (u[:, 0] + (t - self.since) * u[:, 1])
         found[:, 2] = 0.5 * step * step * u[:, 1]
-        waves = self.sines.integrated().taylor(t, order, step)
+        waves = self.sines.taylor_of_gone(self.since, t, order, step)
         for k, drive in enumerate(self.sines.entry.tolist()):
             found[numbers == drive, 1:] += waves[1:, k]
         return found

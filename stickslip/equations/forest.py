@@ -26,10 +26,10 @@ _MOST_HOPS = 60
 class Forest:
     """The rows and couplings of a scene by body.
 
-    `period` is the shortest period in s of its loads, inf where these are straight.
-
     Attributes
     ----------
+    period : float
+        The shortest period in s of its loads, inf where these are straight.
     child, parent : array (m,) of int
         The ends of each row, the second nearer to the root, -1 where that is the ground or a drive.
     sign : array (m,)
@@ -56,7 +56,7 @@ class Forest:
 
     def __init__(self, system: System, period: float) -> None:
         n, m = system.n, system.m
-        self.n, self.m = n, m
+        self.n, self.m, self.period = n, m, period
         a, b = np.full(m, -1), np.full(m, -1)
         first = np.ones(m)
         self.drive = np.full(m, -1)
@@ -81,7 +81,7 @@ class Forest:
             self.row_of = np.full(n, -1)
             self.row_of[self.child] = np.arange(m)
         self._couple(system)
-        self._reach(system.inertia, period)
+        self._reach(system.inertia)
 
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
@@ -166,13 +166,13 @@ class Forest:
         normals = stretch.sines.entry[stretch.sines.entry < self.m]
         return bool((least[normals] > 0).all() and (stretch.sines.frequency != 0).all())
 
-    def _reach(self, inertia: Array, period: float) -> None:
+    def _reach(self, inertia: Array) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""
         self.order, self.unit, self.hops = _POLYNOMIAL, math.inf, 0
-        if math.isfinite(period):
+        if math.isfinite(self.period):
             # (omega h)^k / k! is the last term of a sine
             self.order = _ORDER
-            self.unit = (_REMAINDER * math.factorial(_ORDER)) ** (1 / _ORDER) * period / (2 * math.pi)
+            self.unit = (_REMAINDER * math.factorial(_ORDER)) ** (1 / _ORDER) * self.period / (2 * math.pi)
         if not self.is_coupled:
             return
         self.order = _ORDER

@@ -61,14 +61,20 @@ class Sines:
         """Return some of them."""
         return Sines(self.entry[places], *self.numbers[:, places])
 
-    def integrated(self) -> Sines:
-        """Return sines whose rates they are."""
-        return Sines(self.entry, self.amplitude / self.turn, self.frequency, self.phase - 0.5 * math.pi)
+    def gone(self, start: float, t: float | Array) -> Array:
+        """Return what they have added up to from `start` to `t`: a number for each, or of one of them at many times."""
+        # one product, no difference: slow sines have integrals that are large
+        half = math.pi * np.fmod(self.frequency * (t - start), 2.0)
+        return np.asarray(
+            self.amplitude / math.pi * np.sin(half) / self.frequency * np.sin(self.angle(start) + half)
+        )
 
-    def joined(self, others: Sines) -> Sines:
-        """Return these and others."""
-        both = np.concatenate([self.numbers, others.numbers], axis=1)
-        return Sines(np.concatenate([self.entry, others.entry]), *both)
+    def taylor_of_gone(self, start: float, t: float, order: int, scale: float) -> Array:
+        """Return the same with its derivatives at `t`, as `taylor` does."""
+        found = np.empty((order + 1, self.frequency.size))
+        found[0] = self.gone(start, t)
+        found[1:] = self.taylor(t, order - 1, scale) * (scale / np.arange(1.0, order + 1.0)[:, None])
+        return found
 
     @property
     def numbers(self) -> Array:

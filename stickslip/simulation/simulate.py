@@ -163,13 +163,14 @@ def compiled(scene: Scene) -> System:
 
 
 def _forest(system: System, loads: Loads) -> Forest | None:
-    """Return which bodies reach which where events can be followed one by one, built once for each scene."""
+    """Return which bodies reach which where events can be followed one by one, built once for each scene and period."""
     if system.n < _MANY or Forest.why_not(system, loads) is not None:
         return None
     known = system.scene.derived
-    if "forest" not in known:
-        known["forest"] = Forest(system, loads.period)
-    forest: Forest = known["forest"]
+    forest: Forest | None = known.get("forest")
+    # sines may be left out of one time span, and be there in another
+    if forest is None or forest.period != loads.period:
+        forest = known["forest"] = Forest(system, loads.period)
     return forest
 
 

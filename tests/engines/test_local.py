@@ -205,6 +205,41 @@ def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(
     assert np.array_equal(load(tmp_path / "shaken.npz", scene).sample(2001).y, fine.y)
 
 
+@pytest.mark.parametrize("frequency", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(
+    monkeypatch: pytest.MonkeyPatch, frequency: float
+) -> None:
+    """The integral of a slow sine is large, and what the drive has moved is a small difference of two of them."""
+    scene = Scene(
+        Drive("hand", velocity=sine(1.0, frequency, phase=0.7)),
+        Body("b", inertia=1.0),
+        Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=1.0),
+        Spring("b", "hand", stiffness=2.0),
+    )
+    local, _ = both(monkeypatch, scene, 10.0)
+    assert local.trajectory.is_patchwork and local.energy().relative_error < 1e-14
+    # 2 N/m come to 0.3 N where the hand has moved by 0.15 m
+    first, turn = local.events[0], 2 * math.pi * frequency
+    middle = 0.5 * turn * first.t
+    assert first.t * np.sinc(middle / math.pi) * math.sin(0.7 + middle) == pytest.approx(0.15, rel=1e-14)
+
+
+def test_sines_that_are_there_in_one_time_span_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to 10 s the normal force is cut off; then it is ``5 + 3 sin(pi t)``, whose share of 0.3 stops v = 1."""
+    monkeypatch.setattr(module, "_MANY", 1)
+    normal = piecewise_linear([0.0, 10.0, 10.0, 20.0], [-9.0, -9.0, 5.0, 5.0]) + sine(3.0, 0.5)
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.5, 0.3), normal=normal)
+    )
+    assert not simulate(scene, (0.0, 5.0)).events
+    result = simulate(scene, (12.0, 14.0))
+    assert result.trajectory.is_patchwork and [event.after for event in result.events] == [0]
+    rest = result.events[0].t - 12.0
+    assert 0.3 * (5.0 * rest + 3.0 / math.pi * (1.0 - math.cos(math.pi * rest))) == pytest.approx(
+        1.0, rel=1e-13
+    )
+
+
 def part_by_part(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> Result:
     monkeypatch.setattr(module, "_MANY", 1)
     result = simulate(scene, (0.0, stop), **options)
