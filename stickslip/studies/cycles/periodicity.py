@@ -30,8 +30,8 @@ def check_loads(system: System, period: float) -> None:
     for k, i in np.argwhere(np.abs(now - later) > 1e-9 * size)[:1].tolist():
         raise ValueError(
             f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[k, i]:.9g} at "
-            f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all loads "
-            "(to continue_cycle as a function of the value, where it changes with that)"
+            f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all "
+            "loads (to continue_cycle as a function of the value, where it changes with that)"
         )
 
 
