@@ -21,6 +21,8 @@ from stickslip.equations.forest import Forest, spans
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
+from stickslip.equations.sines import Sines
+from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 UNLED = -2
@@ -134,15 +136,8 @@ class Parts:
         self._of_rows = Swings.among(sines, sines.entry, system.m)
         drive = sines.entry - system.first_drive
         self._of_drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
-        acts, both = system.Q[:, sines.entry], sines
-        pulling = np.isin(drive, system.carried).nonzero()[0]
-        if pulling.size:
-            # springs to drives that swing
-            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
-            acts = scipy.sparse.hstack([scipy.sparse.csr_array(x) for x in (acts, system.C[:, places])])
-            both = sines.joined(sines.some(pulling).integrated())
-        self._of_bodies = Swings.of(both, acts)
         self._has_sines = bool(sines.entry.size)
+        self._of_bodies = _on_bodies(system, sines, drive) if self._has_sines else Swings.none(system.n)
         self.has_series = self.is_coupled or self._has_sines
         # bodies that sines reach at once: by a force, or by what a row of theirs watches
         self.swings = self._of_bodies.moves
@@ -571,6 +566,18 @@ class Parts:
             live[self.members[g]] = True
         parent = forest.parent[rows]
         return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))
+
+
+def _on_bodies(system: System, sines: Sines, drive: Indices) -> Swings:
+    """Return what sines add to the forces on bodies; `drive` are the numbers of drives whose velocities they are."""
+    acts, both = system.Q[:, sines.entry], sines
+    pulling = np.isin(drive, system.carried).nonzero()[0]
+    if pulling.size:
+        # springs to drives that swing
+        places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
+        acts = scipy.sparse.hstack([scipy.sparse.csr_array(x) for x in (acts, system.C[:, places])])
+        both = sines.joined(sines.some(pulling).integrated())
+    return Swings.of(both, acts)
 
 
 def distinct(numbers: Indices) -> Indices:
