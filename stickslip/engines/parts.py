@@ -132,12 +132,15 @@ class Parts:
         self._of_rows = Swings.among(sines, sines.entry, system.m)
         drive = sines.entry - system.first_drive
         self._of_drives = Swings.among(replace(sines, entry=drive), drive, system.drives)
-        self._of_bodies = Swings.of(sines, system.Q[:, sines.entry])
-        # springs to drives that swing
-        pulling = np.isin(drive, system.carried).nonzero()[0]
-        places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
-        self._of_springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
         self._has_sines = bool(sines.entry.size)
+        self._of_bodies = self._of_springs = Swings.none(system.n)
+        if self._has_sines:
+            self._of_bodies = Swings.of(sines, system.Q[:, sines.entry])
+        pulling = np.isin(drive, system.carried).nonzero()[0]
+        if pulling.size:
+            # springs to drives that swing
+            places = [system.position_state[system.n + k] for k in drive[pulling].tolist()]
+            self._of_springs = Swings.of(sines.some(pulling), system.C[:, places], motion.t)
         self.has_series = self.is_coupled or self._has_sines
         # bodies that sines reach at once: by a force, or by what a row of theirs watches
         self.swings = self._of_bodies.moves | self._of_springs.moves

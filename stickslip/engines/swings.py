@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.forest import spans
-from stickslip.equations.sines import Sines
+from stickslip.equations.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array, Indices, Mask
 
 
@@ -33,9 +33,16 @@ class Swings:
         return cls(sines.some(acts.indices), acts.indptr.astype(np.intp), acts.data, since)
 
     @classmethod
+    def none(cls, count: int) -> Swings:
+        """Return so many things that do not swing."""
+        return cls(NO_SINES, np.zeros(count + 1, dtype=np.intp), np.empty(0))
+
+    @classmethod
     def among(cls, sines: Sines, things: Indices, count: int) -> Swings:
         """Return them where each sine is a part of the thing with its number; others than `count` are nothing here."""
         own = ((things >= 0) & (things < count)).nonzero()[0]
+        if not own.size:
+            return cls.none(count)
         acts = scipy.sparse.csr_array((np.ones(own.size), (things[own], own)), shape=(count, things.size))
         return cls.of(sines, acts)
 

@@ -856,3 +856,27 @@ def test_parameters_of_rows_are_counted_through_all_kinds_of_rows() -> None:
     names = ["rows[1].restitution", "rows[2].restitution", "stops[0].restitution", "elements[0].velocity"]
     found = sensitivities(scene, (0.0, 1.0), names)
     assert np.allclose(found.velocity("a"), [3.0, 0.0, 3.0, -0.5], atol=1e-12)
+
+
+def test_functions_are_not_asked_beside_a_derivative_that_does_not_exist() -> None:
+    """Two breakaways at 1 s end the derivative by the level of one; later the level of a third contact is touched.
+
+    That level is 1 + v², v = 0.5 cos t; the derivative of v by its start is cos t.
+    """
+    one, ramp = DryFriction(1.0, 1.0), piecewise_linear([0.0, 10.0], [0.0, 10.0])
+    scene = Scene(
+        *(
+            Body(name, inertia=1.0, velocity=0.5 if name == "swing" else 0.0)
+            for name in ("a", "b", "swing", "c")
+        ),
+        *(Contact(f"on {name}", name, GROUND, one, normal=1.0) for name in ("a", "b")),
+        *(Force(name, ramp) for name in ("a", "b")),
+        Contact("on c", "c", GROUND, one, normal=feedback(lambda v: 1.0 + v * v, velocity("swing"))),
+        Force("c", 1.0 - 1e-11),
+        Spring("swing", GROUND, stiffness=1.0),
+    )
+    found = sensitivities(scene, (0.0, 8.0), ["on a.normal", "swing.velocity"])
+    assert len(found.reasons) == 1 and "'on a' and 'on b' fall together" in found.reasons[0]
+    by_level, by_start = found.velocity("swing", [7.9])[0]
+    assert np.isnan(by_level)
+    assert by_start == pytest.approx(math.cos(7.9), abs=1e-8)

@@ -30,7 +30,8 @@ def check_loads(system: System, period: float) -> None:
     for k, i in np.argwhere(np.abs(now - later) > 1e-9 * size)[:1].tolist():
         raise ValueError(
             f"limit_cycle: the loads do not repeat with the period {period:g} s: one is {now[k, i]:.9g} at "
-            f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all loads"
+            f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all "
+            "loads (to continue_cycle as a function of the value, where it changes with that)"
         )
 
 
@@ -45,7 +46,8 @@ def check_constant(system: System) -> None:
     ):
         raise ValueError(
             "limit_cycle: the loads change with time; give their period, period=... (it is found only where loads are "
-            "constant; of loads that become constant give the last values)"
+            "constant; of loads that become constant give the last values; where the period changes with the value, "
+            "give continue_cycle a function of it)"
         )
 
 

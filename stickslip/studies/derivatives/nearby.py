@@ -141,6 +141,9 @@ class Nearby:
         """Return the derivatives of a quantity at fixed local times, from the variations S there; directions last."""
         none = np.zeros_like(quantity(motion, taus, y))
         found = np.empty((*none.shape, self.count))
+        # functions of the user are not asked beside a variation that does not exist
+        exists = np.isfinite(S).all(axis=0) & np.isfinite(since).all(axis=0)
+        S, since = np.where(exists, S, 0.0), np.where(np.isfinite(since), since, 0.0)
         for k in range(self.count):
             parts = [
                 weight * quantity(near, taus, near.exact(taus, y)) for weight, near in self.near(motion, k)
@@ -151,6 +154,7 @@ class Nearby:
             ]
             with np.errstate(invalid="ignore"):
                 found[..., k] = sum(parts, none)
+        found[..., ~exists] = np.nan
         return found
 
     def slopes_at(
