@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.floats import lines, remembered, smallest_of
+from stickslip.equations.floats import smallest_of
 from stickslip.equations.guards_at_start import AT_LIMIT, NEVER, ROUNDOFF, GuardsAtStart
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array, Indices, Mask
@@ -212,8 +212,8 @@ class Guards(GuardsAtStart):
             unknown[self.rows.rising] |= self.rows.rise < 0
         bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
         if bends:
-            # velocities are states all the same, unless drives give them
-            unknown |= ~self.is_velocity | bool(system.drives)
+            # velocities are states all the same, unless drives give them that turn
+            unknown |= ~self.is_velocity | system.drives_turn(motion.stretch.bent)
         if not path.is_chebyshev or order < 2 or unknown.all():
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
         g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
@@ -295,15 +295,18 @@ class Guards(GuardsAtStart):
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
-        motion, rows, own = self.motion, self.rows, self._on_lines
-        if motion.in_floats is None or own is None:
+        sums, rows = self.motion.sums, self.rows
+        if sums is None:
             return None
-
-        def made() -> Callable[[float, Array], float]:
-            reached = rows.turn[:, None] * motion.equations.L[rows.source]
-            return smallest_of(lines(*own, rows.by_state, reached), motion.laws_in_floats)
-
-        return remembered(rows.smallest_in_floats, made, *own, *motion.of_laws_on_lines)
+        found = rows.of_inputs(sums.inputs)
+        found[:, sums.columns.states] += rows.by_state
+        found[:, sums.forces] += rows.turn[:, None] * self.motion.equations.L[rows.source]
+        found[:, 0] += self._constant
+        if self.velocity_uncertainty:
+            found[:, 0] += self.leeway
+        if self._lift is not None:
+            found[:, 0] += self._lift
+        return smallest_of(found, sums.columns.terms)
 
     @cached_property
     def _of_states(self) -> Any:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from stickslip.equations.floats import Columns
 from stickslip.equations.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
@@ -182,6 +183,28 @@ class Stretch:
             for i, function in self._functions:
                 q[i] += function(min(t, self._before_stop))
         return q
+
+    @property
+    def terms(self) -> int:
+        """How many sines and functions there are."""
+        return len(self.waves[0]) + len(self._functions)
+
+    def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
+        """Enter the inputs, whose local time runs from `t`, as sums over columns."""
+        q[:, 0] = self.value + (t - self.start) * self.slope
+        q[:, 1] = self.slope
+        if self.has_waves:
+            sines = self.sines
+            angles = zip(sines.angle(t).tolist(), sines.turn.tolist(), strict=True)
+            for i, amplitude, angle in zip(self.waves[0], sines.amplitude.tolist(), angles, strict=True):
+                q[i, columns.add(math.sin, [columns.line(*angle)])] = amplitude
+        for i, function in self._functions:
+            q[i, columns.add(self._up_to_stop(function), [columns.time(t)])] = 1.0
+
+    def _up_to_stop(self, function: Signal) -> Callable[[float], float]:
+        """Return a function with its left limit at the end of the stretch."""
+        last = self._before_stop
+        return lambda t: float(function(min(t, last)))
 
     def sampled(self, times: Array, only: slice = slice(None)) -> Array:
         """Return the inputs, or some of them, at many times, one column each."""
