@@ -296,7 +296,7 @@ class Guards(GuardsAtStart):
     def in_floats(self) -> Callable[[float, Array], float] | None:
         """What `smallest` tells once zeros of the start are not near, of a small motion in plain floats."""
         sums, rows = self.motion.sums, self.rows
-        if sums is None:
+        if sums is None or not self.size:
             return None
         found = rows.of_inputs(sums.inputs)
         found[:, sums.columns.states] += rows.by_state
