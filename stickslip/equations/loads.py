@@ -15,6 +15,7 @@ import numpy as np
 from stickslip.equations.floats import Columns
 from stickslip.equations.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array
+from stickslip.model.crossings import INSIDE
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
@@ -25,7 +26,6 @@ TableRegions = tuple[int, ...] | None
 
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
-
 
 class Span(NamedTuple):
     """The time span of a run."""
@@ -143,7 +143,7 @@ class Loads:
                     functions.append((i, term))
                     if rate is not None:
                         functions.append((rate, _slope(term, t, stop)))
-        return Stretch(t, stop, value, slope, waves, functions)
+        return Stretch(t, stop, value, slope, waves, functions, self._stepped)
 
 
 class Stretch:
@@ -161,8 +161,10 @@ class Stretch:
         slope: Array,
         waves: Sequence[tuple[int, float, float, float]],
         functions: Sequence[tuple[int, Signal]],
+        is_stepped: bool,
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
+        self._is_stepped = is_stepped
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
@@ -230,6 +232,13 @@ class Stretch:
         for i, function in self._functions:
             rate[i] += function.slope(min(t, self._before_stop))
         return rate
+
+    def just_after(self, t: float) -> Array:
+        """Return numbers of the signs that inputs which are cut off at 0 have just after `t`.
+
+        Between two breaks such an input is 0 all along, or nowhere but at instants.
+        """
+        return self.rate(t) if self._is_stepped else self.at(t + INSIDE * (self.stop - t))
 
     def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
         """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.
