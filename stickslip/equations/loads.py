@@ -27,6 +27,7 @@ TableRegions = tuple[int, ...] | None
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
 
+
 class Span(NamedTuple):
     """The time span of a run."""
 
