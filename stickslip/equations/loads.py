@@ -234,12 +234,15 @@ class Stretch:
             rate[i] += function.slope(min(t, self._before_stop))
         return rate
 
-    def just_after(self, t: float) -> Array:
-        """Return numbers of the signs that inputs which are cut off at 0 have just after `t`.
+    def just_after(self, t: float, count: int) -> Array:
+        """Return numbers of the signs that the first inputs, which are cut off at 0, have just after `t`.
 
         Between two breaks such an input is 0 all along, or nowhere but at instants.
         """
-        return self.rate(t) if self._is_stepped else self.at(t + INSIDE * (self.stop - t))
+        if self._is_stepped:
+            return self.rate(t)[:count]
+        later = t + INSIDE * (self.stop - t)
+        return np.asarray(self.sampled(np.array([later]), slice(count))[:, 0])
 
     def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
         """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.

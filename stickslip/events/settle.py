@@ -276,7 +276,7 @@ def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     presses = q[: system.m] > 0
     if np.count_nonzero(presses) < presses.size:
         # a normal force that is 0 now, or below by roundoff, may begin to press, or only touch 0
-        presses |= (stretch.just_after(t)[: system.m] > 0) & ~system.pressed
+        presses |= (stretch.just_after(t, system.m) > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)
