@@ -50,7 +50,12 @@ class Guards(GuardsAtStart):
         if rows.has_borders:
             size[self.is_border] = 0.0
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
-        return self._divided(g, tau), np.maximum(start, size)
+        g = self._divided(g, tau)
+        if not self.is_plain:
+            # what is divided by a time is a size again, whatever the unit of time
+            g[self.order == 1] *= self.motion.horizon
+            g[self._bent] *= self.motion.horizon**2
+        return g, np.maximum(start, size)
 
     def of_friction(self, i: int) -> tuple[int, int] | None:
         """Return the row that sticks or lets go where a guard comes to 0, and its direction; None where none does."""

@@ -588,3 +588,21 @@ def test_a_loop_that_breaks_starts_to_move_everywhere() -> None:
     assert moved.any() and np.all(result.velocity("b") == 0)
     assert {e.contact for e in result.events} == {"ab", "ag"}
     assert len(set(times(result))) == 1
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF", "Adams"])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e9])
+def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(method: str, unit: float) -> None:
+    """A pull of t N lets go at 1 s, v = (t - 1)^2 / 2 m/s; the other block stops at 2 s. All times are in `unit`."""
+    law = DryFriction(1.0, 1.0)
+    scene = Scene(
+        Body("pulled", inertia=unit**2),
+        Contact("floor", "pulled", GROUND, law, normal=1.0),
+        Force("pulled", piecewise_linear([0.0, 4 * unit], [0.0, 4.0])),
+        Body("other", inertia=unit**2, velocity=1 / unit),
+        Contact("brake", "other", GROUND, law, normal=0.5),
+    )
+    result = simulate(scene, (0.0, 3 * unit), method=method, atol=1e-10 / unit)
+    assert [(e.contact, e.after) for e in result.events] == [("floor", 1), ("brake", 0)]
+    assert [e.t / unit for e in result.events] == pytest.approx([1.0, 2.0], abs=1e-7)
+    assert result.velocity("pulled")[-1] * unit == pytest.approx(2.0, abs=1e-7)
