@@ -37,6 +37,8 @@ class Columns:
     def __init__(self, states: int, most: int) -> None:
         self.states = slice(STATES, STATES + states)
         self.terms: list[Term] = []
+        self.looked_up: list[Array] = []
+        """What tables are looked up at."""
         self.count = STATES + states + most
         self._next = STATES + states
 

@@ -153,6 +153,9 @@ def test_whatever_moves_it(law: Law, more: list[Element], mode: int) -> None:
             found = np.empty(y.size)
             motion.in_floats(tau, y, found)
             np.testing.assert_allclose(found, motion.rate(tau, y), rtol=1e-12, atol=1e-12)
+            if motion.table_regions:
+                assert motion.has_left_in_floats is not None
+                assert motion.has_left_in_floats(tau, y) == motion.has_left(tau, y)
             if guards.size:
                 assert guards.in_floats is not None
                 low = guards.values(tau, y, late=True).min()
