@@ -77,7 +77,7 @@ def with_one(
         or system.has_dead_bands
         or system.has_stops
         or system.piecewise.count
-        or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
+        or equations.pressed.size
         or equations.at_level.size
         # an open row whose velocity is not watched may begin to move
         or now.guards.rows.loose < equations.open.size
