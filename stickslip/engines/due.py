@@ -23,6 +23,7 @@ _CLEAR = 1e-9
 """Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes."""
 
 _STAYS = -1
+"""In place of the number of zeros: a gap stays at its border as long as nothing near it changes."""
 
 
 class Due:
@@ -137,7 +138,7 @@ class Due:
         factors = self._system.piecewise.border[borders]
         x, v = self._sizes(rows)
         stretch, rate, constant = np.abs(factors.T)
-        size = stretch * x[own] + rate * v[own] + constant
+        size = stretch * (x + parts.unit * v)[own] + rate * v[own] + constant
         return self._along(parts.watched[rows][own], factors), size, borders, own
 
     def _along(self, stretches: Array, factors: Array) -> Array:

@@ -69,7 +69,7 @@ class Parts:
         The same of what a row watches: the force of a held one, the stretch of a gap, the relative velocity of any
         other.
     started : array (m,) of bool
-        Moving rows that start from rest, and gaps that have just come into their regions.
+        Moving rows that start from rest.
     elastic : Elastic
         What gaps do.
     end : float
@@ -447,10 +447,7 @@ class Parts:
         x[:, 0] = self.position[bodies]
         np.multiply(self.velocity[bodies], self.unit * self._inverse[:-1], out=x[:, 1:])
         s = (t - self.origin[bodies]) / self.unit
-        moved = s.nonzero()[0]
-        if moved.size:
-            x[moved] = shifted(x[moved], s[moved])
-        return x
+        return shifted(x, s) if s.any() else x
 
     def expand(self, patch: Patch, v: Array) -> tuple[Indices, Array]:
         """Expand the bodies of a patch anew from velocities `v`, and what their rows watch.

@@ -53,6 +53,8 @@ class Forest:
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them. Gaps have entries, too,
         which are 0 here.
+    gap_entries : arrays
+        Which of these entries gaps have: the entry, the gap, and the factor of its force there.
     stiffest, most_damped : arrays
         Bounds of their sizes, whatever the gaps do.
     neighbours : list of lists of int

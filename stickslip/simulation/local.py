@@ -156,7 +156,7 @@ class Local:
         """
         parts = self._parts
         rows, held = parts.expand(patch, v)
-        parts.started[rows], parts.started[started] = False, True
+        parts.started[rows], parts.started[started] = False, parts.mode[started] != APART
         self._enter_bodies(patch.bodies)
         self._enter_rows(np.concatenate([held, started]))
         live = parts.live_rows(patch, rows)
@@ -212,7 +212,7 @@ class Local:
             patch = parts.patch(parts.reach(groups.tolist()), t)
             self._expand(patch, patch.v, t, rows)
             rows = self._due.at_once
-            if not rows.size:
+            if not rows.size or self._bad.size:
                 break
         else:
             self._bad = rows
@@ -290,7 +290,7 @@ class Local:
         self._most_guards()
         for j, a, b in sorted(zip(which.tolist(), were, are, strict=True)):
             self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
-        if self._due.at_once.size:
+        if self._due.at_once.size and not self._bad.size:
             self._go_beyond(self._due.at_once, t)
 
     def _most_guards(self) -> None:

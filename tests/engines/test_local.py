@@ -453,13 +453,13 @@ def test_what_begins_at_its_level_is_followed_as_a_whole_at_first(monkeypatch: p
 
 
 def buffers(damping: float) -> Scene:
-    """Return 40 wagons 1 m apart, every second of them rolling towards the next; couplings have 0.05 m, buffers 0.1 m."""
+    """Return 40 wagons, every second of them rolling on; couplings have 0.05 m of play, buffers 0.04 m."""
     names, law = [f"w{i}" for i in range(40)], DryFriction(0.02, 0.01)
     return Scene(
         *(Body(name, inertia=1.0, position=1.0 * i, velocity=0.3 * (i % 2)) for i, name in enumerate(names)),
         *(Contact(f"rail {name}", name, GROUND, law, normal=10.0 + 0.1 * i) for i, name in enumerate(names)),
         *(
-            Gap(f"g{i}", b, a, lower=0.9, upper=1.05, stiffness=200.0, damping=damping)
+            Gap(f"g{i}", b, a, lower=0.96, upper=1.05, stiffness=200.0, damping=damping)
             for i, (a, b) in enumerate(pairwise(names))
         ),
     )
@@ -468,7 +468,7 @@ def buffers(damping: float) -> Scene:
 @pytest.mark.parametrize("damping", [0.0, 3.0])
 def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, damping: float) -> None:
     """Each quantity by name is that of the scene followed as a whole, also where names are read one by one."""
-    local, whole = both(monkeypatch, buffers(damping), 0.8)
+    local, whole = both(monkeypatch, buffers(damping), 0.6)
     assert local.trajectory.is_patchwork and len(local.events) > 60
     assert local.energy().relative_error < 1e-12
     local.save(tmp_path / "wagons.npz")
@@ -481,7 +481,7 @@ def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, da
             np.testing.assert_allclose(own, all_of_them, rtol=0, atol=1e-10 * np.abs(all_of_them).max())
         np.testing.assert_array_equal(by_name.mode(name), table.mode(name))
         np.testing.assert_array_equal(again.mode(name), table.mode(name))
-    assert {*np.unique(by_name.mode("g7")).tolist()} == {Mode.BACKWARD, Mode.FORWARD, Mode.OPEN}
+    assert {event.after for event in local.events} == set(Mode)
 
 
 def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -507,6 +507,20 @@ def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> No
         < 1e-12
     )
     assert not fine.force("far").any() and result.energy().relative_error < 1e-14
+
+
+def test_a_ball_that_bounces_at_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where position and limit are both 0 nothing adds up in their difference; it comes down as fast as it left."""
+    scene = Scene(
+        Body("ball", inertia=1.0, velocity=1.0),
+        Gap("floor", "ball", GROUND, lower=0.0, stiffness=1e4),
+        Force("ball", -10.0),
+    )
+    result = part_by_part(monkeypatch, scene, 3.0)
+    # x'' = -10 - 1e4 x from v = -1: back at 0 after the angle pi + 2 arctan(10 / 100)
+    flight, push = 0.2, (math.pi + 2 * math.atan(0.1)) / 100.0
+    times = [(k + 1) // 2 * flight + k // 2 * push for k in range(1, 10)]
+    assert [event.t for event in result.events][:9] == pytest.approx(times, abs=1e-12)
 
 
 def test_wagons_that_touch_at_rest_start_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
