@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.scaling import blocks
 from benchmarks.tradeoff import leines_belt
-from stickslip import DryFriction, Scene
+from stickslip import DryFriction, Force, LuGre, PreSlip, Scene, feedback, position, sine
 from stickslip.benchmark import flywheel_benchmark
 from stickslip.engines.cvode import Selected
 from stickslip.equations.guards import Guards
@@ -43,6 +43,19 @@ def stribeck_blocks() -> Scene:
     """Return 50 blocks on a belt whose friction falls along a Stribeck curve."""
     scene, law = blocks(50), DryFriction(0.35, 0.2, stribeck_velocity=0.3)
     return scene.with_laws(lambda _: replace(law))
+
+
+def variants() -> dict[str, Scene]:
+    """Return Leine's belt with more that moves it, and with other laws."""
+    belt = leines_belt()
+    cubic = feedback(lambda x: -0.1 * x**3, position("block"), derivatives=lambda x: -0.3 * x**2)
+    core = DryFriction(1.0, 0.5, stribeck_velocity=0.3)
+    return {
+        "with a sine": Scene(*belt.elements, Force("block", sine(0.1, 0.3))),
+        "with a function of the state": Scene(*belt.elements, Force("block", cubic)),
+        "with pre-slip, tanh": belt.with_laws(lambda _: PreSlip(core, 1e-3, "tanh")),
+        "with LuGre bristles": belt.with_laws(lambda _: LuGre(core, 1e4, 30.0)),
+    }
 
 
 def by_hand() -> tuple[float, float]:
@@ -75,6 +88,7 @@ def main() -> None:
     scenes = {
         "flywheel benchmark": flywheel_benchmark(),
         "Leine's belt": leines_belt(),
+        **{f"Leine's belt {title}": scene for title, scene in variants().items()},
         "50 Stribeck blocks": stribeck_blocks(),
     }
     for title, scene in scenes.items():

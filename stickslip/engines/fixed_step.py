@@ -166,7 +166,8 @@ class _Rates:
         equations, size = motion.equations, motion.y.size
         self._motion, self._equations, self._size, self._taus = motion, equations, size, taus
         self._has_law = motion.has_law
-        if motion.dependence is not None:
+        self._in_floats = motion.in_floats if self._has_law or motion.dependence is not None else None
+        if motion.dependence is not None or self._in_floats is not None:
             return
         q = motion.inputs(taus, motion.y)
         self._inputs = list(np.ascontiguousarray(equations.respond(q)[:size].T))
@@ -179,6 +180,10 @@ class _Rates:
     def __call__(self, stage: int, y: Array) -> Array:
         """Return the rates at the time of a stage."""
         equations, size = self._equations, self._size
+        if self._in_floats is not None:
+            found = np.empty(size)
+            self._in_floats(float(self._taus[stage]), y, found)
+            return found
         if self._motion.dependence is not None:
             return self._motion.rate(float(self._taus[stage]), y)
         rate = equations.apply(y)[:size] + self._inputs[stage]

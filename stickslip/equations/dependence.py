@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
 import scipy
 
+from stickslip.equations.floats import Columns
 from stickslip.equations.loads import TableRegions
 from stickslip.equations.reader import Form, Key, Node, differences
 from stickslip.model.arrays import Array, Indices
@@ -82,6 +82,10 @@ class Dependence:
         The inputs that it fills: nodes and rows, and the rows whose normal forces depend on the state.
     columns : array of int
         The states that it reads.
+    width : int
+        Inputs that are values of functions.
+    has_heat : bool
+        Whether the power of a contact is one.
     calls : int
         How often functions have been called since they were last forgotten.
     """
@@ -107,6 +111,8 @@ class Dependence:
         self._lines = {k: np.array(table.lines) for k, table in tables.items()}
         self._corners = {k: np.array(table.xs) for k, table in tables.items()}
         self.is_linear = len(self.tables) == len(self.nodes)
+        self.width = sum(node.width for node in nodes if node.table is None)
+        self.has_heat = any(node.row >= 0 for node in nodes)
         self.places = np.concatenate([np.arange(first, int(starts[-1])), self.rows]).astype(np.intp)
         self.for_tables = self.before(
             place for k in self.tables for place in self.arguments[k].places.tolist()
@@ -189,22 +195,22 @@ class Dependence:
         for known in self._known:
             known.clear()
 
-    def _called(self, number: int, t: float, arguments: Array) -> Array:
+    def _called(self, number: int, t: float, arguments: tuple[float, ...]) -> Array:
         """Return the values of a function.
 
         A ValueError names element, time and arguments where they are no finite numbers.
         """
         node, known = self.nodes[number], self._known[number]
-        key = (t if node.timed else 0.0, *arguments.tolist())
+        key = (t if node.timed else 0.0, *arguments)
         found = known.get(key)
         if found is not None:
             return found
         self.calls += 1
         assert node.values is not None
         try:
-            found = node.values(t, arguments)
+            found = node.values(t, np.array(arguments))
         except ValueError as error:
-            given = ", ".join(f"{x:.9g}" for x in arguments.tolist())
+            given = ", ".join(f"{x:.9g}" for x in arguments)
             raise ValueError(f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
         if len(known) >= _KEPT:
             known.pop(next(iter(known)), None)
@@ -213,7 +219,54 @@ class Dependence:
 
     def _value(self, number: int, t: float, x: Array, tau: float, y: Array, friction: Friction | None) -> Any:
         node = self.nodes[number]
-        return self._called(number, t, x) if node.row < 0 else _power(node, x, tau, y, friction)
+        return (
+            self._called(number, t, tuple(x.tolist())) if node.row < 0 else _power(node, x, tau, y, friction)
+        )
+
+    def _in_floats(self, number: int) -> Callable[..., Any]:
+        """Return a function of time and arguments in plain floats."""
+
+        def values(t: float, *arguments: float) -> Any:
+            return self._called(number, t, arguments).tolist()
+
+        def value(t: float, *arguments: float) -> float:
+            return float(self._called(number, t, arguments)[0])
+
+        return values if self.nodes[number].width > 1 else value
+
+    def enter_columns(
+        self,
+        columns: Columns,
+        q: Array,
+        y: Array,
+        t: float,
+        friction: Callable[[int], Callable[[float, float], float]],
+        regions: TableRegions,
+    ) -> None:
+        """Enter what depends on the state into the inputs, in place; inputs and states are sums over columns.
+
+        Local time runs from `t`. `friction` returns the friction force of a row as a function of its relative velocity
+        and normal force. Each table follows the line of its region.
+        """
+        for number, (node, forms, own) in enumerate(
+            zip(self.nodes, self.arguments, self._ranges, strict=True)
+        ):
+            arguments = forms.at(y, q)
+            if node.table is not None:
+                columns.looked_up.append(arguments[0])
+                offset, slope = self._line(number, arguments[0], regions)
+                q[own] = slope * arguments
+                q[own, 0] += offset
+                continue
+            if node.row < 0:
+                given = [columns.time(t), *arguments]
+                places = columns.add(self._in_floats(number), given, node.width)
+            else:
+                places = columns.add(_power_of(friction(node.row)), arguments)
+            q[own] = 0.0
+            q[own.start + np.arange(node.width), places] = 1.0
+        if self.rows.size:
+            q[self.rows] += self._normals.at(y, q)
 
     def fill(
         self,
@@ -322,7 +375,10 @@ class Dependence:
             elif node.given is not None:
                 found.append(node.given(t, arguments))
             elif node.row < 0:
-                function = partial(self._called, number, t)
+
+                def function(x: Array, number: int = number) -> Array:
+                    return self._called(number, t, tuple(x.tolist()))
+
                 found.append(differences(function, arguments, function(arguments)))
             else:
 
@@ -338,3 +394,7 @@ def _power(node: Node, x: Array, tau: float, y: Array, friction: Friction | None
     if friction is None or not w:
         return 0.0
     return float(w) * friction.friction_of(node.row, w, max(normal, 0.0), tau, y)
+
+
+def _power_of(force: Callable[[float, float], float]) -> Callable[[float, float], float]:
+    return lambda w, normal: w * force(w, normal)

@@ -1,110 +1,162 @@
 """A small motion written out in plain floats: on a few numbers, arrays cost ten times what they compute.
 
-It covers motions whose inputs are lines between breaks, with friction that slips in known directions. Then the rates,
-and the guards but for levels that rise, are ``c + c' tau + row (y, e)``, with the friction forces ``e`` that depend on
-velocity. Each becomes a line of a Python function, which names only what is not 0; forces that no line names are not
-computed. Functions of the same shape are compiled once.
+Quantities are sums over columns: 1, local time, the states, and the values of terms, which are functions of sums over
+the columns before them. Friction that depends on velocity is such a term, a sine, a function of the user's, and a level
+that rises. The sums become the lines of a Python function, which name only what is not 0; terms that no line names are
+not computed. Sums with the same entries share one function, compiled once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from types import CodeType
-from typing import Any, NamedTuple, TypeVar
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from stickslip.model.arrays import Array
+from stickslip.model.arrays import Array, Indices
 
-_Made = TypeVar("_Made")
-_MOST = 50
-"""Functions that are remembered of one set of modes."""
+STATES = 2
+"""The first column of the states."""
 
-
-class Line(NamedTuple):
-    """``value + slope tau + row x``."""
-
-    value: float
-    slope: float
-    row: list[float]
+_ONE = 2
 
 
-class LawInFloats(NamedTuple):
-    """A contact whose friction depends on its relative velocity: that, its normal force, and its law."""
+class Term(NamedTuple):
+    """A function of sums, a line of `arguments` each; it returns a number, or `width` of them where that is above 1."""
 
-    w: Line
-    normal: float
-    normal_slope: float
-    law: Callable[[float, float], float]
-
-
-def lines(value: Array, slope: Array, *parts: Array) -> list[Line]:
-    """Return quantities as lines; the parts of their rows stand side by side."""
-    return [Line(*x) for x in zip(value.tolist(), slope.tolist(), np.hstack(parts).tolist(), strict=True)]
+    function: Callable[..., Any]
+    arguments: Array
+    width: int = 1
 
 
-def rates_of(rates: list[Line], laws: list[LawInFloats]) -> Callable[[float, Array, Array], None]:
+class Columns:
+    """The columns of a motion with so many `states`, and at most so many values of `terms`."""
+
+    def __init__(self, states: int, most: int) -> None:
+        self.states = slice(STATES, STATES + states)
+        self.terms: list[Term] = []
+        self.looked_up: list[Array] = []
+        """What tables are looked up at."""
+        self.count = STATES + states + most
+        self._next = STATES + states
+
+    def line(self, value: float, slope: float) -> Array:
+        """Return the sum ``value + slope tau``."""
+        found = np.zeros(self.count)
+        found[:STATES] = value, slope
+        return found
+
+    def state(self, place: int) -> Array:
+        """Return a state as a sum."""
+        found = np.zeros(self.count)
+        found[STATES + place] = 1.0
+        return found
+
+    def time(self, t: float) -> Array:
+        """Return the time, where local time runs from `t`."""
+        return self.line(t, 1.0)
+
+    def add(
+        self, function: Callable[..., Any], arguments: Sequence[Array] | Array, width: int = 1
+    ) -> Indices:
+        """Add a term, and return its columns."""
+        self.terms.append(Term(function, np.array(arguments), width))
+        self._next += width
+        return np.arange(self._next - width, self._next)
+
+
+class Sums(NamedTuple):
+    """What moves a small motion, as sums over `columns`: its `inputs` and dwells, a line each.
+
+    The friction forces that depend on velocity are the columns `forces`, the rates of bristles `bristle_rates`.
+    """
+
+    columns: Columns
+    inputs: Array
+    forces: list[int]
+    bristle_rates: list[int]
+
+
+class _Made(NamedTuple):
+    """Where the numbers stand that a text names, which terms it calls, and what makes the function of both."""
+
+    numbers: Indices
+    terms: list[int]
+    make: Callable[..., Any]
+
+
+def rates_of(rates: Array, terms: Sequence[Term]) -> Callable[[float, Array, Array], None]:
     """Return a function of local time, states and an array that it fills with their rates."""
-    text = _Text(rates, laws)
-    found: Callable[[float, Array, Array], None] = text.function(
-        "tau, y, out", [f"out[{k}] = {text.sum(rate)}" for k, rate in enumerate(rates)]
-    )
+    found: Callable[[float, Array, Array], None] = _function("rates", rates, terms)
     return found
 
 
-def smallest_of(guards: list[Line], laws: list[LawInFloats]) -> Callable[[float, Array], float]:
+def smallest_of(guards: Array, terms: Sequence[Term]) -> Callable[[float, Array], float]:
     """Return a function of local time and states that tells the smallest guard."""
-    text = _Text(guards, laws)
-    sums = ", ".join(map(text.sum, guards))
-    found: Callable[[float, Array], float] = text.function(
-        "tau, y", [f"return min({sums})" if len(guards) > 1 else f"return {sums}"]
-    )
+    found: Callable[[float, Array], float] = _function("smallest", guards, terms)
     return found
 
 
-def remembered(known: dict[bytes, _Made], make: Callable[[], _Made], *numbers: Array) -> _Made:
-    """Return what has been made of these numbers before, else make it: a motion often comes back with the same."""
-    key = b"".join([part.tobytes() for part in numbers])
-    if key not in known:
-        if len(known) >= _MOST:
-            known.pop(next(iter(known)))
-        known[key] = make()
-    return known[key]
-
-
-class _Text:
-    """The numbers that a function names, and its lines up to the forces that it needs."""
-
-    def __init__(self, quantities: list[Line], laws: list[LawInFloats]) -> None:
-        size = len(quantities[0].row) - len(laws)
-        self._known: dict[str, Any] = {}
-        self._columns = ["", "tau", *(f"x{i}" for i in range(size)), *(f"e{k}" for k in range(len(laws)))]
-        self._lines = ["".join(f"x{i}, " for i in range(size)) + "= y.tolist()"]
-        for k, (w, normal, slope, law) in enumerate(laws):
-            if any(line.row[size + k] for line in quantities):
-                self._known[f"law{k}"] = law
-                pressed = f"max({self.sum(Line(normal, slope, []))}, 0.0)"
-                self._lines.append(f"e{k} = law{k}({self.sum(w)}, {pressed})")
-
-    def sum(self, line: Line) -> str:
-        """Return a line as a sum of the terms that are not 0."""
-        terms = []
-        for number, column in zip([line.value, line.slope, *line.row], self._columns, strict=False):
-            if number == 1 and column:
-                terms.append(column)
-            elif number:
-                self._known[name := f"c{len(self._known)}"] = number
-                terms.append(f"{name} * {column}" if column else name)
-        return " + ".join(terms) or "0.0"
-
-    def function(self, arguments: str, ending: list[str]) -> Any:
-        """Return the function."""
-        body = "\n    ".join([*self._lines, *ending])
-        exec(_compiled(f"def f({arguments}):\n    {body}\n"), self._known)
-        return self._known["f"]
+def _function(kind: str, quantities: Array, terms: Sequence[Term]) -> Any:
+    entries = np.concatenate([*(term.arguments for term in terms), quantities])
+    pattern = (entries != 0).astype(np.int8)
+    pattern += entries == 1
+    shapes = tuple((len(term.arguments), term.width) for term in terms)
+    made = _made(kind, shapes, entries.shape, pattern.tobytes())
+    numbers = entries.ravel()[made.numbers].tolist()
+    return made.make(*numbers, *(terms[k].function for k in made.terms))
 
 
 @lru_cache(maxsize=256)
-def _compiled(text: str) -> CodeType:
-    return compile(text, __name__, "exec")
+def _made(kind: str, shapes: tuple[tuple[int, int], ...], shape: tuple[int, int], entries: bytes) -> _Made:
+    """Return the function of sums with these entries: 0 where there are none, 2 for the number 1, else 1."""
+    pattern = np.frombuffer(entries, dtype=np.int8).reshape(shape)
+    first_line = list(accumulate((count for count, _ in shapes), initial=0))
+    states = shape[1] - STATES - sum(width for _, width in shapes)
+    first_column = list(accumulate((width for _, width in shapes), initial=STATES + states))
+    own = [range(column, column + width) for column, (_, width) in zip(first_column, shapes, strict=False)]
+    arguments = [range(line, line + count) for line, (count, _) in zip(first_line, shapes, strict=False)]
+    named = np.asarray(pattern[first_line[-1] :].any(axis=0))
+    called: list[int] = []
+    for k in reversed(range(len(shapes))):
+        if named[list(own[k])].any():
+            called.insert(0, k)
+            named |= pattern[list(arguments[k])].any(axis=0)
+
+    names = [
+        "",
+        "tau",
+        *(f"x{i}" for i in range(states)),
+        *(f"u{i}" for i in range(sum(w for _, w in shapes))),
+    ]
+    numbers: list[int] = []
+
+    def summed(line: int) -> str:
+        parts = []
+        for column in pattern[line].nonzero()[0].tolist():
+            if pattern[line, column] == _ONE and column:
+                parts.append(names[column])
+                continue
+            parts.append(f"c{len(numbers)} * {names[column]}" if column else f"c{len(numbers)}")
+            numbers.append(line * shape[1] + column)
+        return " + ".join(parts) or "0.0"
+
+    lines = ["".join(f"x{i}, " for i in range(states)) + "= y.tolist()"]
+    for k in called:
+        given = ", ".join(map(summed, arguments[k]))
+        lines.append(f"{', '.join(names[column] for column in own[k])} = f{k}({given})")
+    sums = [summed(line) for line in range(first_line[-1], shape[0])]
+    if kind == "rates":
+        head, lines = "tau, y, out", [*lines, *(f"out[{k}] = {text}" for k, text in enumerate(sums))]
+    else:
+        head, lines = (
+            "tau, y",
+            [*lines, f"return min({', '.join(sums)})" if len(sums) > 1 else f"return {sums[0]}"],
+        )
+    outer = ", ".join([*(f"c{k}" for k in range(len(numbers))), *(f"f{k}" for k in called)])
+    body = "\n        ".join(lines)
+    space: dict[str, Any] = {}
+    exec(f"def make({outer}):\n    def f({head}):\n        {body}\n    return f\n", space)
+    return _Made(np.array(numbers, dtype=np.intp), called, space["make"])

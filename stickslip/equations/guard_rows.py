@@ -64,7 +64,6 @@ class GuardRows:
 
     def __init__(self, equations: InModes, loose: Indices, signs: Modes) -> None:
         self.equations, self.loose = equations, loose.size
-        self.smallest_in_floats: dict[bytes, Callable[[float, Array], float]] = {}
         system, modes, borders = equations.system, equations.modes, equations.borders
         held, pre, top, slip = equations.held, equations.pre, equations.at_level, equations.slip
         pressed, first = equations.pressed, system.m + held.size

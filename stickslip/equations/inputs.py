@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from stickslip.equations.floats import Columns
 from stickslip.equations.loads import Stretch
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices, Mask
@@ -21,6 +22,7 @@ _BESIDE = 1e-11
 """Part of a border within which a table is not left: roundoff."""
 
 _NO_ROWS = np.empty(0, dtype=np.intp)
+_NO_NUMBERS = np.empty(0)
 
 
 class Inputs:
@@ -38,6 +40,7 @@ class Inputs:
         self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
         self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
+        self._age = self._rate = _NO_NUMBERS
         if equations.resting_dwells.size:
             self._place_rising()
 
@@ -102,12 +105,12 @@ class Inputs:
         """
         if not self.table_regions:
             return False
-        low, high = self._limits
+        low, high = self.limits
         x = self.looked_up(tau, y).T
         return np.asarray(((x < low) | (x > high)).any(axis=-1))
 
     @cached_property
-    def _limits(self) -> tuple[Array, Array]:
+    def limits(self) -> tuple[Array, Array]:
         """Between which values tables have not left their regions, which they may start beside by roundoff."""
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)
@@ -126,6 +129,27 @@ class Inputs:
     def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
         """Return the friction force of one row at local time `tau`, 0 where it is held."""
         return self.equations.friction_of(row, w, normal, self.t + tau - self.since[row], y)
+
+    def in_columns(self, more: int) -> tuple[Columns, Array]:
+        """Return inputs and dwells of a small motion as sums over columns, with room for so many `more` terms."""
+        system, stretch, inputs, t = self.system, self.stretch, self.system.inputs, self.t
+        dependence, places = self.dependence, self._rising
+        most = stretch.terms + (0 if dependence is None else dependence.width) + places.size + more
+        columns = Columns(system.size, most)
+        q = np.zeros((system.inputs_and_dwells, columns.count))
+        stretch.enter_columns(columns, q[:inputs], t)
+        if dependence is not None:
+            y = np.eye(system.size, columns.count, columns.states.start)
+            if self.equations.dependent.size:
+                self.equations.consistent(y, system.drive_velocities(q))
+            friction = self.equations.force_in_floats
+            dependence.enter_columns(columns, q, y, t, friction, self.table_regions)
+        ages, rates = self._age.tolist(), self._rate.tolist()
+        for place, row, age, rate in zip(
+            places.tolist(), self._rising_rows.tolist(), ages, rates, strict=True
+        ):
+            q[inputs + place, columns.add(_withheld, [columns.line(-age, -rate), q[row]])] = 1.0
+        return columns, q
 
     # -- slopes --------------------------------------------------------------------------------------------
 
@@ -363,3 +387,8 @@ class Linked:
 def _of_product(decay: Array, normals: Array, k: int) -> Array:
     """Return order `k` of ``exp(-age - rate tau) N``, the product of both series."""
     return np.asarray((decay[k::-1] * normals[: k + 1]).sum(axis=0))
+
+
+def _withheld(exponent: float, normal: float) -> float:
+    """Return what the dwell of a row still withholds of its level."""
+    return math.exp(exponent) * normal

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from stickslip.equations.floats import Columns
 from stickslip.equations.sines import NO_SINES, Sines
 from stickslip.model.arrays import Array
+from stickslip.model.crossings import INSIDE
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, time_scale
 
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
@@ -142,7 +144,7 @@ class Loads:
                     functions.append((i, term))
                     if rate is not None:
                         functions.append((rate, _slope(term, t, stop)))
-        return Stretch(t, stop, value, slope, waves, functions)
+        return Stretch(t, stop, value, slope, waves, functions, self._stepped)
 
 
 class Stretch:
@@ -160,8 +162,10 @@ class Stretch:
         slope: Array,
         waves: Sequence[tuple[int, float, float, float]],
         functions: Sequence[tuple[int, Signal]],
+        is_stepped: bool,
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
+        self._is_stepped = is_stepped
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
@@ -182,6 +186,28 @@ class Stretch:
             for i, function in self._functions:
                 q[i] += function(min(t, self._before_stop))
         return q
+
+    @property
+    def terms(self) -> int:
+        """How many sines and functions there are."""
+        return len(self.waves[0]) + len(self._functions)
+
+    def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
+        """Enter the inputs, whose local time runs from `t`, as sums over columns."""
+        q[:, 0] = self.value + (t - self.start) * self.slope
+        q[:, 1] = self.slope
+        if self.has_waves:
+            sines = self.sines
+            angles = zip(sines.angle(t).tolist(), sines.turn.tolist(), strict=True)
+            for i, amplitude, angle in zip(self.waves[0], sines.amplitude.tolist(), angles, strict=True):
+                q[i, columns.add(math.sin, [columns.line(*angle)])] = amplitude
+        for i, function in self._functions:
+            q[i, columns.add(self._up_to_stop(function), [columns.time(t)])] = 1.0
+
+    def _up_to_stop(self, function: Signal) -> Callable[[float], float]:
+        """Return a function with its left limit at the end of the stretch."""
+        last = self._before_stop
+        return lambda t: float(function(min(t, last)))
 
     def sampled(self, times: Array, only: slice = slice(None)) -> Array:
         """Return the inputs, or some of them, at many times, one column each."""
@@ -207,6 +233,16 @@ class Stretch:
         for i, function in self._functions:
             rate[i] += function.slope(min(t, self._before_stop))
         return rate
+
+    def just_after(self, t: float, count: int) -> Array:
+        """Return numbers of the signs that the first inputs, which are cut off at 0, have just after `t`.
+
+        Between two breaks such an input is 0 all along, or nowhere but at instants.
+        """
+        if self._is_stepped:
+            return self.rate(t)[:count]
+        later = t + INSIDE * (self.stop - t)
+        return np.asarray(self.sampled(np.array([later]), slice(count))[:, 0])
 
     def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:
         """Return ``scale^k q^(k)(t) / k!`` for k = 0 to `order`, a row each; functions count nothing.

@@ -101,7 +101,6 @@ class ModeEquations:
         self._guard_rows: dict[bytes, GuardRows] = {}
         self._quantities = system.size + self.watched_count + self.guards.size
         self._maps: dict[tuple[bool, TableRegions, Waves], TaylorMap] = {}
-        self.rates_in_floats: dict[bytes, Callable[[float, Array, Array], None]] = {}
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
         self._responds_at_once = not system.sparse and (
@@ -511,12 +510,27 @@ class ModeEquations:
         return found
 
     @cached_property
-    def laws_in_floats(self) -> list[Callable[[float, float], float]] | None:
-        """The forces that depend on velocity in plain floats, None where arrays are the better way."""
+    def laws_in_floats(self) -> list[Callable[..., Any]] | None:
+        """The forces that depend on velocity in plain floats, None where arrays are the better way.
+
+        They are functions of relative velocity and normal force, and of their bristle where there is one.
+        """
         if self.system.sparse:
             return None
         terms = np.count_nonzero(self.A) + np.count_nonzero(self.K)
         return self.law.in_floats() if terms <= _IN_FLOATS else None
+
+    def force_in_floats(self, row: int) -> Callable[[float, float], float]:
+        """Return the friction force of a row as a function of its relative velocity and normal force, in plain floats.
+
+        It is for equations that have laws in floats, and rows without bristles.
+        """
+        if row in self.velocity_dependent:
+            assert self.laws_in_floats is not None
+            return self.laws_in_floats[int(self.velocity_dependent.searchsorted(row))]
+        mode = int(self.modes[row])
+        level = mode * float(self.system.mu_c[int(mode < 0), row]) if abs(mode) == 1 else 0.0
+        return lambda w, normal: level * max(normal, 0.0)
 
     @cached_property
     def _led_velocities(self) -> Any:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.floats import LawInFloats, lines, rates_of, remembered
+from stickslip.equations.floats import Sums, rates_of, smallest_of
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads import Stretch
@@ -140,34 +140,56 @@ class Motion(Inputs):
         )
 
     @cached_property
+    def sums(self) -> Sums | None:
+        """What moves a small motion, as sums over columns; None where arrays are the better way."""
+        equations, dependence = self.equations, self.dependence
+        laws, places = equations.laws_in_floats, equations.bristle_places
+        if laws is None:
+            return None
+        # tables that are looked up are no sums, and heat would need the bristles, too
+        if dependence is not None and (
+            (dependence.tables and self.table_regions is None) or (dependence.has_heat and places.size)
+        ):
+            return None
+        rows, bristles = equations.velocity_dependent, equations.law.bristles.tolist()
+        columns, q = self.in_columns(rows.size + places.size)
+        w = self.system.relative_velocity(np.zeros((self.system.size, columns.count)), q)[rows]
+        w[:, columns.states] += equations.law_velocities
+        forces, rates = [], []
+        for k, law in enumerate(laws):
+            if k in bristles:
+                state = columns.state(places[bristles.index(k)])
+                force, rate = columns.add(law, [w[k], q[rows[k]], state], 2).tolist()
+                rates.append(rate)
+            else:
+                (force,) = columns.add(law, [w[k], q[rows[k]]]).tolist()
+            forces.append(force)
+        return Sums(columns, q, forces, rates)
+
+    @cached_property
     def in_floats(self) -> Callable[[float, Array, Array], None] | None:
         """The rates of a small motion in plain floats: a function of local time, states, and where it writes them."""
-        own, size, equations = self._lines, self.system.size, self.equations
-        if own is None or equations.laws_in_floats is None:
+        sums, equations = self.sums, self.equations
+        if sums is None:
             return None
-
-        def made() -> Callable[[float, Array, Array], None]:
-            rates = lines(own.response[:size], own.response_slope[:size], equations.A, equations.K)
-            return rates_of(rates, self.laws_in_floats)
-
-        return remembered(
-            equations.rates_in_floats, made, own.response, own.response_slope, *self.of_laws_on_lines
-        )
+        rates = equations.respond(sums.inputs)[: self.system.size]
+        rates[:, sums.columns.states] += equations.A
+        rates[:, sums.forces] += equations.K
+        rates[equations.bristle_places] = 0.0
+        rates[equations.bristle_places, sums.bristle_rates] = 1.0
+        return rates_of(rates, sums.columns.terms)
 
     @property
-    def laws_in_floats(self) -> list[LawInFloats]:
-        """The friction forces of a small motion that depend on velocity."""
-        own, laws = self._lines, self.equations.laws_in_floats
-        if not laws or own is None:
-            return []
-        velocities = lines(own.w, own.w_slope, self.equations.law_velocities)
-        return list(map(LawInFloats, velocities, own.normal.tolist(), own.normal_slope.tolist(), laws))
-
-    @property
-    def of_laws_on_lines(self) -> tuple[Array, ...]:
-        """Relative velocities, normal forces and their slopes, from which a small motion has its friction forces."""
-        own = self._lines
-        return () if own is None else (own.w, own.w_slope, own.normal, own.normal_slope)
+    def has_left_in_floats(self) -> Callable[[float, Array], bool] | None:
+        """What `has_left` tells of a small motion with tables, in plain floats."""
+        if not self.table_regions or self.sums is None:
+            return None
+        columns, (low, high) = self.sums.columns, self.limits
+        x = np.array(columns.looked_up)
+        depths = np.concatenate([x, -x])
+        depths[:, 0] += np.concatenate([-low, high])
+        least = smallest_of(depths[np.isfinite(depths[:, 0])], columns.terms)
+        return lambda tau, y: least(tau, y) < 0
 
     @cached_property
     def _is_by_velocity(self) -> bool:

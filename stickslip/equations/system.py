@@ -21,7 +21,7 @@ from stickslip.equations.loads import Loads, TableRegions
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
-from stickslip.model.arrays import Array, Mask
+from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
 from stickslip.model.laws.dry_friction import DryFriction
@@ -415,6 +415,10 @@ class System:
     def drive_velocities(self, q: Array) -> Array:
         """Return the velocities of the drives from the inputs."""
         return q[self.first_drive : self.first_acceleration]
+
+    def drives_turn(self, bent: Indices) -> bool:
+        """Tell whether an input that is not straight is the velocity of a drive."""
+        return bool(((bent >= self.first_drive) & (bent < self.first_acceleration)).any())
 
     def drive_accelerations(self, q: Array) -> Array:
         """Return the accelerations of the drives from the inputs."""

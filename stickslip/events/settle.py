@@ -77,7 +77,7 @@ def with_one(
         or system.has_dead_bands
         or system.has_stops
         or system.piecewise.count
-        or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
+        or equations.pressed.size
         or equations.at_level.size
         # an open row whose velocity is not watched may begin to move
         or now.guards.rows.loose < equations.open.size
@@ -275,8 +275,8 @@ def _closed(system: System, stretch: Stretch, t: float, q: Array) -> Mask:
     """Tell which rows can carry a force now or just after now."""
     presses = q[: system.m] > 0
     if np.count_nonzero(presses) < presses.size:
-        # a normal force is cut off at 0: where a sine begins to press, roundoff may leave it below
-        presses |= (stretch.rate(t)[: system.m] > 0) & ~system.pressed
+        # a normal force that is 0 now, or below by roundoff, may begin to press, or only touch 0
+        presses |= (stretch.just_after(t, system.m) > 0) & ~system.pressed
     if not system.all_friction:
         presses |= ~system.is_friction
     return np.asarray(presses & system.alive)

@@ -12,6 +12,9 @@ import scipy
 _SAMPLES_AT_LEAST = 20
 _ROUNDOFF = 1e-12
 
+INSIDE = 0.6180339887
+"""Part of an interval where a function may be asked for its sign: seldom where it only touches 0, as halves are."""
+
 
 def crossings(
     value: Callable[[float], float],
@@ -57,7 +60,7 @@ def positive_pieces(
     """
     zeros = {t for left, right in pairwise(ends) for t in crossings(value, slope, left, right, distance)}
     times = sorted(zeros.union(ends))
-    pieces = [value(0.5 * (a + b)) > 0 for a, b in pairwise(times)]
+    pieces = [value(a + INSIDE * (b - a)) > 0 for a, b in pairwise(times)]
     breaks, kinks, positive = set(ends), [], pieces[:1]
     for t, (before, after) in zip(times[1:], pairwise(pieces), strict=False):
         if before != after or (before and t in breaks):

@@ -72,10 +72,12 @@ class Local:
         return found
 
     def takes(self, now: Settled) -> bool:
-        """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
+        """Tell whether a motion can be followed part by part: nothing waits at a limit or at rest for what comes."""
         guards, motion = now.guards, now.motion
         order = guards.order
         plain = (order == 0) | ((order == 1) & guards.is_velocity) | guards.is_border
+        if np.any((motion.equations.modes == OPEN) & (now.labels == 0)):
+            return False
         return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
 
     def follow(self, now: Settled) -> tuple[Situation, bool]:

@@ -215,7 +215,7 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
         at = at_limit(motion, now.guards, path, relaxed)
-        if at.alone is not None and t < motion.stretch.stop:
+        if at.alone is not None and t < motion.stretch.stop and self._keeps_regions(now, path.last, t):
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *at.alone, uncertain)
             if following is not None:
@@ -238,6 +238,13 @@ class Run:
         if self._borders is not None:
             self._borders.place(y, t)
         return carried_on(now, self.loads.after(t), t, y)
+
+    def _keeps_regions(self, now: Settled, y: Array, t: float) -> bool:
+        """Tell whether all tables stay in their regions where a motion ends."""
+        if self._borders is None:
+            return True
+        self._borders.place(y, t)
+        return self.loads.after(t).table_regions == now.motion.table_regions
 
     def _situation(
         self, now: Settled, path: Path, t: float, before: Modes, since: Array, at: AtLimit, blocks: Array

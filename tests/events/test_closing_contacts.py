@@ -14,8 +14,10 @@ from stickslip import (
     Signal,
     Spring,
     piecewise_linear,
+    signal,
     simulate,
     sine,
+    step,
 )
 
 
@@ -37,6 +39,42 @@ def test_a_contact_pressed_by_a_sine_closes_in_every_period(method: str, periods
     exact = periods + math.acos(1 - 0.5 * math.pi) / (2 * math.pi)
     assert event.t == pytest.approx(exact, abs={"auto": 1e-13, "BDF": 1e-6, "RK4": 2e-3}[method])
     assert result.velocity("a")[-1] == 0.0
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF", "RK4"])
+@pytest.mark.parametrize("start", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("jump", [1.0, 3.0])
+def test_a_normal_force_that_touches_0_as_something_else_happens(
+    method: str, start: float, jump: float
+) -> None:
+    """N = 2 - 2 cos(2 pi (t - 1) / 2) touches 0 at 1, 3 and 5 s: as the run starts, or a force of 0.5 N begins.
+
+    Friction takes t - sin(pi (t - 1)) / pi from the velocity in between.
+    """
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=9.0),
+        Contact("c", "a", GROUND, DryFriction(0.5, 0.5), normal=sine(2.0, 0.5, 0.5 * math.pi, 2.0)),
+        Force("a", step(jump, 0.0, 0.5)),
+    )
+    options = {"step": 1e-3} if method == "RK4" else {}
+    result = simulate(scene, (start, 4.5), method=method, **options)
+    taken = 4.5 - start - (math.sin(3.5 * math.pi) - math.sin((start - 1) * math.pi)) / math.pi
+    exact = 9.0 - taken + 0.5 * (4.5 - max(start, jump))
+    assert not result.events
+    assert result.velocity("a")[-1] == pytest.approx(
+        exact, abs={"auto": 1e-13, "BDF": 1e-6, "RK4": 1e-3}[method]
+    )
+
+
+@pytest.mark.parametrize("stop", [2.0, 2.5])
+def test_a_function_that_touches_0_presses_all_along(stop: float) -> None:
+    """N = 4 (t - 1)^2 takes 2/3 ((stop - 1)^3 + 1) from the velocity, wherever in the span it touches 0."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=9.0),
+        Contact("c", "a", GROUND, DryFriction(0.5, 0.5), normal=signal(lambda t: 4 * (t - 1) ** 2)),
+    )
+    result = simulate(scene, (0.0, stop))
+    assert result.velocity("a")[-1] == pytest.approx(9.0 - 2 / 3 * ((stop - 1) ** 3 + 1), abs=1e-6)
 
 
 def ramp(first: float, second: float) -> Signal:

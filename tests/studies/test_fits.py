@@ -146,6 +146,18 @@ def test_the_errors_are_as_large_as_they_are_said_to_be() -> None:
     assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.parametrize("start", [0.0, 0.3])
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_a_value_of_0_is_known_as_well_as_any_other(start: float, unit: float) -> None:
+    """Positions x0 + v t of a free body: a straight line, with the covariance of linear regression."""
+    t, noise = np.linspace(0.0, 2.0, 21), 0.01 * unit
+    scene = Scene(Body("m", inertia=1.0, position=start * unit, velocity=0.7 * unit))
+    found = fit(scene, ["m.position", "m.velocity"], {"m.position": (t, unit * t, noise)}, atol=1e-12 * unit)
+    line = np.stack([np.ones(t.size), t], axis=1)
+    assert np.allclose(found.values, [0.0, unit], rtol=0, atol=1e-9 * unit)
+    assert np.allclose(found.covariance, noise**2 * np.linalg.inv(line.T @ line), rtol=1e-6, atol=0)
+
+
 @pytest.mark.slow
 def test_what_the_data_do_not_show_is_said() -> None:
     """A block that only slips says nothing of its static friction."""
@@ -268,12 +280,16 @@ def test_bad_arguments_are_refused() -> None:
     refused(ValueError, "must rise", names, {"m.velocity": (t[::-1], t)})
     refused(ValueError, "finite", names, {"m.velocity": (t, t * np.nan)})
     refused(ValueError, "sigma must be positive", names, {"m.velocity": (t, t, 0.0)})
+    refused(ValueError, "each of the 3 values, got 2", names, {"m.velocity": (t, t, [1.0, 2.0])})
+    refused(TypeError, "sigma must be", names, {"m.velocity": (t, t, "small")})
     refused(ValueError, "for all data or for none", names, good | {"m.position": (t, t, 1.0)})
     refused(TypeError, "must be .times, values", names, {"m.velocity": t})
     refused(TypeError, "must map names", names, [])
     refused(ValueError, "must rise", {"c.law.mu_static": (2.0, 1.0)}, good)
     refused(TypeError, "must be .low, high", {"c.law.mu_static": 2.0}, good)
     refused(ValueError, "starts must be", names, good, starts=0)
+    refused(ValueError, "unknown method 'foo'", names, good, method="foo")
+    refused(ValueError, "atol must lie", names, good, atol=-1.0)
     refused(
         ValueError,
         "cannot determine",

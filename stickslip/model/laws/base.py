@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -66,6 +66,14 @@ class Kernel:
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the forces."""
         raise NotImplementedError
+
+    def in_floats(self, place: int) -> Callable[..., Any] | None:
+        """Return the force of one contact as a function of `w` and normal force, which may be negative, as floats.
+
+        With a state it is a function of that, too, which returns force and rate. It is None where there is none, or
+        where the dwell withholds some of the force.
+        """
+        return None
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives of the forces with respect to `w`, at fixed states `z`."""

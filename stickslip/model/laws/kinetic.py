@@ -124,12 +124,14 @@ class Slipping(Kernel):
         mu = self._mu(np.where(beyond, -speed, np.maximum(speed, 0.0)))
         return sign * np.where(beyond, 2 * self._mu(np.zeros_like(w)) - mu, mu) * normal
 
-    def of_one(self, row: int) -> Callable[[float, float], float]:
-        """Return the force of one contact as a function of relative velocity and normal force, in plain floats."""
-        sign, turned = float(self._sign[row]), bool(self._turned[row])
-        mu = self._mu.of_one(row, int(sign))
+    def in_floats(self, place: int) -> Callable[[float, float], float]:
+        """Return the force of one contact as a function of relative velocity and normal force."""
+        sign, turned = float(self._sign[place]), bool(self._turned[place])
+        mu = self._mu.of_one(place, int(sign))
 
         def force(w: float, normal: float) -> float:
+            if normal <= 0:
+                return 0.0
             speed = sign * w
             if speed >= 0:
                 return sign * mu(speed) * normal

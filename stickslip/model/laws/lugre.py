@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,20 @@ class _Bristles(Kernel):
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         s0, s1, s2 = (like(s, w) for s in (self._stiffness, self._damping, self._viscous))
         return np.asarray(s0 * z + s1 * self.rates(w, normal, z) + s2 * w)
+
+    def in_floats(self, place: int) -> Callable[[float, float, float], tuple[float, float]]:
+        forward, backward = (self._mu.of_one(place, side) for side in (1, -1))
+        stiffness, damping, viscous = (
+            float(s[place]) for s in (self._stiffness, self._damping, self._viscous)
+        )
+
+        def force_and_rate(w: float, normal: float, z: float) -> tuple[float, float]:
+            push = stiffness * abs(w)
+            level = (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0)
+            rate = w - push / max(level, push / _FASTEST + _TINY) * z
+            return stiffness * z + damping * rate + viscous * w, rate
+
+        return force_and_rate
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         return np.asarray(self._damping * self.rate_slopes(w, normal, z)[0] + self._viscous)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,6 +32,12 @@ class _Building(Kernel):
     def forces(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         return self.slopes(w, normal, lag, z) * w
 
+    def in_floats(self, place: int) -> Callable[[float, float], float] | None:
+        if self._rise[:, place].any():
+            return None
+        forward, backward = self._top[:, place].tolist()
+        return lambda w, normal: (backward if w < 0 else forward) * max(normal, 0.0) * w
+
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         top, rise = (np.where(w < 0, like(x[1], w), like(x[0], w)) for x in (self._top, self._rise))
         return np.asarray((top - rise * lag) * normal)
@@ -47,6 +54,14 @@ class Smooth(Kernel):
         """Return ``mu_k N step(w / velocity)``."""
         return self._mu(w) * normal * self.step(w / like(self._velocity, w))
 
+    def in_floats(self, place: int) -> Callable[[float, float], float]:
+        """Return the force of one contact as a function of relative velocity and normal force."""
+        forward, backward = (self._mu.of_one(place, side) for side in (1, -1))
+        velocity, step = float(self._velocity[place]), self.step_in_floats
+        return lambda w, normal: (
+            (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0) * step(w / velocity)
+        )
+
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives with respect to `w`."""
         x = w / self._velocity
@@ -55,6 +70,10 @@ class Smooth(Kernel):
 
     def step(self, x: Array) -> Array:
         """Return a step from -1 to 1, odd in `x`."""
+        raise NotImplementedError
+
+    def step_in_floats(self, x: float) -> float:
+        """Return the same step of one number."""
         raise NotImplementedError
 
     def step_slope(self, x: Array) -> Array:
@@ -66,6 +85,9 @@ class _Tanh(Smooth):
     def step(self, x: Array) -> Array:
         return np.tanh(x)
 
+    def step_in_floats(self, x: float) -> float:
+        return math.tanh(x)
+
     def step_slope(self, x: Array) -> Array:
         return 1.0 - np.tanh(x) ** 2
 
@@ -73,6 +95,9 @@ class _Tanh(Smooth):
 class _Arctan(Smooth):
     def step(self, x: Array) -> Array:
         return 2 / np.pi * np.arctan(0.5 * np.pi * x)
+
+    def step_in_floats(self, x: float) -> float:
+        return 2 / math.pi * math.atan(0.5 * math.pi * x)
 
     def step_slope(self, x: Array) -> Array:
         return 1.0 / (1.0 + (0.5 * np.pi * x) ** 2)

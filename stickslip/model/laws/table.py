@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -74,14 +75,15 @@ class VelocityDependentForces:
             r[rows] = kernel.forces(w[rows], normal[rows], lag[rows], z[own])
         return r
 
-    def in_floats(self) -> list[Callable[[float, float], float]] | None:
-        """Return each force as a function of `w` and `normal` in plain floats, None where not all slip."""
-        if not self._parts:
-            return []
-        kernel = self._parts[0][2]
-        if len(self._parts) > 1 or not isinstance(kernel, Slipping):
-            return None
-        return [kernel.of_one(row) for row in range(self._count)]
+    def in_floats(self) -> list[Callable[..., Any]] | None:
+        """Return the functions that tell each contact's force in plain floats, None where one has none."""
+        found = {
+            place: kernel.in_floats(k)
+            for places, _, kernel in self._parts
+            for k, place in enumerate(places.tolist())
+        }
+        functions = [function for _, function in sorted(found.items()) if function is not None]
+        return functions if len(functions) == self._count else None
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives (k,) of the forces with respect to `w`, at fixed states."""

@@ -100,6 +100,7 @@ def fit(
         firsts += _screened(problem, starts - 1, np.random.default_rng(seed))
     ends = _searched(problem, firsts)
     if not ends:
+        problem.simulate(firsts[0])
         raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
     polished = _least(problem, ends[0][0], 1.0, _STEPS, 1e-12)
     return problem.fitted((polished or ends[0])[0], tuple(ends))

@@ -85,7 +85,13 @@ def measured_in(scene: Scene, data: Any, what: str) -> tuple[Measured, ...]:
             raise ValueError(f"{what}: data {name!r}: times must rise and not be negative; sort them")
         sigma = None
         if len(series) == 3 and series[2] is not None:
-            sigma = np.broadcast_to(np.asarray(series[2], dtype=float), t.shape)
+            sigma = numbers(np.atleast_1d(series[2]), f"{what}: data {name!r}: sigma")
+            if sigma.size not in (1, t.size):
+                raise ValueError(
+                    f"{what}: data {name!r}: sigma must be one number or one for each of the {t.size} values, "
+                    f"got {sigma.size}"
+                )
+            sigma = np.broadcast_to(sigma, t.shape)
             if not (np.isfinite(sigma).all() and np.all(sigma > 0)):
                 raise ValueError(f"{what}: data {name!r}: sigma must be positive")
         found.append(Measured(str(name), t, values, sigma))

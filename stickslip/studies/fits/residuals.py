@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 from typing import Any
 
@@ -19,6 +20,9 @@ from stickslip.studies.parameters import Parameter, with_values
 
 REFUSED = 1e6
 """Weighted residual where a scene cannot be simulated."""
+
+_NOTHING = 1e-150
+"""Derivative that tells nothing: its square is 0."""
 
 
 class Run:
@@ -112,6 +116,11 @@ class Problem:
         """Return the weighted residuals over a part of the time; large ones where one cannot be simulated."""
         return np.concatenate([run.residuals(x, part) for run in self._runs])
 
+    def simulate(self, x: Array) -> None:
+        """Simulate all records; the error says what cannot be simulated."""
+        for run in self._runs:
+            run.record(x)
+
     def slopes(self, x: Array, part: float) -> Array:
         """Return the derivatives of the weighted residuals, 0 where none exist."""
         return np.concatenate([run.slopes(x, part)[0] for run in self._runs])
@@ -123,10 +132,11 @@ class Problem:
         slopes = np.concatenate(parts)
         cost = 0.5 * float(residuals @ residuals)
         spread = 1.0 if self._has_sigma else 2 * cost / max(residuals.size - x.size, 1)
-        size = np.maximum(np.abs(x), 1e-300)
+        effect = np.linalg.norm(slopes, axis=0)
+        # each value in units of its own effect: one that comes out as 0 is known as well as any other
+        size = 1.0 / np.where(effect > _NOTHING, effect, math.inf)
         _, sizes, lines = np.linalg.svd(slopes * size, full_matrices=False)
-        # a derivative whose square is 0 tells nothing, either
-        lost = sizes <= max(1e-12 * sizes.max(initial=0.0), 1e-150)
+        lost = sizes <= 1e-12 * sizes.max(initial=0.0)
         inverse = np.where(lost, 0.0, 1.0 / np.where(lost, 1.0, sizes) ** 2)
         covariance = (lines.T * inverse) @ lines * np.outer(size, size) * spread
         blind = (np.abs(lines[lost]) > 1e-6).any(axis=0)
