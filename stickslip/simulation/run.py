@@ -197,7 +197,7 @@ class Run:
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
-        self._go_to(t, True)
+        self._go_to(t, not self.system.piecewise.count)
         self.restarts += 1
 
     def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
