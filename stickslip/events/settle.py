@@ -76,7 +76,6 @@ def with_one(
         not system.all_hard
         or system.has_dead_bands
         or system.has_stops
-        or equations.pressed.size
         or equations.at_level.size
         # an open row whose velocity is not watched may begin to move
         or now.guards.rows.loose < equations.open.size
