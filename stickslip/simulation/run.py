@@ -229,8 +229,8 @@ class Run:
     def _as_before(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
         """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
         stretch = now.motion.stretch
-        # where tables are, a motion may have been followed only so far
-        paused = t < stretch.stop and self.loads.table_regions == now.motion.table_regions
+        # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
+        paused = t < stretch.stop
         after = self.loads.after(t)
         if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
             return None
