@@ -69,7 +69,7 @@ class Parts:
         The same of what a row watches: the force of a held one, the stretch of a gap, the relative velocity of any
         other.
     started : array (m,) of bool
-        Moving rows that start from rest.
+        Moving rows that start from rest, and gaps that have just come into their regions.
     elastic : Elastic
         What gaps do.
     end : float

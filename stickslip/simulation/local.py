@@ -158,7 +158,7 @@ class Local:
         """
         parts = self._parts
         rows, held = parts.expand(patch, v)
-        parts.started[rows], parts.started[started] = False, parts.mode[started] != APART
+        parts.started[rows], parts.started[started] = False, True
         self._enter_bodies(patch.bodies)
         self._enter_rows(np.concatenate([held, started]))
         live = parts.live_rows(patch, rows)
