@@ -1,4 +1,4 @@
-"""How the work grows with the size of a scene: chains of wheels, of blocks on a belt, shaken ones too, and pre-slip.
+"""How the work grows with the size of a scene: wheels, blocks on a belt, shaken ones too, wagons, and pre-slip.
 
     python -m benchmarks.scaling [--quick]
 
@@ -6,6 +6,7 @@ Every size runs in a process of its own, for its peak memory. Wheels: inertia 1,
 neighbours, to the standstill of all interfaces; their last velocity must be the average of the first ones.
 Blocks: each tied by springs to its two neighbours and to a plate at rest, on a belt that moves steadily.
 Shaken: the same blocks with a sine among the forces on each.
+Wagons: a train with play between its wagons, which roll at unequal speeds and rub on the rails.
 Pre-slip: the same chains of wheels on the linear law, time per step.
 """
 
@@ -22,16 +23,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stickslip import GROUND, Body, Contact, Drive, DryFriction, Force, Scene, Spring, simulate, sine
+from stickslip import GROUND, Body, Contact, Drive, DryFriction, Force, Gap, Scene, Spring, simulate, sine
 
 WHEELS = (10, 100, 1000, 10_000)
 BLOCKS = (10, 100, 1000)
 SHAKEN = (10, 100, 1000)
+WAGONS = (10, 100, 1000)
 PRE_SLIP = (10, 100, 1000)
 DRY = DryFriction(mu_static=0.2, mu_coulomb=0.1)
 PRE_SLIP_VELOCITY = 1e-4
 WHEELS_STOP = 0.05
 BLOCKS_STOP = 5.0
+WAGONS_STOP = 0.5
 BELT = 0.3
 PUSH = 0.5
 
@@ -63,6 +66,19 @@ def blocks(n: int, push: float = 0.0) -> Scene:
     )
 
 
+def wagons(n: int) -> Scene:
+    """Return wagons in a row with buffers and couplings between them."""
+    law, index = DryFriction(mu_static=0.02, mu_coulomb=0.01), range(n)
+    return Scene(
+        *(Body(f"w{i}", inertia=1.0, velocity=0.3 * math.sin(7.3 * i), position=-1.0 * i) for i in index),
+        *(Contact(f"r{i}", f"w{i}", GROUND, law, normal=10.0) for i in index),
+        *(
+            Gap(f"b{i}", f"w{i}", f"w{i + 1}", lower=0.98, upper=1.03, stiffness=200.0, damping=1.0)
+            for i in index[:-1]
+        ),
+    )
+
+
 @dataclass(frozen=True)
 class Measured:
     """One size of one kind: what was done in which time, with which error and peak memory in MB."""
@@ -81,18 +97,22 @@ class Measured:
 
 def measure(kind: str, n: int) -> Measured:
     """Simulate one size in this process."""
-    is_blocks = kind in ("blocks", "shaken")
-    scene = blocks(n, PUSH if kind == "shaken" else 0.0) if is_blocks else wheels(n)
+    is_chain = kind in ("wheels", "pre-slip")
+    if is_chain:
+        scene, stop = wheels(n), WHEELS_STOP
+    elif kind == "wagons":
+        scene, stop = wagons(n), WAGONS_STOP
+    else:
+        scene, stop = blocks(n, PUSH if kind == "shaken" else 0.0), BLOCKS_STOP
     if kind == "pre-slip":
         scene = scene.regularized(PRE_SLIP_VELOCITY)
-    stop = BLOCKS_STOP if is_blocks else WHEELS_STOP
     small = {"rtol": 1e-6, "atol": 1e-8} if kind == "pre-slip" else {}
     before = clock.perf_counter()
     result = simulate(scene, (0.0, stop), t_eval=[stop], dense_output=False, **small)
     seconds = clock.perf_counter() - before
     error = math.nan
     last = result.y[:n, -1]
-    if not is_blocks:
+    if is_chain:
         error = float(np.abs(last - np.mean([body.velocity for body in scene.bodies])).max())
     if kind == "wheels" and any(result.mode(f"c{i}")[-1] for i in range(n - 1)):
         error = math.inf
@@ -121,7 +141,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="leave out the largest size of each kind")
     quick = parser.parse_args(arguments).quick
     wrong = 0
-    kinds = (("wheels", WHEELS), ("blocks", BLOCKS), ("shaken", SHAKEN), ("pre-slip", PRE_SLIP))
+    kinds = (
+        ("wheels", WHEELS),
+        ("blocks", BLOCKS),
+        ("shaken", SHAKEN),
+        ("wagons", WAGONS),
+        ("pre-slip", PRE_SLIP),
+    )
     for kind, sizes in kinds:
         item = "step" if kind == "pre-slip" else "event"
         titles = (kind, "events", "steps", "time / s", f"time per {item} / ms", "peak memory / MB", "error")

@@ -9,6 +9,7 @@ import numpy as np
 from stickslip.engines.parts import Parts
 from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
+from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.inputs import DWELL_OVER
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask
@@ -17,6 +18,12 @@ _WORTH = 0.3
 """Part of a dwell time for which the series of a rising level is followed."""
 
 _TERMS_WITH_DWELL = 20
+
+_CLEAR = 1e-9
+"""Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes."""
+
+_STAYS = -1
+"""In place of the number of zeros: a gap stays at its border as long as nothing near it changes."""
 
 
 class Due:
@@ -30,7 +37,11 @@ class Due:
     is_bounded : array (m,) of bool
         Rows whose series hold to the end of those of the parts only, and not to the end of the stretch.
     direction : array (m,) of int8
-        The side on which a held row is at its limit.
+        The side on which a held row is at its limit, or which border of its region a gap is at.
+    staying : int
+        How many borders are left alone, because gaps stay at them.
+    at_once : array of int
+        Gaps among the rows that were looked at last that go on beyond a border at once.
     """
 
     def __init__(self, parts: Parts, work: Work) -> None:
@@ -39,6 +50,10 @@ class Due:
         self.when = np.full(m, math.inf)
         self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.direction = np.zeros(m, dtype=np.int8)
+        self.at_once = np.empty(0, dtype=np.intp)
+        # of each border, how many zeros at the start of its series are divided out; or _STAYS
+        self._zeros = np.zeros(self._system.piecewise.beyond.size, dtype=np.int8)
+        self._staying, self.staying = np.zeros(m, dtype=np.intp), 0
 
     def look(self, rows: Indices, t: float, is_bounded: Mask) -> Indices:
         """Find from when on guards of some rows may come to 0; return rows whose guards are 0 or less now.
@@ -50,6 +65,10 @@ class Due:
         self.is_bounded[rows] = is_bounded
         self.is_root[rows] = False
         self.when[rows] = math.inf
+        gaps = rows[:0]
+        if parts.elastic.count:
+            is_gap = self._system.is_gap[rows]
+            rows, gaps = rows[~is_gap], rows[is_gap]
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
         watched = parts.label[loose, None] * parts.watched[loose]
@@ -59,6 +78,10 @@ class Due:
         if late.size:
             # what starts from rest: the zero is divided out
             g[late, :-1], g[late, -1] = g[late, 1:], 0.0
+        self.at_once = gaps
+        if gaps.size:
+            borders, own = self._look_at_gaps(gaps, t)
+            g, which = np.concatenate([g, borders]), np.concatenate([which, gaps[own]])
         bad = which[g[:, 0] <= 0]
         span = np.where(self.is_bounded[which], parts.end, parts.stop) - t
         g *= powers(span / parts.unit, g.shape[1])
@@ -67,6 +90,8 @@ class Due:
         self._work.guards_excluded += when.size - soon.size
         if soon.size:
             np.minimum.at(self.when, which[soon], t + span[soon] * when[soon])
+        if self.at_once.size:
+            self.when[self.at_once], self.is_root[self.at_once] = t, True
         return bad
 
     def _held(self, rows: Indices, force: Array, t: float) -> Array:
@@ -79,6 +104,100 @@ class Due:
         levels = parts.levels(rows, t)
         g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
         return g
+
+    def _look_at_gaps(self, rows: Indices, t: float) -> tuple[Array, Indices]:
+        """Return the guards of gaps whose series begin at `t`, and for each the place of its gap among the rows."""
+        g, size, borders, own = self._borders(rows)
+        self._zeros[borders] = 0
+        now = []
+        for k in (np.abs(g[:, 0]) <= ROUNDOFF * size).nonzero()[0].tolist():
+            j = int(rows[own[k]])
+            if np.abs(g[k, 1:]).sum() <= STRETCH_ROUNDOFF * size[k]:
+                order = _STAYS
+            elif (order := self._way_out(j, g[k], int(borders[k]), t)) < 0:
+                now.append(j)
+                self.direction[j] = k - int(own.searchsorted(own[k]))
+                order = _STAYS
+            elif not order:
+                # higher orders are for the whole scene
+                g[k] = 0.0
+            self._zeros[borders[k]] = order
+        self.at_once = np.array(now, dtype=np.intp)
+        self.staying -= int(self._staying[rows].sum())
+        self._staying[rows] = np.bincount(own, self._zeros[borders] == _STAYS, rows.size)
+        self.staying += int(self._staying[rows].sum())
+        return self._divided(g, borders), own
+
+    def _borders(self, rows: Indices) -> tuple[Array, Array, Indices, Indices]:
+        """Return the borders of the regions of some gaps as series from where these begin on, and their sizes.
+
+        Then come the numbers of these borders, and for each the place of its gap among the rows.
+        """
+        parts, elastic = self._parts, self._parts.elastic
+        borders, own = elastic.borders(elastic.number[rows])
+        factors = self._system.piecewise.border[borders]
+        x, v = self._sizes(rows)
+        stretch, rate, constant = np.abs(factors.T)
+        size = stretch * (x + parts.unit * v)[own] + rate * v[own] + constant
+        return self._along(parts.watched[rows][own], factors), size, borders, own
+
+    def _along(self, stretches: Array, factors: Array) -> Array:
+        """Return expressions of stretches, their rates and 1 as series."""
+        stretch, rate, constant = factors.T[:, :, None]
+        g = stretch * stretches
+        g[:, :-1] += rate / self._parts.unit * np.arange(1.0, g.shape[1]) * stretches[:, 1:]
+        g[:, :1] += constant
+        return np.asarray(g)
+
+    def _divided(self, g: Array, borders: Indices) -> Array:
+        """Divide zeros at the start out of borders, in place; where a gap stays at one for now, nothing comes to 0."""
+        zeros = self._zeros[borders]
+        for k in (1, 2):
+            some = (zeros == k).nonzero()[0]
+            if some.size:
+                g[some, :-k], g[some, -k:] = g[some, k:], 0.0
+        stays = (zeros == _STAYS).nonzero()[0]
+        g[stays, 0], g[stays, 1:] = 1.0, 0.0
+        return g
+
+    def _way_out(self, j: int, g: Array, border: int, t: float) -> int:
+        """Return the order with which a border of a gap leaves 0, negative if downwards; 0 where that is not clear."""
+        unit, row = self._parts.unit, np.array([j])
+        stretch, rate, _ = np.abs(self._system.piecewise.border[border]).tolist()
+        size = stretch * float(self._sizes(row)[1][0]) * unit
+        if rate:
+            size += rate * self._pull(j, t) * unit
+        first, second = g[1:3].tolist()
+        if abs(first) > _CLEAR * size:
+            return 1 if first > 0 else -1
+        if abs(first) > ROUNDOFF * size or rate:
+            return 0
+        if abs(second) > _CLEAR * 0.5 * stretch * self._pull(j, t) * unit**2:
+            return 2 if second > 0 else -2
+        return 0
+
+    def _pull(self, j: int, t: float) -> float:
+        """Return what adds up in the second derivative of the stretch of a gap."""
+        parts, forest = self._parts, self._parts.forest
+        ends = ((int(forest.child[j]), 0), (int(forest.parent[j]), 1))
+        of_drive = abs(forest.lever[j, 2] * parts.drive_at(int(forest.drive[j]), t)[1])
+        return float(of_drive + sum(abs(forest.lever[j, e]) * parts.pull(i, t) for i, e in ends if i >= 0))
+
+    def _sizes(self, rows: Indices) -> tuple[Array, Array]:
+        """Return what adds up in the stretches of some gaps, and in their rates."""
+        parts, forest = self._parts, self._parts.forest
+        x, v = np.zeros(rows.size), np.zeros(rows.size)
+        kinds = [
+            (forest.child, parts.position, parts.speed),
+            (forest.parent, parts.position, parts.speed),
+            (forest.drive, parts.drives.start, parts.drive_size),
+        ]
+        for column, (ends, position, speed) in enumerate(kinds):
+            some = (ends[rows] >= 0).nonzero()[0]
+            end, lever = ends[rows[some]], np.abs(forest.lever[rows[some], column])
+            x[some] += lever * np.abs(position[end])
+            v[some] += lever * speed[end]
+        return x, v
 
     def moved(self, rows: Indices, t: float) -> Array:
         """Return what rows watch as series about `t`."""
@@ -94,12 +213,15 @@ class Due:
         if parts.mode[j] == 0:
             self._refine_held(j, t, due)
             return
+        if parts.elastic.number[j] >= 0:
+            self._refine_gap(j, t)
+            return
         span, mode = self._until(j) - t, int(parts.mode[j])
         g = parts.label[j] * parts.watched[j]
         if parts.started[j]:
             g = np.append(g[1:], 0.0)
         sticks = abs(mode) == 1 and bool(self._system.holds_more[0 if mode > 0 else 1, j])
-        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, sticks)
+        self._enter(j, g * (span / parts.unit) ** np.arange(g.size), t, span, 0, self.floor(j, t), sticks)
 
     def _refine_held(self, j: int, t: float, due: float) -> None:
         """Find the same of a held row; a level that rises is followed for as long as its series holds."""
@@ -124,7 +246,7 @@ class Due:
                 lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
                 g = _risen(g, lag, span / dwell, normal)
             if g[0] <= np.abs(g[1:]).sum():
-                self._enter(j, g, t, span, sign)
+                self._enter(j, g, t, span, sign, self.floor(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
             # not up to there: look again with the level as it is then, for it never falls below that
             self.is_root[j] = False
@@ -136,10 +258,29 @@ class Due:
     def _until(self, j: int) -> float:
         return self._parts.end if self.is_bounded[j] else self._parts.stop
 
-    def _enter(self, j: int, g: Array, t: float, span: float, side: int, may_touch: bool = False) -> None:
+    def _refine_gap(self, j: int, t: float) -> None:
+        """Find the same of a gap."""
+        span = self._until(j) - t
+        g, sizes, borders, _ = self._borders(np.array([j]))
+        g = self._divided(g, borders)
+        g *= (span / self._parts.unit) ** np.arange(g.shape[1])
+        for place, size in enumerate(sizes.tolist()):
+            if g[place, 0] <= np.abs(g[place, 1:]).sum():
+                self._enter(j, g[place], t, span, place, size)
+
+    def crosses(self, j: int, t: float) -> bool:
+        """Tell whether a gap goes on beyond the border that it comes to at time `t`, clearly so."""
+        row = np.array([j])
+        borders, _ = self._parts.elastic.borders(self._parts.elastic.number[row])
+        border = borders[self.direction[j]]
+        g = self._along(self.moved(row, t), self._system.piecewise.border[[border]])[0]
+        return self._way_out(j, g, int(border), t) < 0
+
+    def _enter(
+        self, j: int, g: Array, t: float, span: float, side: int, floor: float, may_touch: bool = False
+    ) -> None:
         """Enter the first root of a guard, a polynomial in the time since `t` over `span`, if it is the first one."""
         self._work.guards_isolated += 1
-        floor = self.floor(j, t)
         root = first_touch(g, floor)[0] if may_touch else first_root(g, floor)
         if root is not None and t + span * root < self.when[j]:
             self.when[j], self.is_root[j], self.direction[j] = t + span * root, True, side

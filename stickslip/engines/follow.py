@@ -72,6 +72,7 @@ class Lookout:
 
     def __init__(self, guards: Guards, interruption: Interruption, work: Work) -> None:
         self._guards, self._interruption, self._work = guards, interruption, work
+        self._has_left = guards.motion.has_left_in_floats or guards.motion.has_left
         self.end: tuple[float, Array] | None = None
         self.found = False
         """Whether it has found a guard negative."""
@@ -84,7 +85,7 @@ class Lookout:
         self._work.guard_calls += 1
         value = -1.0 if self._interruption.pressed else sound(self._guards.smallest(tau, y), tau)
         self.found = value <= 0 < tau
-        has_left = not self.found and self._guards.motion.has_left(tau, y)
+        has_left = not self.found and self._has_left(tau, y)
         if self.found or has_left:
             self.end = tau, unknowns.copy()
         return -1.0 if has_left else value

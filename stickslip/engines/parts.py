@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from stickslip.engines.elastic import Elastic
 from stickslip.engines.swings import Lines, Swings
 from stickslip.engines.work import Work
 from stickslip.equations.drives import Drives
@@ -65,9 +66,12 @@ class Parts:
     position, origin : array (n,)
         Position and time at which they begin.
     watched : array (m, order + 1)
-        The same of what a row watches: the force of a held one, the relative velocity of any other.
+        The same of what a row watches: the force of a held one, the stretch of a gap, the relative velocity of any
+        other.
     started : array (m,) of bool
-        Moving rows that start from rest.
+        Moving rows that start from rest, and gaps that have just come into their regions.
+    elastic : Elastic
+        What gaps do.
     end : float
         Until when series of what springs and dampers move hold.
     """
@@ -93,6 +97,7 @@ class Parts:
         self.drives = Drives(start, u, motion.t, self._of_drives.sines)
         self.drive_velocities = Lines(u, motion.t, self._of_drives, self.unit, count)
         self.drive_size = np.abs(u[:, 0]) + self._of_drives.sizes
+        self.elastic = Elastic(forest, system.piecewise, motion.equations.regions)
         self._push(motion, q, slope)
         self.mode, self.label, self.since = motion.equations.modes.copy(), labels.copy(), motion.since.copy()
         self.started = np.zeros(m, dtype=bool)
@@ -124,7 +129,12 @@ class Parts:
             given[:, 0] += pulls @ motion.y[system.carried_state]
             given[:, 1] += pulls @ self.drives.velocity[system.carried, 0]
             given[:, 2] += pulls @ (0.5 * self.drives.velocity[system.carried, 1])
-        self._given = given
+        self._loads, self._given = given, given.copy()
+        self._given[:, 0] += self.elastic.constant
+        # bodies at gaps to drives
+        forest, self._led = self.forest, np.zeros(system.n, dtype=bool)
+        self._led[forest.child[forest.gaps[forest.drive[forest.gaps] >= 0]]] = True
+        self._any_led = bool(self._led.any())
 
     def _swing(self, motion: Motion) -> None:
         """Find the sines among normal forces, velocities of drives, and forces on bodies."""
@@ -257,6 +267,16 @@ class Parts:
             return rows[rows >= 0]
         return forest.rows[spans(forest.rows_from, bodies)]
 
+    def pass_borders(self, rows: Indices, places: Modes) -> Indices:
+        """Let gaps go on beyond a border each, by its place among those of the region; return the groups they join."""
+        elastic = self.elastic
+        gaps = elastic.number[rows]
+        bodies = elastic.enter(gaps, elastic.beyond(gaps, places))
+        self.label[rows] = elastic.labels(gaps)
+        self._given[bodies, 0] = self._loads[bodies, 0] + elastic.constant[bodies]
+        self.rub(bodies)
+        return np.unique(self.group[bodies])
+
     # -- values ----------------------------------------------------------------------------------------------
 
     def at(self, bodies: Indices, t: float) -> tuple[Array, Array]:
@@ -271,16 +291,43 @@ class Parts:
         d, unit = t - self.t0, self.unit
         moved = np.array([[1.0, 0.0, 0.0], [d, unit, 0.0], [d * d, 2 * d * unit, unit * unit]])
         straight = np.asarray(self.force[bodies] @ moved)
+        if self._any_led and self._led[bodies].any():
+            straight = self._with_led_gaps(straight, bodies, t)
         if not (self._has_sines and self.swings[bodies].any()):
             return straight
         found = self._of_bodies.series(bodies, t, self.velocity.shape[1], unit)
         if self._of_springs.any:
             found += self._of_springs.series(bodies, t, found.shape[1], unit)
-        found[:, :3] += straight
+        found[:, : straight.shape[1]] += straight
         if self._of_rows.any:
             rows = distinct(self.rows_at(bodies))
             rows = rows[self._of_rows.moves[rows]]
             self._rub(found, bodies, rows, self._of_rows.series(rows, t, found.shape[1], unit))
+        return found
+
+    def _with_led_gaps(self, force: Array, bodies: Indices, t: float) -> Array:
+        """Return series of forces on bodies with what gaps to drives do as these move."""
+        forest = self.forest
+        counts = forest.gaps_from[bodies + 1] - forest.gaps_from[bodies]
+        rows = forest.gaps_at[spans(forest.gaps_from, bodies)]
+        own = np.repeat(np.arange(bodies.size), counts)
+        some = (forest.drive[rows] >= 0).nonzero()[0]
+        rows, own = rows[some], own[some]
+        stretch, rate, _ = self.elastic.values(self.elastic.number[rows]).T
+        push = stretch[:, None] * self._drive_positions(forest.drive[rows], t)
+        u = self.drive_velocities(forest.drive[rows], t)
+        push[:, : u.shape[1]] += rate[:, None] * u
+        push *= -(forest.lever[rows, 0] * forest.lever[rows, 2])[:, None]
+        found = np.zeros((bodies.size, max(push.shape[1], force.shape[1])))
+        found[:, : force.shape[1]] = force
+        np.add.at(found[:, : push.shape[1]], own, push)
+        return found
+
+    def _drive_positions(self, drives: Indices, t: float) -> Array:
+        """Return the positions of drives as series about `t`."""
+        terms = self.velocity.shape[1] if self._of_drives.any else 3
+        found = self.drives.moved(drives, t, self.unit, terms - 1)
+        found[:, 0] = self.drives.positions(drives, np.array([t]))[:, 0]
         return found
 
     def normal_at(self, j: int, t: float) -> float:
@@ -298,6 +345,18 @@ class Parts:
             else (0.0, 0.0)
         )
         return start + (t - self.t0) * slope + v, slope + a
+
+    def pull(self, i: int, t: float) -> float:
+        """Return what adds up in the acceleration of a body at time `t`: its roundoff is a part of it."""
+        bodies, lead = self.bodies_of(int(self.group[i])), int(self.lead[i])
+        if lead != UNLED:
+            return 0.0 if lead < 0 else float(np.abs(self.drives.velocity[lead, 1]) + self.drive_size[lead])
+        forest = self.forest
+        places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
+        v, x = np.abs(self.at(forest.near[places], t))
+        total = np.abs(self._given[bodies, 0]).sum() + np.abs(own).sum()
+        total += forest.stiffest[places] @ x + forest.most_damped[places] @ v
+        return float(total / self.inertia[bodies].sum())
 
     def levels(self, rows: Indices, t: float) -> Array:
         """Return the series of breakaway levels from time `t` on, forward and backward (2, k, terms).
@@ -328,7 +387,7 @@ class Parts:
         """Return the bodies of some groups, first, and of all others that these reach."""
         if not self.is_coupled:
             return np.concatenate([self.bodies_of(g) for g in groups])
-        near, group, lead = self.forest.neighbours, self.group, self.lead
+        near, group, lead = self.elastic.neighbours, self.group, self.lead
         seen = dict.fromkeys(groups)
         edge = groups
         for depth in range(self.forest.hops):
@@ -366,7 +425,7 @@ class Parts:
         place[bodies] = np.arange(k)
         column = place[near]
         place[bodies] = -1
-        stiffness, damping = forest.stiffness[places], forest.damping[places]
+        stiffness, damping = self.elastic.stiffness[places], self.elastic.damping[places]
         out = (column < 0).nonzero()[0]
         outer = np.zeros((k, self.velocity.shape[1]))
         if out.size:
@@ -379,21 +438,23 @@ class Parts:
 
     def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
         """Return the series of velocities and positions of some bodies about another time."""
+        x = self._positions_about(bodies, t)
+        return x[:, 1:] * (self._ascending[:-1] / self.unit), x[:, :-1]
+
+    def _positions_about(self, bodies: Indices, t: float) -> Array:
+        """Return the positions of bodies as series about `t`, which have a term more."""
         x = np.empty((bodies.size, self.velocity.shape[1] + 1))
         x[:, 0] = self.position[bodies]
         np.multiply(self.velocity[bodies], self.unit * self._inverse[:-1], out=x[:, 1:])
-        x = shifted(x, (t - self.origin[bodies]) / self.unit)
-        return x[:, 1:] * (self._ascending[:-1] / self.unit), x[:, :-1]
+        s = (t - self.origin[bodies]) / self.unit
+        return shifted(x, s) if s.any() else x
 
     def expand(self, patch: Patch, v: Array) -> tuple[Indices, Array]:
-        """Expand the bodies of a patch anew from velocities `v`, and what their rows watch; return the rows with them.
+        """Expand the bodies of a patch anew from velocities `v`, and what their rows watch.
 
-        Returns
-        -------
-        rows : array of int
-            All rows of these bodies.
+        Returns all rows of these bodies, and those of them that are held.
         """
-        bodies, t, unit = patch.bodies, patch.t, self.unit
+        forest, bodies, t, unit = self.forest, patch.bodies, patch.t, self.unit
         groups, first, own = self._groups_of(bodies)
         lead, inertia = self.lead[bodies[first]], self.inertia[bodies]
         push = self.forces_at(bodies, t)
@@ -420,7 +481,12 @@ class Parts:
         self.speed[bodies] = np.maximum(self.speed[bodies], np.abs(v))
         terms = force.shape[1]
         rest = force - (inertia[:, None] * velocity[:, 1 : terms + 1]) * (self._ascending[:terms] / unit)
-        return self._watch(patch, rest, groups)
+        rows, held = self._watch(patch, rest, groups)
+        if self.elastic.count:
+            gaps = distinct(forest.gaps_at[spans(forest.gaps_from, bodies)])
+            self.watched[gaps], self.row_origin[gaps] = self._stretches(gaps, t), t
+            rows = np.concatenate([rows, gaps])
+        return rows, held
 
     def _groups_of(self, bodies: Indices) -> tuple[Indices, Indices, Indices | None]:
         """Return the groups of some bodies, the place of one body of each, and the group of each if they are fewer."""
@@ -555,6 +621,21 @@ class Parts:
             v[moved] = shifted(v[moved], s[moved])
         return v
 
+    def _stretches(self, gaps: Indices, t: float) -> Array:
+        """Return the stretches of some gaps as series about `t`."""
+        forest = self.forest
+        found = np.zeros((gaps.size, self.velocity.shape[1]))
+        for ends, lever in ((forest.child, 0), (forest.parent, 1)):
+            some = (ends[gaps] >= 0).nonzero()[0]
+            found[some] += (
+                forest.lever[gaps[some], lever, None] * self._positions_about(ends[gaps[some]], t)[:, :-1]
+            )
+        some = (forest.drive[gaps] >= 0).nonzero()[0]
+        if some.size:
+            x = self._drive_positions(forest.drive[gaps[some]], t)
+            found[some, : x.shape[1]] += forest.lever[gaps[some], 2, None] * x
+        return found
+
     def live_rows(self, patch: Patch, rows: Indices) -> Mask:
         """Tell which rows of a patch watch what springs or dampers move: their series hold for a while only."""
         if not self.has_series:
@@ -564,11 +645,12 @@ class Parts:
         live[bodies[patch.row[live[patch.near]]]] = True
         if self._has_sines:
             live |= self.swings
-        if forest.row_of is not None:
+        if forest.row_of is None:
+            groups = np.unique(self.group[bodies[live[bodies]]])
+            for g in groups[groups >= forest.n].tolist():
+                live[self.members[g]] = True
+        elif not self.elastic.count:
             return np.asarray(live[forest.child[rows]])
-        groups = np.unique(self.group[bodies[live[bodies]]])
-        for g in groups[groups >= forest.n].tolist():
-            live[self.members[g]] = True
         parent = forest.parent[rows]
         return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))
 

@@ -253,6 +253,7 @@ class Dependence:
         ):
             arguments = forms.at(y, q)
             if node.table is not None:
+                columns.looked_up.append(arguments[0])
                 offset, slope = self._line(number, arguments[0], regions)
                 q[own] = slope * arguments
                 q[own, 0] += offset

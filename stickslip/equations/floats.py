@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array, Indices
 
@@ -37,6 +38,8 @@ class Columns:
     def __init__(self, states: int, most: int) -> None:
         self.states = slice(STATES, STATES + states)
         self.terms: list[Term] = []
+        self.looked_up: list[Array] = []
+        """What tables are looked up at."""
         self.count = STATES + states + most
         self._next = STATES + states
 
@@ -109,52 +112,67 @@ def _function(kind: str, quantities: Array, terms: Sequence[Term]) -> Any:
 
 @lru_cache(maxsize=256)
 def _made(kind: str, shapes: tuple[tuple[int, int], ...], shape: tuple[int, int], entries: bytes) -> _Made:
-    """Return the function of sums with these entries: 0 where there are none, 2 for the number 1, else 1."""
-    pattern = np.frombuffer(entries, dtype=np.int8).reshape(shape)
-    first_line = list(accumulate((count for count, _ in shapes), initial=0))
-    states = shape[1] - STATES - sum(width for _, width in shapes)
-    first_column = list(accumulate((width for _, width in shapes), initial=STATES + states))
-    own = [range(column, column + width) for column, (_, width) in zip(first_column, shapes, strict=False)]
-    arguments = [range(line, line + count) for line, (count, _) in zip(first_line, shapes, strict=False)]
-    named = np.asarray(pattern[first_line[-1] :].any(axis=0))
-    called: list[int] = []
-    for k in reversed(range(len(shapes))):
-        if named[list(own[k])].any():
-            called.insert(0, k)
-            named |= pattern[list(arguments[k])].any(axis=0)
+    """Return the function of sums with these entries: 0 where there are none, 2 for the number 1, else 1.
 
-    names = [
-        "",
-        "tau",
-        *(f"x{i}" for i in range(states)),
-        *(f"u{i}" for i in range(sum(w for _, w in shapes))),
-    ]
-    numbers: list[int] = []
-
-    def summed(line: int) -> str:
-        parts = []
-        for column in pattern[line].nonzero()[0].tolist():
-            if pattern[line, column] == _ONE and column:
-                parts.append(names[column])
-                continue
-            parts.append(f"c{len(numbers)} * {names[column]}" if column else f"c{len(numbers)}")
-            numbers.append(line * shape[1] + column)
-        return " + ".join(parts) or "0.0"
-
-    lines = ["".join(f"x{i}, " for i in range(states)) + "= y.tolist()"]
-    for k in called:
-        given = ", ".join(map(summed, arguments[k]))
-        lines.append(f"{', '.join(names[column] for column in own[k])} = f{k}({given})")
-    sums = [summed(line) for line in range(first_line[-1], shape[0])]
+    First come the arguments of the terms, as many lines and columns of values each as their `shapes` tell.
+    """
+    text = _Text(shapes, np.frombuffer(entries, dtype=np.int8).reshape(shape))
+    sums = [text.sum(line) for line in range(text.first_quantity, shape[0])]
     if kind == "rates":
-        head, lines = "tau, y, out", [*lines, *(f"out[{k}] = {text}" for k, text in enumerate(sums))]
+        head, ending = "tau, y, out", [f"out[{k}] = {one}" for k, one in enumerate(sums)]
     else:
-        head, lines = (
-            "tau, y",
-            [*lines, f"return min({', '.join(sums)})" if len(sums) > 1 else f"return {sums[0]}"],
-        )
-    outer = ", ".join([*(f"c{k}" for k in range(len(numbers))), *(f"f{k}" for k in called)])
-    body = "\n        ".join(lines)
+        head, ending = "tau, y", [f"return min({', '.join(sums)})" if len(sums) > 1 else f"return {sums[0]}"]
+    body = "\n        ".join([*text.start(), *ending])
+    outer = ", ".join([*(f"c{k}" for k in range(len(text.numbers))), *(f"f{k}" for k in text.called)])
     space: dict[str, Any] = {}
     exec(f"def make({outer}):\n    def f({head}):\n        {body}\n    return f\n", space)
-    return _Made(np.array(numbers, dtype=np.intp), called, space["make"])
+    return _Made(np.array(text.numbers, dtype=np.intp), text.called, space["make"])
+
+
+class _Text:
+    """Sums as text.
+
+    `numbers` are the places of the entries that it has named so far, and `called` the terms that quantities need.
+    """
+
+    def __init__(self, shapes: tuple[tuple[int, int], ...], pattern: NDArray[np.int8]) -> None:
+        self._pattern, self.numbers = pattern, list[int]()
+        values = sum(width for _, width in shapes)
+        self._states = pattern.shape[1] - STATES - values
+        self._names = ["", "tau", *_numbered("x", self._states), *_numbered("u", values)]
+        lines = accumulate((count for count, _ in shapes), initial=0)
+        columns = accumulate((width for _, width in shapes), initial=STATES + self._states)
+        self._arguments, self._values = ([slice(*ends) for ends in pairwise(x)] for x in (lines, columns))
+        self.first_quantity = self._arguments[-1].stop if shapes else 0
+        self.called: list[int] = []
+        named = np.asarray(pattern[self.first_quantity :].any(axis=0))
+        for k in reversed(range(len(shapes))):
+            if named[self._values[k]].any():
+                self.called.insert(0, k)
+                named |= pattern[self._arguments[k]].any(axis=0)
+
+    def start(self) -> list[str]:
+        """Return the lines that name the states and the values of the terms."""
+        found = ["".join(f"{name}, " for name in _numbered("x", self._states)) + "= y.tolist()"]
+        for k in self.called:
+            lines = self._arguments[k]
+            given = ", ".join(map(self.sum, range(lines.start, lines.stop)))
+            found.append(f"{', '.join(self._names[self._values[k]])} = f{k}({given})")
+        return found
+
+    def sum(self, line: int) -> str:
+        """Return a line as a sum of the entries that are not 0."""
+        parts = []
+        for column in self._pattern[line].nonzero()[0].tolist():
+            name = self._names[column]
+            if self._pattern[line, column] == _ONE and name:
+                parts.append(name)
+                continue
+            number = f"c{len(self.numbers)}"
+            parts.append(f"{number} * {name}" if name else number)
+            self.numbers.append(line * self._pattern.shape[1] + column)
+        return " + ".join(parts) or "0.0"
+
+
+def _numbered(letter: str, count: int) -> list[str]:
+    return [f"{letter}{k}" for k in range(count)]

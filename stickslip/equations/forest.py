@@ -32,20 +32,33 @@ class Forest:
         The shortest period in s of its loads, inf where these are straight.
     child, parent : array (m,) of int
         The ends of each row, the second nearer to the root, -1 where that is the ground or a drive.
+    lever : array (m, 3)
+        Coefficients of child, parent and drive.
     sign : array (m,)
-        Coefficient of the child: ``w = sign (v_child - v_parent)``.
+        That of the child: of a contact, ``w = sign (v_child - v_parent)``.
     drive : array (m,) of int
         The drive of a row without a parent, -1 for the ground.
     first, last : array (n,) of int
         The interval of places of each body and all beyond it.
     body_at : array (n,) of int
         The body at each place.
+    gaps : array of int
+        The rows that are gaps; all others are contacts.
     rows_from, rows : array of int
-        The rows of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+        The contacts of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+    gaps_from, gaps_at : array of int
+        The same for gaps.
     row_of : array (n,) of int or None
-        The only row of each body, -1 where it has none, if every row joins one body to the ground or a drive.
+        The only contact of each body, -1 where it has none, if every one joins one body to the ground or a drive.
     near_from, near, stiffness, damping : arrays
-        The same for couplings: force on i from positions and velocities, its own among them.
+        The same for couplings: force on i from positions and velocities, its own among them. Gaps have entries, too,
+        which are 0 here.
+    gap_entries : arrays
+        Which of these entries gaps have: the entry, the gap, and the factor of its force there.
+    stiffest, most_damped : arrays
+        Bounds of their sizes, whatever the gaps do.
+    neighbours : list of lists of int
+        The bodies to which springs and dampers couple each one.
     order : int
         Terms of the series of velocities.
     unit : float
@@ -58,30 +71,33 @@ class Forest:
         n, m = system.n, system.m
         self.n, self.m, self.period = n, m, period
         a, b = np.full(m, -1), np.full(m, -1)
-        first = np.ones(m)
+        # coefficients of the first body, of the second one, and of a drive
+        lever = np.zeros((m, 3))
         self.drive = np.full(m, -1)
         for j, row in enumerate(system.rows):
             for i, c in row.coefficients.items():
                 if i >= n:
-                    self.drive[j] = i - n
+                    self.drive[j], lever[j, 2] = i - n, c
                 elif a[j] < 0:
-                    a[j], first[j] = i, c
+                    a[j], lever[j, 0] = i, c
                 else:
-                    b[j] = i
-        self._number(a, b)
+                    b[j], lever[j, 1] = i, c
+        contacts, self.gaps = (~system.is_gap).nonzero()[0], system.is_gap.nonzero()[0]
+        self._number(a[contacts], b[contacts])
         swapped = (b >= 0) & (self.first[np.maximum(b, 0)] > self.first[a])
-        self.child, self.parent = np.where(swapped, b, a), np.where(swapped, a, b)
-        self.sign = np.where(swapped, -first, first)
-        ends = np.concatenate([a, b[b >= 0]])
-        own = np.concatenate([np.arange(m), (b >= 0).nonzero()[0]])
-        self.rows = own[np.argsort(ends, kind="stable")]
-        self.rows_from = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))])
+        lever[swapped] = lever[swapped][:, [1, 0, 2]]
+        self.child, self.parent, self.lever = np.where(swapped, b, a), np.where(swapped, a, b), lever
+        self.sign = lever[:, 0]
+        self.rows_from, self.rows = _by_end(a, b, contacts, n)
+        self.gaps_from, self.gaps_at = _by_end(a, b, self.gaps, n)
         self.row_of: Indices | None = None
-        if not m or (self.parent.max() < 0 and np.bincount(self.child).max() == 1):
+        if not contacts.size or (
+            self.parent[contacts].max() < 0 and np.bincount(self.child[contacts]).max() == 1
+        ):
             self.row_of = np.full(n, -1)
-            self.row_of[self.child] = np.arange(m)
+            self.row_of[self.child[contacts]] = contacts
         self._couple(system)
-        self._reach(system.inertia)
+        self._reach(system)
 
     @staticmethod
     def why_not(system: System, loads: Loads) -> str | None:
@@ -89,16 +105,18 @@ class Forest:
         c = system.laws
         if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
-        if system.piecewise.count:
-            return "some of its forces are piecewise linear"
-        if not system.is_friction.all() or not system.hard.all() or c.curved.any() or c.rests_below.any():
-            return "not all of its rows are contacts with constant coefficients"
-        if not system.alive.all() or (system.mu_c.min(initial=1.0) <= 0) or (system.inertia <= 0).any():
+        contacts = system.is_friction
+        if not (contacts & system.hard | system.is_gap).all() or c.curved.any() or c.rests_below.any():
+            return "not all of its rows are gaps or contacts with constant coefficients"
+        rubs = system.mu_c[:, contacts].min(initial=1.0) > 0
+        if not (system.alive.all() and rubs) or (system.inertia <= 0).any():
             return "some of its contacts or bodies have no friction or no inertia"
         ends = []
         for row in system.rows:
             values = list(row.coefficients.values())
             free = [i for i in row.coefficients if i < system.n]
+            if row.kind == "gap":
+                continue
             if (
                 not free
                 or len(values) > 2
@@ -144,18 +162,32 @@ class Forest:
         position = scipy.sparse.csr_array(
             (position.data, (position.row, system.moved[position.col])), shape=(n, n)
         )
-        self.is_coupled = bool(full.nnz)
-        # one pattern for both: their entries stand side by side
-        pattern = (abs(velocity) + abs(position)).tocoo()
-        i, k = pattern.row, pattern.col
-        order = np.lexsort((k, i))
-        i, k = i[order], k[order]
+        self.is_coupled = bool(full.nnz or self.gaps.size)
+        both = (abs(velocity) + abs(position)).tocoo()
+        self.neighbours: list[list[int]] = [[] for _ in range(n)]
+        for i, k in zip(both.row.tolist(), both.col.tolist(), strict=True):
+            if i != k:
+                self.neighbours[i].append(k)
+        # one pattern for all: their entries stand side by side
+        ends = np.stack([self.child, self.parent], axis=1)[self.gaps]
+        gap, one, other = ((ends[:, :, None] >= 0) & (ends[:, None, :] >= 0)).nonzero()
+        own_i, own_k = ends[gap, one], ends[gap, other]
+        keys, place = np.unique(
+            np.concatenate([both.row * n + both.col, own_i * n + own_k]), return_inverse=True
+        )
+        i, k = keys // n, keys % n
         self.near = k.astype(np.intp)
         self.near_from = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=n))])
         self.stiffness, self.damping = (_entries(x, i, k) for x in (position, velocity))
-        self.neighbours = [
-            [int(x) for x in self.near[self.near_from[j] : self.near_from[j + 1]] if x != j] for j in range(n)
-        ]
+        # what gaps add where they act: entry, gap, and the factor of what their force is for a stretch
+        lever = self.lever[self.gaps]
+        entries, factor = place[both.nnz :], -lever[gap, one] * lever[gap, other]
+        self.gap_entries = entries, gap, factor
+        self.stiffest, self.most_damped = np.abs(self.stiffness), np.abs(self.damping)
+        if self.gaps.size:
+            steepest = np.maximum.reduceat(np.abs(system.piecewise.value), system.piecewise.first)
+            np.add.at(self.stiffest, entries, np.abs(factor) * steepest[gap, 0])
+            np.add.at(self.most_damped, entries, np.abs(factor) * steepest[gap, 1])
 
     def takes(self, stretch: Stretch) -> bool:
         """Tell whether the loads of a stretch are lines and sines, and no sine opens a contact."""
@@ -166,7 +198,7 @@ class Forest:
         normals = stretch.sines.entry[stretch.sines.entry < self.m]
         return bool((least[normals] > 0).all() and (stretch.sines.frequency != 0).all())
 
-    def _reach(self, inertia: Array) -> None:
+    def _reach(self, system: System) -> None:
         """Find how long a series holds, and how far a change reaches meanwhile, from chains of majorants."""
         self.order, self.unit, self.hops = _POLYNOMIAL, math.inf, 0
         if math.isfinite(self.period):
@@ -179,8 +211,8 @@ class Forest:
         row = np.repeat(np.arange(self.n), np.diff(self.near_from))
         own = row == self.near
         norms = []
-        for values in (self.stiffness, self.damping):
-            size = np.abs(values) / inertia[row]
+        for bounds in (self.stiffest, self.most_damped):
+            size = bounds / system.inertia[row]
             norms.append([np.bincount(row[x], size[x], self.n).max(initial=0.0) for x in (own, ~own)])
         (k_own, k_near), (c_own, c_near) = norms
         # |v|, |omega x| <= 1: what they add up to
@@ -219,6 +251,15 @@ def _entries(matrix: Any, i: Indices, k: Indices) -> Array:
     if i.size and matrix.nnz:
         found[:] = dense(matrix[i, k]).ravel()
     return found
+
+
+def _by_end(a: Indices, b: Indices, rows: Indices, n: int) -> tuple[Indices, Indices]:
+    """Return where those of some rows begin that end at each body, and these rows, body by body."""
+    second = rows[b[rows] >= 0]
+    ends, own = np.concatenate([a[rows], b[second]]), np.concatenate([rows, second])
+    return np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=n))]), own[
+        np.argsort(ends, kind="stable")
+    ]
 
 
 def spans(starts: Indices, some: Indices) -> Indices:

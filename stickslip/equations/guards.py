@@ -211,28 +211,25 @@ class Guards(GuardsAtStart):
         """
         motion, system, equations = self.motion, self.motion.system, self.motion.equations
         k, order, size = path.coefficients.shape
-        is_rising = motion.is_rising(0.0)
+        is_rising, dependence = motion.is_rising(0.0), motion.dependence
         unknown = equations.watched_by_laws[self.rows.source]
         if is_rising:
-            unknown[self.rows.rising] |= self.rows.rise < 0
-        bends = not motion.is_straight or motion.dependence is not None or (is_rising and motion.rises_push)
+            unknown[self.rows.rising] |= (self.rows.rise < 0) | (dependence is not None)
+        is_linear = dependence is None or dependence.is_linear_in(motion.table_regions)
+        bends = not motion.is_straight or not is_linear or (is_rising and motion.rises_push)
         if bends:
             # velocities are states all the same, unless drives give them that turn
             unknown |= ~self.is_velocity | system.drives_turn(motion.stretch.bent)
         if not path.is_chebyshev or order < 2 or unknown.all():
             return np.zeros((self.size, k, order)), np.zeros_like(unknown), np.full((self.size, k), -math.inf)
-        g = self.rows.of_states(path.coefficients.reshape(k * order, size).T).reshape(-1, k, order)
-        half = 0.5 * np.diff(path.taus)
-        middle, slope = np.zeros((2, system.inputs_and_dwells, k))
-        middle[: system.inputs] = motion.loads(path.taus[:-1] + half)
-        slope[: system.inputs] = np.multiply.outer(motion.stretch.slope, half)
-        for j, q in enumerate((middle, slope)):
-            if is_rising:
-                q[system.inputs :] = motion.withheld(path.taus[:-1]) * q[system.dwelling]
-            g[:, :, j] += self.rows.of_inputs(q)
+        y = path.coefficients.reshape(k * order, size).T
+        g = self.rows.of_states(y).reshape(-1, k, order)
+        q = self._inputs_along(path, y, is_linear=dependence is not None and not bends)
+        g[:, :, : q.shape[2]] += self.rows.of_inputs(q.reshape(q.shape[0], -1)).reshape(g.shape[0], k, -1)
         if self._has_constant:
             g[:, :, 0] += self._constant[:, None]
         if not self.is_plain:
+            half = 0.5 * np.diff(path.taus)
             self._subtract_start(g[:, :, 0], path.taus[:-1] + half)
             if self._bent.size:
                 g[self._bent, :, 1] -= np.multiply.outer(self._falls, half)
@@ -244,6 +241,27 @@ class Guards(GuardsAtStart):
         if is_rising:
             is_exact[self.rows.rising] = False
         return g, is_exact, low
+
+    def _inputs_along(self, path: Path, y: Array, is_linear: bool) -> Array:
+        """Return Chebyshev coefficients (inputs, k, orders) of the inputs in each step, from those of the states.
+
+        What depends on the state counts only if it `is_linear` in that.
+        """
+        motion, system = self.motion, self.motion.system
+        k, order, _ = path.coefficients.shape
+        half = 0.5 * np.diff(path.taus)
+        found = np.zeros((system.inputs_and_dwells, k, order if is_linear else 2))
+        given = found[: system.inputs]
+        given[:, :, 0] = motion.loads(path.taus[:-1] + half)
+        given[:, :, 1] = np.multiply.outer(motion.stretch.slope, half)
+        if motion.is_rising(0.0):
+            found[system.inputs :] = motion.withheld(path.taus[:-1])[:, :, None] * found[system.dwelling]
+        if is_linear:
+            assert motion.dependence is not None
+            columns = given.reshape(-1, k * order)
+            exact = motion.equations.consistent(np.array(y), system.drive_velocities(columns))
+            motion.dependence.add_linear(columns, exact, motion.table_regions)
+        return found
 
     def _subtract_start(self, g: Array, taus: Array) -> None:
         """Subtract what guards are at the start that leave 0 there, in place, and add how far others may stray."""

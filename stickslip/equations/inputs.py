@@ -105,12 +105,12 @@ class Inputs:
         """
         if not self.table_regions:
             return False
-        low, high = self._limits
+        low, high = self.limits
         x = self.looked_up(tau, y).T
         return np.asarray(((x < low) | (x > high)).any(axis=-1))
 
     @cached_property
-    def _limits(self) -> tuple[Array, Array]:
+    def limits(self) -> tuple[Array, Array]:
         """Between which values tables have not left their regions, which they may start beside by roundoff."""
         assert self.dependence is not None
         x = self.looked_up(0.0, self.y)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from stickslip.equations.floats import Sums, rates_of
+from stickslip.equations.floats import Sums, rates_of, smallest_of
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
 from stickslip.equations.loads import Stretch
@@ -178,6 +178,18 @@ class Motion(Inputs):
         rates[equations.bristle_places] = 0.0
         rates[equations.bristle_places, sums.bristle_rates] = 1.0
         return rates_of(rates, sums.columns.terms)
+
+    @property
+    def has_left_in_floats(self) -> Callable[[float, Array], bool] | None:
+        """What `has_left` tells of a small motion with tables, in plain floats."""
+        if not self.table_regions or self.sums is None:
+            return None
+        columns, (low, high) = self.sums.columns, self.limits
+        x = np.array(columns.looked_up)
+        depths = np.concatenate([x, -x])
+        depths[:, 0] += np.concatenate([-low, high])
+        least = smallest_of(depths[np.isfinite(depths[:, 0])], columns.terms)
+        return lambda tau, y: least(tau, y) < 0
 
     @cached_property
     def _is_by_velocity(self) -> bool:

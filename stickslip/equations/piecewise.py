@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from stickslip.equations.matrices import dense
 from stickslip.model.arrays import Array, Indices, Modes
 from stickslip.model.elements.book import RowEntry
+from stickslip.model.piecewise import Linear
 
 _NONE = np.empty(0, dtype=np.int16)
 Regions = NDArray[np.int16]
@@ -38,6 +39,11 @@ class PiecewiseMatrices:
         # (p,): the place of each function's first region
         self.first = (np.cumsum([0, *sizes])[:-1] if sizes else np.empty(0)).astype(np.intp)
         self.mode = np.array([region.mode for region in regions], dtype=np.int8)  # what the row shows in each
+        # (all regions, 3), (borders, 3): values and borders from the stretch, its rate and 1
+        self.value = _factors(region.value for region in regions)
+        self.border = _factors(border for region in regions for border, _ in region.borders)
+        # the borders of region i are those from ``border_from[i]`` up to ``border_from[i + 1]``
+        self.border_from = np.cumsum([0, *(len(region.borders) for region in regions)])
         self.row = np.array(list(rows), dtype=np.intp)  # (p,): the row that each belongs to
         # functions of stops only tell between which limits these are, others are the force of their row
         self.is_stop = np.array([function.kind == "stop" for function in functions], dtype=bool)
@@ -53,6 +59,10 @@ class PiecewiseMatrices:
     def places(self, regions: Regions) -> Indices:
         """Return the places of one region of each function among all regions."""
         return np.asarray(self.first + regions)
+
+    def among(self, rows: slice) -> slice:
+        """Return which functions belong to rows from one up to another."""
+        return slice(*self.row.searchsorted([rows.start or 0, rows.stop or np.iinfo(np.intp).max]).tolist())
 
     def borders_of(self, regions: Regions) -> Indices:
         """Return the borders of one region of each function."""
@@ -103,9 +113,20 @@ class PiecewiseMatrices:
 
     def widest(self, links: Any) -> Any:
         """Return how strongly states can push the bodies at most, beside springs and dampers: sums of sizes."""
-        found = abs(links)
-        for k in range(self.count):
-            last = self.first[k + 1] if k + 1 < self.count else self.mode.size
-            values = abs(self.value_y[self.first[k] : last])
-            found = found + abs(self.acts[:, [k]]) @ np.atleast_2d(dense(values.max(axis=0)))
-        return found
+        if not self.count:
+            return abs(links)
+        # the largest size of each entry among the regions of a function
+        values = scipy.sparse.coo_array(abs(self.value_y))
+        owner = self.first.searchsorted(values.row, side="right") - 1
+        width = values.shape[1]
+        keys, place = np.unique(owner * width + values.col, return_inverse=True)
+        largest = np.zeros(keys.size)
+        np.maximum.at(largest, place, values.data)
+        steepest = scipy.sparse.csr_array((largest, (keys // width, keys % width)), (self.count, width))
+        return abs(links) + abs(self.acts) @ steepest
+
+
+def _factors(expressions: Iterable[Linear]) -> Array:
+    """Return linear expressions as rows: the factors of the stretch and of its rate, and the constant."""
+    rows = [(one.stretch, one.rate, one.constant) for one in expressions]
+    return np.array(rows, dtype=float).reshape(-1, 3)

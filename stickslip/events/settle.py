@@ -76,8 +76,6 @@ def with_one(
         not system.all_hard
         or system.has_dead_bands
         or system.has_stops
-        or system.piecewise.count
-        or (system.dependence is not None and (system.dependence.tables or equations.pressed.size))
         or equations.at_level.size
         # an open row whose velocity is not watched may begin to move
         or now.guards.rows.loose < equations.open.size
@@ -98,7 +96,7 @@ def with_one(
     at_level[row] = direction != 0
     while True:
         modes[row] = labels[row] = direction
-        following = Motion(equations_in(modes, system), motion.stretch, t, y, since)
+        following = Motion(equations_in(modes, system, equations.regions), motion.stretch, t, y, since)
         guards = Guards(following, labels, held, at_level, velocity_uncertainty)
         if guards.misjudged.size or (not guards.is_plain and guards.stays_zero.size):
             return None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stickslip.equations.drives import Drives
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.path import Path
+from stickslip.equations.piecewise import Regions
 from stickslip.equations.polynomials import shifted
 from stickslip.equations.sines import Sines
 from stickslip.equations.system import System
@@ -63,7 +64,10 @@ class Patches:
         self.entries += velocity.size
 
     def rows(self, rows: Indices, origin: Array, mode: Modes, since: Array, force: Array) -> None:
-        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing."""
+        """Enter modes of some rows, and series of the forces of those that are held; of others they mean nothing.
+
+        Gaps have the number of their region in place of the time `since` when a row rests.
+        """
         force = np.where(mode[:, None] == 0, force, 0.0)
         self._rows.append((len(self._ticks) - 1, rows, origin, mode, since, force))
         self.entries += force.size
@@ -92,7 +96,7 @@ class Series(PickledByFields):
     tick: Indices
     thing: Indices
     origin: Array  # (r,)
-    # (r,): position and lead of a body; mode and start of rest of a row
+    # (r,): position and lead of a body; mode of a row, and its start of rest or, of a gap, its region
     first: Array
     second: Array
     terms: Array  # (r, order + 1)
@@ -336,7 +340,19 @@ class Patchwork(PickledByFields):
         found = np.empty((2, *inner.shape), dtype=np.int8)
         found[:] = inner
         np.copyto(found[1], self.labels[rows, None], where=inner == OPEN, casting="unsafe")
+        functions = self.system.piecewise
+        if functions.count:
+            own = functions.among(rows)
+            places = functions.first[own, None] + self.regions(piece, t, rows)
+            found[1, functions.row[own] - (rows.start or 0)] = functions.mode[places]
         return found
+
+    def regions(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Regions:
+        """Return the regions of the gaps among some rows at times of pieces, a line each."""
+        functions = self.system.piecewise
+        own = functions.row[functions.among(rows)] - (rows.start or 0)
+        told = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.second))
+        return told[own].astype(np.int16)
 
     def since_when(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Array:
         """Return since when rows rest at times of pieces, in s."""

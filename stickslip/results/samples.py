@@ -371,14 +371,12 @@ class Samples(PickledByFields):
         for mode, side in ((1, 0), (-1, 1)):
             sliding = mode * system.mu_c[side, self.rows, None]
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)
+        if system.piecewise.count:
+            self._push_back(forces)
         if not trajectory.is_patchwork:
             self._act(forces)
-            pushed = self._piecewise(self.inputs) if system.piecewise.count else None
             with one_thread(system):
-                self._hold(forces, pushed)
-            if pushed is not None:
-                shows = system.piecewise.is_force
-                forces[system.piecewise.row[shows]] = pushed[shows]
+                self._hold(forces)
         return _for_reading(forces)
 
     def _act(self, forces: Array) -> None:
@@ -416,25 +414,24 @@ class Samples(PickledByFields):
         place, time = some.nonzero()
         forces[np.array(rows)[place], time] = kernels.forces(w[None], normal[None], lag[None], z)[0]
 
-    def _piecewise(self, q: Array) -> Array:
-        """Return the values of the piecewise-linear functions, a line each."""
+    def _push_back(self, forces: Array) -> None:
+        """Write the forces of gaps, which in each region are linear in the stretch and its rate."""
         functions = self.system.piecewise
-        found = np.zeros((functions.count, self.t.size))
-        for number, chosen in by_piece(self.piece_of):
-            at = functions.places(self.trajectory.pieces[number].regions)
-            found[:, chosen] = (
-                functions.value_y[at] @ self.y[:, chosen] + functions.value_q[at] @ q[:, chosen]
-            )
-        return found
+        own = functions.among(self.rows)
+        regions = self.trajectory.regions(self.piece_of, self.taus, self.rows)
+        for k in functions.is_force[own].nonzero()[0].tolist():
+            j = int(functions.row[own][k])
+            name = self.system.rows[j].name
+            stretch, rate, constant = functions.value[functions.first[own][k] + regions[k]].T
+            found = stretch * self.stretch(name) + rate * self.relative_velocity(name) + constant
+            forces[j - (self.rows.start or 0)] = found
 
-    def _hold(self, forces: Array, pushed: Array | None) -> None:
+    def _hold(self, forces: Array) -> None:
         """Write the forces that hold rows: what is left of the forces on the bodies beside their accelerations."""
         system, q, sets = self.system, self.inputs, self._held
         if not sets:
             return
         pushes = system.C @ self.y + system.Q @ q - system.GT @ forces
-        if pushed is not None:
-            pushes += system.piecewise.acts @ pushed
         drives = system.drive_accelerations(q)
         is_even = not drives.any()
         for held, chosen in sets:

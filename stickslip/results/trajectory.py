@@ -61,11 +61,10 @@ class Piece:
         """Return a piece of what is known part by part."""
         at, t = np.array([k]), patchwork.starts[k : k + 1]
         inner, shown = patchwork.modes(at, t)
-        since = patchwork.since_when(at, t)
+        since, regions = patchwork.since_when(at, t)[:, 0], patchwork.regions(at, t)[:, 0]
         y = patchwork.states(at, t)[:, 0]
-        none = np.empty(0, dtype=np.int16)
         stop = float(patchwork.stops[k])
-        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since[:, 0], none, None, None, path)
+        return cls(float(t[0]), stop, y, inner[:, 0], shown[:, 0], since, regions, None, None, path)
 
 
 @dataclass(frozen=True)
@@ -277,6 +276,12 @@ class Trajectory(PickledByFields):
         return np.array([piece.since for piece in self.whole]).reshape(len(self.whole), self.system.m).T
 
     @cached_property
+    def _regions(self) -> Regions:
+        """The regions of their piecewise-linear functions, a column each."""
+        regions = np.array([piece.regions for piece in self.whole], dtype=np.int16)
+        return regions.reshape(len(self.whole), self.system.piecewise.count).T
+
+    @cached_property
     def _held(self) -> tuple[list[Mask], Indices]:
         """All sets of held rows, and the number of the set of each piece; -1 for the empty set."""
         held = (self._modes[0].T == 0) & self.system.hard
@@ -321,6 +326,15 @@ class Trajectory(PickledByFields):
             taus,
             lambda own, taus: self._since[rows][:, own],
             lambda part, own, times: part.since_when(own, times, rows),
+        )
+
+    def regions(self, piece_of: Indices, taus: Array, rows: slice = slice(None)) -> Regions:
+        """Return the regions of the piecewise-linear functions of some rows at local times of pieces."""
+        return self._read(
+            piece_of,
+            taus,
+            lambda own, taus: self._regions[self.system.piecewise.among(rows)][:, own],
+            lambda part, own, times: part.regions(own, times, rows),
         )
 
     def held_forces(self, piece_of: Indices, taus: Array, rows: slice) -> Array:

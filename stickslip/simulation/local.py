@@ -19,7 +19,7 @@ from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.mode_equations import APART, OPEN
 from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled
 from stickslip.events.situation import Situation
@@ -30,6 +30,11 @@ from stickslip.simulation.recorder import Recorder, cause_of
 
 _TIE = 1e-11
 """Events that come this near to each other, in units of time of the series, are settled together."""
+
+_MOST_AT_ONCE = 4
+"""Borders that a gap may pass in one instant before the whole scene is asked."""
+
+_NONE = np.empty(0, dtype=np.intp)
 
 _FLUSH = 50
 """Entries for each state after which a run that keeps only outputs hands over what it has."""
@@ -70,7 +75,7 @@ class Local:
         """Tell whether a motion can be followed part by part: nothing waits at a limit or at rest for what comes."""
         guards, motion = now.guards, now.motion
         order = guards.order
-        plain = (order == 0) | ((order == 1) & guards.is_velocity)
+        plain = (order == 0) | ((order == 1) & guards.is_velocity) | guards.is_border
         if np.any((motion.equations.modes == OPEN) & (now.labels == 0)):
             return False
         return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
@@ -87,12 +92,12 @@ class Local:
         self._work.starts += 1
         everything = np.arange(self._forest.n)
         self._held = int(np.count_nonzero(parts.mode == 0))
-        self._closed = int(np.count_nonzero(parts.mode != OPEN))
+        self._closed = int(np.count_nonzero((parts.mode != OPEN) & (parts.mode != APART)))
         self._begin(motion.t)
-        started = guards.row[guards.order == 1]
+        started = guards.row[(guards.order == 1) & guards.is_velocity]
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
         if self._bad.size:
-            return self._ending(motion.t, self._bad, True)
+            return self._ending(motion.t, _NONE, True)
         return self._loop()
 
     # -- the loop --------------------------------------------------------------------------------------------
@@ -101,16 +106,15 @@ class Local:
         parts = self._parts
         due, is_root = self._due.when, self._due.is_root
         tie = _TIE * parts.unit
-        none = np.empty(0, dtype=np.intp)
         while not self._interruption.pressed:
             j = int(due.argmin()) if due.size else 0
             t = float(due[j]) if due.size else parts.stop
             if t >= parts.end:
                 if parts.end >= parts.stop:
-                    return self._ending(parts.stop, none, False)
+                    return self._ending(parts.stop, _NONE, False)
                 self._renew(parts.end)
                 if self._bad.size:
-                    return self._ending(parts.ended, self._bad, False)
+                    return self._ending(parts.ended, self._bad, self._any_gap(self._bad))
                 continue
             if not is_root[j]:
                 self._due.refine(j)
@@ -122,12 +126,12 @@ class Local:
                     self._due.refine(k)
                 if rough.size:
                     continue
-                return self._ending(t, near, False)
-            if not self._event(j, t):
-                return self._ending(t, near, False)
+            if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
+                # what a gap at a border does is not to be asked here again at once
+                return self._ending(t, near, self._any_gap(near))
             if self._bad.size:
-                return self._ending(t, self._bad, True)
-        return self._ending(self._last, none, False)
+                return self._ending(t, _NONE, True)
+        return self._ending(self._last, _NONE, False)
 
     def _renew(self, t: float) -> None:
         """Expand all anew whose series end at `t`."""
@@ -141,14 +145,17 @@ class Local:
         flagged[parts.group[live]] = True
         bodies = flagged[parts.group].nonzero()[0]
         parts.end = parts.stop
-        self._bad = np.empty(0, dtype=np.intp)
+        self._bad = _NONE
         if bodies.size:
             patch = parts.patch(bodies, t)
             self._tick(t, False)
             self._expand(patch, patch.v, t, np.empty(0, dtype=np.intp))
 
     def _expand(self, patch: Patch, v: Array, t: float, started: Indices) -> None:
-        """Expand a patch, enter it among the results, and look at its guards; `started` are rows that begin to slip."""
+        """Expand a patch, enter it among the results, and look at its guards.
+
+        `started` are rows that begin to slip, and gaps in new regions.
+        """
         parts = self._parts
         rows, held = parts.expand(patch, v)
         parts.started[rows], parts.started[started] = False, True
@@ -187,6 +194,35 @@ class Local:
         self._passed(t, j)
         self._change(t, tree, outcome, groups, patch, where, before)
         return True
+
+    def _cross(self, rows: Indices, t: float) -> bool:
+        """Let gaps that come to borders go on beyond these; False where the whole scene is to be settled."""
+        parts, due = self._parts, self._due
+        if not ((parts.mode[rows] == APART).all() and all(due.crosses(j, t) for j in rows.tolist())):
+            return False
+        self._passed(t, int(rows[0]))
+        self._tick(t, True)
+        self._go_beyond(rows, t)
+        return True
+
+    def _go_beyond(self, rows: Indices, t: float) -> None:
+        """Let gaps go on beyond borders, and beyond others that they come to at once."""
+        parts, gaps = self._parts, self._forest.gaps
+        before = parts.label[gaps]
+        for _ in range(_MOST_AT_ONCE):
+            groups = parts.pass_borders(rows, self._due.direction[rows])
+            patch = parts.patch(parts.reach(groups.tolist()), t)
+            self._expand(patch, patch.v, t, rows)
+            rows = self._due.at_once
+            if not rows.size or self._bad.size:
+                break
+        else:
+            self._bad = rows
+        self._most_guards()
+        changed = (parts.label[gaps] != before).nonzero()[0]
+        for j, was in zip(gaps[changed].tolist(), before[changed].tolist(), strict=True):
+            now = int(parts.label[j])
+            self._recorder.note(t, j, was, now, "leaves" if now == OPEN else "touches")
 
     def _tree(self, j: int, groups: list[int], patch: Patch, before: int) -> tuple[Tree, Indices]:
         """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
@@ -253,9 +289,15 @@ class Local:
         were, are = old[changed].tolist(), mode[changed].tolist()
         self._held += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
-        self.most_guards = max(self.most_guards, self._closed + self._held)
+        self._most_guards()
         for j, a, b in sorted(zip(which.tolist(), were, are, strict=True)):
             self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
+        if self._due.at_once.size and not self._bad.size:
+            self._go_beyond(self._due.at_once, t)
+
+    def _most_guards(self) -> None:
+        guards = self._closed + self._held + self._parts.elastic.guards - self._due.staying
+        self.most_guards = max(self.most_guards, guards)
 
     def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
         """Form the groups that go on together."""
@@ -285,7 +327,7 @@ class Local:
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
         self._patches.rows(
-            rows, parts.row_origin.copy(), parts.mode.copy(), parts.since.copy(), np.zeros((rows.size, 0))
+            rows, parts.row_origin.copy(), parts.mode.copy(), self._told(rows), np.zeros((rows.size, 0))
         )
 
     def _tick(self, t: float, is_event: bool) -> None:
@@ -312,19 +354,33 @@ class Local:
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts
         self._patches.rows(
-            rows, parts.row_origin[rows], parts.mode[rows], parts.since[rows], parts.watched[rows]
+            rows, parts.row_origin[rows], parts.mode[rows], self._told(rows), parts.watched[rows]
         )
+
+    def _told(self, rows: Indices) -> Array:
+        """Return since when contacts rest, and in which regions gaps are."""
+        parts, elastic = self._parts, self._parts.elastic
+        found = parts.since[rows]
+        if elastic.count:
+            number = elastic.number[rows]
+            found = np.where(number >= 0, elastic.region[number], found)
+        return found
+
+    def _any_gap(self, rows: Indices) -> bool:
+        return bool((self._parts.mode[rows] == APART).any())
 
     def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> tuple[Situation, bool]:
         """Hand over what is known, and say where the whole scene is to be settled."""
         parts, system = self._parts, self._now.motion.system
         self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
         fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
-        if not is_whole:
-            fired[fired_rows] = True
-            touching[fired_rows] = parts.mode[fired_rows] != 0
+        # borders of gaps are told by the state
+        fired_rows = fired_rows[parts.mode[fired_rows] != APART]
+        fired[fired_rows] = True
+        touching[fired_rows] = parts.mode[fired_rows] != 0
         y = parts.state(t)
         largest = np.abs(y)
         largest[: system.n] = np.maximum(largest[: system.n], parts.speed)
         since = np.where(parts.label == 0, parts.since, t)
-        return Situation(t, y, parts.label.copy(), since, touching, fired, largest), is_whole
+        regions = parts.elastic.region.copy()
+        return Situation(t, y, parts.label.copy(), since, touching, fired, largest, regions), is_whole

@@ -197,7 +197,7 @@ class Run:
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
         self._recent = [*self._recent[-19:], j]
-        self._go_to(t, True)
+        self._go_to(t, not self.system.piecewise.count)
         self.restarts += 1
 
     def _go_on(self, now: Settled, path: Path, t: float, relaxed: list[int]) -> None:
@@ -215,7 +215,7 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
         at = at_limit(motion, now.guards, path, relaxed)
-        if at.alone is not None and t < motion.stretch.stop:
+        if at.alone is not None and t < motion.stretch.stop and self._keeps_regions(now, path.last, t):
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *at.alone, uncertain)
             if following is not None:
@@ -229,8 +229,8 @@ class Run:
     def _as_before(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
         """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
         stretch = now.motion.stretch
-        # where tables are, a motion may have been followed only so far
-        paused = t < stretch.stop and self.loads.table_regions == now.motion.table_regions
+        # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
+        paused = t < stretch.stop
         after = self.loads.after(t)
         if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
             return None
@@ -238,6 +238,13 @@ class Run:
         if self._borders is not None:
             self._borders.place(y, t)
         return carried_on(now, self.loads.after(t), t, y)
+
+    def _keeps_regions(self, now: Settled, y: Array, t: float) -> bool:
+        """Tell whether all tables stay in their regions where a motion ends."""
+        if self._borders is None:
+            return True
+        self._borders.place(y, t)
+        return self.loads.after(t).table_regions == now.motion.table_regions
 
     def _situation(
         self, now: Settled, path: Path, t: float, before: Modes, since: Array, at: AtLimit, blocks: Array

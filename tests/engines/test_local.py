@@ -18,10 +18,13 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
+    Mode,
     Result,
     Scene,
     Signal,
     Spring,
+    Stop,
     load,
     piecewise_linear,
     simulate,
@@ -30,6 +33,7 @@ from stickslip import (
 from stickslip.engines import parts
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
+from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
 from stickslip.simulation import simulate as module
@@ -51,12 +55,13 @@ def both(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: 
         [e.t for e in local.events], [e.t for e in whole.events], rtol=0, atol=1e-11 * stop
     )
     np.testing.assert_allclose(local.y, whole.y, rtol=0, atol=1e-10 * scale)
-    for contact in scene.contacts:
-        name = contact.name
+    for name in (row.name for row in scene.rows):
         np.testing.assert_array_equal(local.mode(name), whole.mode(name))
         size = np.abs(whole.force(name)).max() + 1e-300
         np.testing.assert_allclose(local.force(name), whole.force(name), rtol=0, atol=1e-9 * size)
         np.testing.assert_allclose(local.breakaway(name), whole.breakaway(name), rtol=1e-12)
+    heat = whole.energy().heat
+    np.testing.assert_allclose(local.energy().heat, heat, rtol=0, atol=1e-10 * (heat.max() + scale**2))
     assert local.stats["fewest_states"] == whole.stats["fewest_states"]
     assert local.stats["guards"] == whole.stats["guards"]
     return local, whole
@@ -130,6 +135,64 @@ def shaken(scene: Scene, seed: int) -> Scene:
     return Scene(*elements)
 
 
+def with_gaps(scene: Scene, seed: int) -> Scene:
+    """Return a scene with gaps between its bodies, to ground and belt: near, far and pressed at the start."""
+    rng = np.random.default_rng(seed + 1000)
+    names, x = [body.name for body in scene.bodies], {body.name: body.position for body in scene.bodies}
+    gaps = []
+    for k in range(int(rng.integers(1, len(names) + 2))):
+        ends = [str(rng.choice(names)), str(rng.choice([*names, *names, *names, GROUND, "belt"]))]
+        rng.shuffle(ends)
+        if ends[0] == ends[1]:
+            continue
+        radii = (1.0, 1.0) if rng.random() < 0.7 else tuple(rng.uniform([0.5, -2.0], [2.0, -0.5]).tolist())
+        stretch = radii[0] * x.get(ends[0], 0.0) - radii[1] * x.get(ends[1], 0.0)
+        limits = [stretch + float(rng.uniform(-0.5, 0.15)), stretch + float(rng.uniform(0.15, 0.5))]
+        if rng.random() < 0.4:
+            open_end = int(rng.integers(2))
+            limits[open_end] = (-math.inf, math.inf)[open_end]
+        gaps.append(
+            Gap(
+                f"g{k}",
+                *ends,
+                lower=limits[0],
+                upper=limits[1],
+                stiffness=float(rng.uniform(2.0, 60.0)),
+                damping=float(rng.choice([0.0, 0.3, 2.0])),
+                radius_a=radii[0],
+                radius_b=radii[1],
+            )
+        )
+    return Scene(*scene.elements, *gaps)
+
+
+def even_chain(seed: int) -> Scene:
+    """Return equal bodies in a row with gaps between them: many touch at the start, and much happens at once."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(3, 14))
+    lower, stiffness = float(rng.choice([0.9, 1.0])), float(rng.choice([1.0, 4.0, 50.0]))
+    damping, speed = float(rng.choice([0.0, 0.5])), float(rng.choice([0.0, 0.5, 1.0]))
+    law = DryFriction(float(rng.choice([0.1, 0.15])), 0.1)
+    names = [f"b{i}" for i in range(n)]
+    elements: list[Any] = [
+        Body(name, inertia=1.0, position=-1.0 * i, velocity=speed if i == 0 or rng.random() < 0.3 else 0.0)
+        for i, name in enumerate(names)
+    ]
+    for i, name in enumerate(names):
+        if rng.random() < 0.85:
+            other = names[i - 1] if i and rng.random() < 0.2 else GROUND
+            elements.append(Contact(f"c{i}", name, other, law, normal=float(rng.choice([1.0, 2.0]))))
+    for i, (a, b) in enumerate(pairwise(names)):
+        # some have no play at all
+        upper = 1.0 if lower == 1.0 and rng.random() < 0.2 else 1.1
+        elements.append(Gap(f"g{i}", a, b, lower=lower, upper=upper, stiffness=stiffness, damping=damping))
+    elements.append(Gap("end", "b0", GROUND, upper=0.3, stiffness=stiffness))
+    elements.append(
+        Force("b0", piecewise_linear([0.0, 1.0, 3.0, 4.0], [float(rng.choice([0, 1])), 3.0, -3.0, 0.0]))
+    )
+    return Scene(*elements)
+
+
 def apart(scene: Scene) -> bool:
     """Tell whether no body touches ground and drives twice, so that its contacts form no loop."""
     system = System(scene)
@@ -156,6 +219,34 @@ def test_shaken_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -
     scene, stop = random_forest(seed)
     if apart(scene):
         both(monkeypatch, shaken(scene, seed), stop)
+
+
+@pytest.mark.parametrize(
+    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(60)]
+)
+@pytest.mark.parametrize("is_shaken", [False, True])
+def test_forests_with_gaps_move_alike(seed: int, is_shaken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, stop = random_forest(seed)
+    if apart(scene):
+        scene = with_gaps(shaken(scene, seed) if is_shaken else scene, seed)
+        assert apart(scene)
+        both(monkeypatch, scene, stop)
+
+
+IN_ANOTHER_ORDER = (4, 17)
+"""Seeds with which two gaps touch in the same instant, but are named the other way round."""
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow)
+        for seed in range(60)
+        if seed not in IN_ANOTHER_ORDER
+    ],
+)
+def test_chains_that_touch_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    both(monkeypatch, even_chain(seed), 3.97)
 
 
 def test_a_sine_that_opens_a_contact_is_followed_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -380,3 +471,104 @@ def test_what_begins_at_its_level_is_followed_as_a_whole_at_first(monkeypatch: p
             np.testing.assert_allclose(getattr(local, read)(name), getattr(whole, read)(name), atol=1e-12)
     np.testing.assert_allclose(local.position("block"), whole.position("block"), atol=1e-12)
     assert local.energy().relative_error < 1e-14
+
+
+def buffers(damping: float) -> Scene:
+    """Return 40 wagons, every second of them rolling on; couplings have 0.05 m of play, buffers 0.04 m."""
+    names, law = [f"w{i}" for i in range(40)], DryFriction(0.02, 0.01)
+    return Scene(
+        *(Body(name, inertia=1.0, position=1.0 * i, velocity=0.3 * (i % 2)) for i, name in enumerate(names)),
+        *(Contact(f"rail {name}", name, GROUND, law, normal=10.0 + 0.1 * i) for i, name in enumerate(names)),
+        *(
+            Gap(f"g{i}", b, a, lower=0.96, upper=1.05, stiffness=200.0, damping=damping)
+            for i, (a, b) in enumerate(pairwise(names))
+        ),
+    )
+
+
+@pytest.mark.parametrize("damping", [0.2, 3.0])
+def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, damping: float) -> None:
+    """Each quantity by name is that of the scene followed as a whole, also where names are read one by one."""
+    local, whole = both(monkeypatch, buffers(damping), 1.0)
+    assert local.trajectory.is_patchwork and len(local.events) > 60
+    assert local.energy().relative_error < 1e-12
+    local.save(tmp_path / "wagons.npz")
+    again = load(tmp_path / "wagons.npz", local.scene).sample(501)
+    monkeypatch.setattr(samples, "_WIDE", 0)
+    by_name, table = local.sample(501), whole.sample(501)
+    for name in ("g0", "g7", "g38", "rail w7"):
+        for read in ("force", "stretch", "relative_velocity", "power"):
+            own, all_of_them = getattr(by_name, read)(name), getattr(table, read)(name)
+            np.testing.assert_allclose(own, all_of_them, rtol=0, atol=1e-10 * np.abs(all_of_them).max())
+        np.testing.assert_array_equal(by_name.mode(name), table.mode(name))
+        np.testing.assert_array_equal(again.mode(name), table.mode(name))
+    assert {event.after for event in local.events} == set(Mode)
+
+
+def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is pushed back for half a period ``pi / omega``, and flies 0.4 m between; one beside it never touches."""
+    scene = Scene(
+        Body("ball", inertia=2.0, velocity=0.5),
+        Body("idle", inertia=1.0),
+        Gap("walls", "ball", GROUND, lower=-0.2, upper=0.2, stiffness=50.0),
+        Gap("far", "idle", "ball", lower=-9.0, stiffness=50.0),
+    )
+    result = part_by_part(monkeypatch, scene, 5.0)
+    push, flight = math.pi / 5.0, 0.4 / 0.5
+    times = [0.4 + k // 2 * (push + flight) + k % 2 * push for k in range(7)]
+    assert [event.t for event in result.events] == pytest.approx(times, abs=1e-13)
+    assert [event.cause for event in result.events] == ["touches", "leaves"] * 3 + ["touches"]
+    # v / omega = 0.1 m deep at most
+    fine = result.sample(2001)
+    assert fine.position("ball").max() == pytest.approx(0.3, abs=1e-6)
+    assert (
+        np.abs(
+            fine.force("walls") - 50.0 * (fine.position("ball") - np.clip(fine.position("ball"), -0.2, 0.2))
+        ).max()
+        < 1e-12
+    )
+    assert not fine.force("far").any() and result.energy().relative_error < 1e-14
+
+
+def test_a_ball_that_bounces_at_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where position and limit are both 0 nothing adds up in their difference; it comes down as fast as it left."""
+    scene = Scene(
+        Body("ball", inertia=1.0, velocity=1.0),
+        Gap("floor", "ball", GROUND, lower=0.0, stiffness=1e4),
+        Force("ball", -10.0),
+    )
+    result = part_by_part(monkeypatch, scene, 3.0)
+    # x'' = -10 - 1e4 x from v = -1: back at 0 after the angle pi + 2 arctan(10 / 100)
+    flight, push = 0.2, (math.pi + 2 * math.atan(0.1)) / 100.0
+    times = [(k + 1) // 2 * flight + k // 2 * push for k in range(1, 10)]
+    assert [event.t for event in result.events][:9] == pytest.approx(times, abs=1e-12)
+
+
+def test_wagons_that_touch_at_rest_start_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All buffers are at their limit; nothing but the end of a ramp is settled as a whole, for no gap leaves it yet."""
+    names, law = [f"w{i}" for i in range(20)], DryFriction(0.02, 0.01)
+    scene = Scene(
+        *(Body(name, inertia=1.0, position=-1.0 * i) for i, name in enumerate(names)),
+        *(Contact(f"rail {name}", name, GROUND, law, normal=10.0) for name in names),
+        *(
+            Gap(f"g{i}", a, b, lower=1.0, upper=1.02, stiffness=200.0, damping=1.0)
+            for i, (a, b) in enumerate(pairwise(names))
+        ),
+        Force("w0", piecewise_linear([0.0, 1.0, 4.0], [0.0, 4.0, 4.0])),
+    )
+    local, _ = both(monkeypatch, scene, 4.0)
+    assert [type(part) for part in local.trajectory.parts] == [Patchwork, Patchwork]
+    assert local.mode("g0")[-1] == Mode.FORWARD
+
+
+def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None:
+    law = DryFriction(0.2, 0.1)
+    body, drive = Body("b", inertia=1.0), Drive("d", velocity=1.0)
+    rail = Contact("c", "b", GROUND, law, normal=1.0)
+
+    def why_not(*more: Any) -> str | None:
+        system = System(Scene(body, drive, rail, *more))
+        return Forest.why_not(system, system.loads(0.0, 1.0))
+
+    assert why_not(Gap("g", "b", "d", upper=1.0, stiffness=2.0)) is None
+    assert "gaps or contacts" in str(why_not(Stop("s", "b", GROUND, upper=1.0)))

@@ -29,6 +29,7 @@ from stickslip import (
     triangle,
     velocity,
 )
+from stickslip.engines.along import Along
 from stickslip.equations.guards import Guards
 from stickslip.equations.mode_equations import FREE, equations_in
 from stickslip.equations.motion import Motion
@@ -124,9 +125,8 @@ MOVED: dict[str, tuple[Law, list[Element]]] = {
 }
 
 
-@pytest.mark.parametrize("law, more", MOVED.values(), ids=MOVED)
-@pytest.mark.parametrize("mode", [1, -1, 0])
-def test_whatever_moves_it(law: Law, more: list[Element], mode: int) -> None:
+def moved(law: Law, more: list[Element], mode: int, t: float = 0.0) -> tuple[Motion, Guards]:
+    """The first body on a belt in a mode, on a spring to the second, with more that moves them, from `t` on."""
     scene = Scene(
         Drive("belt", velocity=0.2),
         Body("a", inertia=1.0, velocity=0.5 if mode else 0.2),
@@ -136,23 +136,31 @@ def test_whatever_moves_it(law: Law, more: list[Element], mode: int) -> None:
         *more,
     )
     system = System(scene)
-    if system.laws.has_state[0]:
-        mode = FREE
-    numbers = np.array([mode, *[1] * (system.m - 1)], dtype=np.int8)
-    loads, since = system.loads(0.0, 10.0), np.zeros(system.m)
-    y0 = system.at_start()
+    own = FREE if system.laws.has_state[0] else mode
+    numbers = np.array([own, *[1] * (system.m - 1)], dtype=np.int8)
+    loads = system.loads(0.0, 10.0)
     if system.dependence is not None and system.dependence.tables:
         loads.table_regions = (2,) * len(system.dependence.tables)
+    equations, since = equations_in(numbers, system), np.zeros(system.m)
+    motion = Motion(equations, loads.after(t), t, system.at_start(), since)
+    return motion, Guards(motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), 1e-9)
+
+
+@pytest.mark.parametrize("law, more", MOVED.values(), ids=MOVED)
+@pytest.mark.parametrize("mode", [1, -1, 0])
+def test_whatever_moves_it(law: Law, more: list[Element], mode: int) -> None:
     for t in (0.0, 7.3):
-        motion = Motion(equations_in(numbers, system), loads.after(t), t, y0, since)
-        guards = Guards(motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), 1e-9)
+        motion, guards = moved(law, more, mode, t)
         assert motion.in_floats is not None
         random = np.random.default_rng(1)
         for tau in random.uniform(0.0, 0.1, 20).tolist():
-            y = motion.exact(tau, random.normal(size=y0.size))
+            y = motion.exact(tau, random.normal(size=motion.y.size))
             found = np.empty(y.size)
             motion.in_floats(tau, y, found)
             np.testing.assert_allclose(found, motion.rate(tau, y), rtol=1e-12, atol=1e-12)
+            if motion.table_regions:
+                assert motion.has_left_in_floats is not None
+                assert motion.has_left_in_floats(tau, y) == motion.has_left(tau, y)
             if guards.size:
                 assert guards.in_floats is not None
                 low = guards.values(tau, y, late=True).min()
@@ -181,6 +189,23 @@ def test_no_guard_goes_below_its_bound(law: DryFriction, modes: tuple[int, int])
     # velocities are always known; forces where no curve acts on them
     assert np.all(low[guards.is_velocity] > -math.inf)
     assert np.isinf(low).any() == (modes == (1, 0) and law.curved)
+
+
+@pytest.mark.parametrize("case", ["tables", "pressed by the state"])
+@pytest.mark.parametrize("mode", [1, 0])
+def test_guards_are_polynomials_where_inputs_are_linear_in_the_state(case: str, mode: int) -> None:
+    motion, guards = moved(*MOVED[case], mode)
+    random, order = np.random.default_rng(3), 5
+    taus = np.array([0.0, 0.03, 0.1])
+    points = random.normal(size=(2, order + 1, motion.y.size))
+    path = Path(taus, from_nodes(order) @ points, points[-1, -1], False, True)
+    along = Along(motion, guards, path)
+    rows = along.are_exact.nonzero()[0]
+    assert guards.is_normal.any() == (case == "pressed by the state")
+    assert along.are_exact[guards.is_normal | guards.is_velocity].all()
+    at = random.uniform(1e-3, 0.1, 20)
+    values = guards.undivided(at, motion.exact(at, path.at(at).T))
+    np.testing.assert_allclose(along.values(rows, at), values[rows], rtol=1e-11, atol=1e-11)
 
 
 def test_a_bound_is_sharp_where_a_guard_hardly_changes() -> None:

@@ -1,0 +1,105 @@
+"""The gaps of a scene that is followed part by part: in which region each is, and what it does there."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from stickslip.equations.forest import Forest, spans
+from stickslip.equations.piecewise import PiecewiseMatrices, Regions
+from stickslip.model.arrays import Array, Indices, Modes
+
+
+class Elastic:
+    """The regions of all gaps, and the couplings and forces that follow from these.
+
+    Attributes
+    ----------
+    region : array (p,) of int
+    stiffness, damping : arrays
+        Couplings as in the forest, those of gaps among them.
+    constant : array (n,)
+        What gaps push the bodies with beside that.
+    neighbours : list of lists of int
+        The bodies that couple to each one now.
+    guards : int
+        How many borders all regions have.
+    """
+
+    def __init__(self, forest: Forest, functions: PiecewiseMatrices, regions: Regions) -> None:
+        self._forest, self._functions = forest, functions
+        self.stiffness, self.damping, self.neighbours = forest.stiffness, forest.damping, forest.neighbours
+        self.constant, self.count = np.zeros(forest.n), forest.gaps.size
+        self.region = regions.copy()
+        # of a row that is a gap: its number
+        self.number = np.full(forest.m, -1)
+        self.number[forest.gaps] = np.arange(self.count)
+        self.guards = self.borders(np.arange(self.count))[0].size
+        if not self.count:
+            return
+        self.stiffness, self.damping = self.stiffness.copy(), self.damping.copy()
+        self.neighbours = [own.copy() for own in self.neighbours]
+        # what each gap does now
+        self._now = self.values(np.arange(self.count)).tolist()
+        # the entries of each gap; what adds up in each entry, and in the constant force on each body
+        self._entries: list[list[int]] = [[] for _ in range(self.count)]
+        self._acting: dict[int, list[tuple[int, float]]] = defaultdict(list)
+        for entry, gap, factor in zip(*(x.tolist() for x in forest.gap_entries), strict=True):
+            self._entries[gap].append(entry)
+            self._acting[entry].append((gap, factor))
+        self._ends: list[list[tuple[int, float]]] = []
+        self._at: dict[int, list[tuple[int, float]]] = defaultdict(list)
+        for gap, j in enumerate(forest.gaps.tolist()):
+            ends = [
+                (int(i), float(c))
+                for i, c in zip((forest.child[j], forest.parent[j]), forest.lever[j], strict=False)
+                if i >= 0
+            ]
+            self._ends.append(ends)
+            for i, c in ends:
+                self._at[i].append((gap, c))
+        self._act(range(self.count))
+
+    def enter(self, gaps: Indices, regions: Regions) -> Indices:
+        """Let gaps go on in other regions, beyond a border; return the bodies at their ends."""
+        self.guards -= self.borders(gaps)[0].size
+        self.region[gaps] = regions
+        self.guards += self.borders(gaps)[0].size
+        for gap, value in zip(gaps.tolist(), self.values(gaps).tolist(), strict=True):
+            self._now[gap] = value
+        return np.array(self._act(gaps.tolist()), dtype=np.intp)
+
+    def _act(self, gaps: range | list[int]) -> list[int]:
+        """Enter what gaps do in their regions, among all that adds up with it; return the bodies at their ends."""
+        forest, now = self._forest, self._now
+        for entry in sorted({entry for gap in gaps for entry in self._entries[gap]}):
+            acting = self._acting[entry]
+            self.stiffness[entry] = forest.stiffness[entry] + sum(f * now[g][0] for g, f in acting)
+            self.damping[entry] = forest.damping[entry] + sum(f * now[g][1] for g, f in acting)
+        bodies = sorted({i for gap in gaps for i, _ in self._ends[gap]})
+        for i in bodies:
+            self.constant[i] = -sum(c * now[g][2] for g, c in self._at[i])
+            taut = [g for g, _ in self._at[i] if any(now[g][:2])]
+            self.neighbours[i] = forest.neighbours[i] + [k for g in taut for k, _ in self._ends[g] if k != i]
+        return bodies
+
+    def labels(self, gaps: Indices) -> Modes:
+        """Return the modes that some gaps show."""
+        return np.asarray(self._functions.mode[self._functions.first[gaps] + self.region[gaps]])
+
+    def values(self, gaps: Indices) -> Array:
+        """Return the forces of some gaps in their regions: factors of stretch and rate, and constants, a row each."""
+        return np.asarray(self._functions.value[self._functions.first[gaps] + self.region[gaps]])
+
+    def borders(self, gaps: Indices) -> tuple[Indices, Indices]:
+        """Return the borders of the regions of some gaps, and the place of the gap of each among these."""
+        at, starts = self._functions.first[gaps] + self.region[gaps], self._functions.border_from
+        return spans(starts, at), np.repeat(np.arange(gaps.size), starts[at + 1] - starts[at])
+
+    def beyond(self, gaps: Indices, places: Modes) -> Regions:
+        """Return the regions beyond one border of each of some gaps, by its place among those of its region."""
+        at = self._functions.first[gaps] + self.region[gaps]
+        return np.asarray(
+            self._functions.beyond[self._functions.border_from[at] + places], dtype=self.region.dtype
+        )
