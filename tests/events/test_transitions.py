@@ -592,7 +592,9 @@ def test_a_loop_that_breaks_starts_to_move_everywhere() -> None:
 
 @pytest.mark.parametrize("method", ["auto", "BDF", "Adams"])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e9])
-def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(method: str, unit: float) -> None:
+def test_what_left_rest_slips_on_at_the_event_of_another_in_any_unit_of_time(
+    method: str, unit: float
+) -> None:
     """A pull of t N lets go at 1 s, v = (t - 1)^2 / 2 m/s; the other block stops at 2 s. All times are in `unit`."""
     law = DryFriction(1.0, 1.0)
     scene = Scene(
