@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -57,10 +56,13 @@ class Smooth(Kernel):
     def in_floats(self, place: int) -> Callable[[float, float], float]:
         """Return the force of one contact as a function of relative velocity and normal force."""
         forward, backward = (self._mu.of_one(place, side) for side in (1, -1))
-        velocity, step = float(self._velocity[place]), self.step_in_floats
-        return lambda w, normal: (
-            (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0) * step(w / velocity)
-        )
+        velocity = float(self._velocity[place])
+
+        def force(w: float, normal: float) -> float:
+            mu = (backward if w < 0 else forward)(abs(w))
+            return mu * max(normal, 0.0) * float(self.step(np.array(w / velocity)))
+
+        return force
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives with respect to `w`."""
@@ -72,10 +74,6 @@ class Smooth(Kernel):
         """Return a step from -1 to 1, odd in `x`."""
         raise NotImplementedError
 
-    def step_in_floats(self, x: float) -> float:
-        """Return the same step of one number."""
-        raise NotImplementedError
-
     def step_slope(self, x: Array) -> Array:
         """Return its derivative."""
         raise NotImplementedError
@@ -85,9 +83,6 @@ class _Tanh(Smooth):
     def step(self, x: Array) -> Array:
         return np.tanh(x)
 
-    def step_in_floats(self, x: float) -> float:
-        return math.tanh(x)
-
     def step_slope(self, x: Array) -> Array:
         return 1.0 - np.tanh(x) ** 2
 
@@ -95,9 +90,6 @@ class _Tanh(Smooth):
 class _Arctan(Smooth):
     def step(self, x: Array) -> Array:
         return 2 / np.pi * np.arctan(0.5 * np.pi * x)
-
-    def step_in_floats(self, x: float) -> float:
-        return 2 / math.pi * math.atan(0.5 * math.pi * x)
 
     def step_slope(self, x: Array) -> Array:
         return 1.0 / (1.0 + (0.5 * np.pi * x) ** 2)
