@@ -58,6 +58,8 @@ class Borders:
         regions = self._loads.table_regions
         if path.taus.size < 2 or regions is None:
             return path
+        if path.has_event:
+            self._leave_with_event(motion, path, regions)
         if self._stays_within(motion, path, regions):
             return path
         curved = not self._dependence.read_for_tables.isdisjoint(motion.stretch.bent.tolist())
@@ -84,6 +86,23 @@ class Borders:
         if first >= path.taus[-1]:
             return path
         return motion.until(path, first)
+
+    def _leave_with_event(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> None:
+        """Let tables that come to a border in the instant of an event leave their regions with it.
+
+        Whether a force that is at its level then goes beyond it is told by what follows.
+        """
+        end = float(path.taus[-1])
+        instant = TOGETHER * (abs(motion.t) + end)
+        before, x = self._values(motion, path, np.array([max(float(path.taus[-2]), 0.999 * end), end])).T
+        rate = (x - before) / (end - max(float(path.taus[-2]), 0.999 * end))
+        following = list(regions)
+        for k, region in enumerate(regions):
+            for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
+                rough = instant * abs(float(rate[k])) + TINY * float(self._sizes[k])
+                if side * rate[k] > 0 and side * (border - x[k]) <= rough:
+                    following[k] = region + side
+        self._loads.table_regions = tuple(following)
 
     def _stays_within(self, motion: Motion, path: Path, regions: tuple[int, ...]) -> bool:
         """Tell whether a bound shows that no table is left: what is looked up strays by its coefficients at most."""

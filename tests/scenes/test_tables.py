@@ -11,12 +11,14 @@ from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
+    TIME,
     Body,
     Contact,
     Drive,
     DryFriction,
     Force,
     Gear,
+    Mode,
     PreSlip,
     Sampled,
     Scene,
@@ -436,3 +438,30 @@ def test_a_corner_far_from_0_where_a_body_rests(way: dict[str, Any]) -> None:
     )
     result = simulate(scene, (0.0, 5.0), **way)
     assert result.stats["restarts"] < 40
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF", "Adams"])
+@pytest.mark.parametrize("after", [0.0, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("corner", [0.3, 1.0 / 3.0, 1.0])
+def test_a_force_that_comes_to_its_level_at_corners_lets_go_if_it_goes_on(
+    method: str, after: float, corner: float
+) -> None:
+    """Two tables of time add up to 0.4 * 10 N at a corner of both; beyond it to more, or not."""
+    parts = [[0.0, 2.0, after], [0.0, 2.0, 2.0]]
+    times = [0.0, corner, 2 * corner]
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Contact("floor", "m", GROUND, DryFriction(0.4, 0.2), normal=10.0),
+        *(Force("m", table(TIME, times, ys)) for ys in parts),
+        motion="translation",
+    )
+    result = simulate(scene, (0.0, 2 * corner), method=method)
+    if after <= 2.0:
+        assert len(result.events) == 0
+        assert result.velocity("m")[-1] == 0.0
+    else:
+        (event,) = result.events
+        assert event.after == Mode.FORWARD
+        assert event.t == pytest.approx(corner, rel=1e-9)
+        # 4 N + (t - corner) / corner - 2 N moves it
+        assert result.velocity("m")[-1] == pytest.approx(2.5 * corner, rel=1e-6)
