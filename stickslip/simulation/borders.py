@@ -22,6 +22,9 @@ from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 TOGETHER = 1e-14
 """Part of a time within which nothing can be told apart."""
 
+_NEAR = 0.999
+"""Part of a motion's time from which on its end tells rates."""
+
 _MORE = 3
 """By how much more than the state's the order of a quantity is taken that is a function of it."""
 
@@ -92,10 +95,10 @@ class Borders:
 
         Whether a force that is at its level then goes beyond it is told by what follows.
         """
-        end = float(path.taus[-1])
-        instant = TOGETHER * (abs(motion.t) + end)
-        before, x = self._values(motion, path, np.array([max(float(path.taus[-2]), 0.999 * end), end])).T
-        rate = (x - before) / (end - max(float(path.taus[-2]), 0.999 * end))
+        last, end = path.taus[-2:].tolist()
+        near, instant = max(last, _NEAR * end), TOGETHER * (abs(motion.t) + end)
+        before, x = self._values(motion, path, np.array([near, end])).T
+        rate = (x - before) / (end - near)
         following = list(regions)
         for k, region in enumerate(regions):
             for side, border in zip((-1, 1), self._dependence.borders(k, region), strict=True):
