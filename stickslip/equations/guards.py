@@ -308,12 +308,7 @@ class Guards(GuardsAtStart):
         slope = np.zeros(motion.start_inputs.size)
         slope[: motion.stretch.slope.size] = motion.stretch.slope
         value, slope = self.rows.of_inputs(np.stack([motion.start_inputs, slope], axis=1)).T
-        value = value + self._constant
-        if self.velocity_uncertainty:
-            value += self.leeway
-        if self._lift is not None:
-            value += self._lift
-        return value, slope
+        return value + self._added, slope
 
     @cached_property
     def in_floats(self) -> Callable[[float, Array], float] | None:
@@ -324,12 +319,14 @@ class Guards(GuardsAtStart):
         found = rows.of_inputs(sums.inputs)
         found[:, sums.columns.states] += rows.by_state
         found[:, sums.forces] += rows.turn[:, None] * self.motion.equations.L[rows.source]
-        found[:, 0] += self._constant
-        if self.velocity_uncertainty:
-            found[:, 0] += self.leeway
-        if self._lift is not None:
-            found[:, 0] += self._lift
+        found[:, 0] += self._added
         return smallest_of(found, sums.columns.terms)
+
+    @cached_property
+    def _added(self) -> Array:
+        """What `smallest` adds to what states and inputs make of the guards."""
+        found = self._constant + self.leeway if self.velocity_uncertainty else self._constant
+        return found if self._lift is None else found + self._lift
 
     @cached_property
     def _of_states(self) -> Any:
