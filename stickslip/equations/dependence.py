@@ -98,7 +98,7 @@ class Dependence:
         place: Callable[[Key], int],
     ) -> None:
         self.nodes = list(nodes)
-        self.calls, self._known = 0, [dict[tuple[float, ...], Array]() for _ in nodes]
+        self.calls, self._known = 0, [dict[tuple[float, ...], Sequence[float]]() for _ in nodes]
         self.arguments = [Forms.of(node.arguments, place) for node in nodes]
         starts = first + np.cumsum([0, *(node.width for node in nodes)])
         self._ranges = [slice(a, b) for a, b in pairwise(starts.tolist())]
@@ -195,7 +195,7 @@ class Dependence:
         for known in self._known:
             known.clear()
 
-    def _called(self, number: int, t: float, arguments: tuple[float, ...]) -> Array:
+    def _called(self, number: int, t: float, arguments: tuple[float, ...]) -> Sequence[float]:
         """Return the values of a function.
 
         A ValueError names element, time and arguments where they are no finite numbers.
@@ -208,7 +208,7 @@ class Dependence:
         self.calls += 1
         assert node.values is not None
         try:
-            found = node.values(t, np.array(arguments))
+            found = node.values(t, arguments)
         except ValueError as error:
             given = ", ".join(f"{x:.9g}" for x in arguments)
             raise ValueError(f"{node.label} {error} at t = {t:.9g} s with the arguments ({given})") from error
@@ -226,11 +226,11 @@ class Dependence:
     def _in_floats(self, number: int) -> Callable[..., Any]:
         """Return a function of time and arguments in plain floats."""
 
-        def values(t: float, *arguments: float) -> Any:
-            return self._called(number, t, arguments).tolist()
+        def values(t: float, *arguments: float) -> Sequence[float]:
+            return self._called(number, t, arguments)
 
         def value(t: float, *arguments: float) -> float:
-            return float(self._called(number, t, arguments)[0])
+            return self._called(number, t, arguments)[0]
 
         return values if self.nodes[number].width > 1 else value
 
@@ -296,11 +296,12 @@ class Dependence:
                 continue
             if q.ndim == 1:
                 q[own] = self._value(number, t, arguments, tau, y, friction)
-                continue
-            for k in range(q.shape[1]):
-                q[own, k] = self._value(
-                    number, float(t[k]), arguments[:, k], float(tau[k]), y[:, k], friction
-                )
+            elif node.row < 0:
+                given = zip(t.tolist(), arguments.T.tolist(), strict=True)
+                q[own] = np.array([self._called(number, time, tuple(x)) for time, x in given]).T
+            else:
+                for k in range(q.shape[1]):
+                    q[own, k] = _power(node, arguments[:, k], float(tau[k]), y[:, k], friction)
         if self.rows.size:
             q[self.rows] += self._normals.at(y, q)
 
@@ -377,7 +378,7 @@ class Dependence:
             elif node.row < 0:
 
                 def function(x: Array, number: int = number) -> Array:
-                    return self._called(number, t, tuple(x.tolist()))
+                    return np.array(self._called(number, t, tuple(x.tolist())))
 
                 found.append(differences(function, arguments, function(arguments)))
             else:

@@ -105,6 +105,8 @@ class GuardRows:
         self.turn, self.mu, rise, self.constant, self.direction = map(column, range(2, 7))
         kind = column(7)
         self.is_velocity, self.is_force, self.is_border, self.is_normal = (kind == k for k in range(4))
+        self.reads_forces = bool(self.is_force.any() or borders.size)
+        """Whether a guard is told by more than velocities and normal forces."""
         # a normal force is a force, too
         self.is_force |= self.is_normal
         self.size, self.slips = self.row.size, slip.size
@@ -119,7 +121,6 @@ class GuardRows:
         self.may_stick[: slip.size] = system.holds_more[side[slip], slip]
         """Velocities of contacts that hold more at rest than in motion."""
         self.has_normals = bool(pressed.size)
-        self.is_of_velocities = not self.has_forces and not self.has_borders
         self._sizes: dict[int, Array | None] = {}
 
     @cached_property

@@ -46,7 +46,7 @@ class GuardValues:
             self._has_constant = bool(self._constant.any())
         # functions of the state act on forces; of the others only normal forces may read them
         self._wanted: Collection[int] | None = None
-        if rows.is_of_velocities and motion.dependence is not None:
+        if not rows.reads_forces and motion.dependence is not None:
             self._wanted = motion.dependence.for_normals
 
     def raw(self, z: Array, q: Array) -> Array:

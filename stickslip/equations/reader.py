@@ -7,7 +7,7 @@ blocks), each an entry of `q` of its own. Linear forces need no entry: they are 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -70,7 +70,7 @@ class Node:
     label: str
     arguments: list[Form]
     # ``values(t, arguments)`` returns `width` numbers; None for heat and tables
-    values: Callable[[float, Array], Array] | None = None
+    values: Callable[[float, Sequence[float]], Sequence[float]] | None = None
     # ``given(t, arguments)`` returns their derivatives, a line each; None where differences are taken
     given: Callable[[float, Array], Array] | None = None
     row: int = -1  # the row whose heat it is, -1 for a function
@@ -159,7 +159,7 @@ class Reader:
                     Node(
                         f"{label}: {atom.label}",
                         arguments,
-                        lambda t, x: np.array([atom.value(x.tolist())]),
+                        lambda t, x: (atom.value(x),),
                         None if atom.derivatives is None else lambda t, x: atom.slopes(x.tolist())[None, :],
                     )
                 )
@@ -188,9 +188,9 @@ class Reader:
             reads = block.feeds_through
             arguments = self._inside(atom, label, lambda: self.of_block(block, label, reads))
             states, width = len(block.states), place.outputs
-            unread = np.full(len(block.inputs), np.nan)
+            unread = [math.nan] * len(block.inputs)
 
-            def values(t: float, x: Array) -> Array:
+            def values(t: float, x: Sequence[float]) -> Sequence[float]:
                 u = x[states:] if reads else unread
                 return block.call("output", t, x[:states], u, width, exactly=False)
 
@@ -234,7 +234,7 @@ class Reader:
         assert isinstance(block, Block)
         count = place.states
 
-        def values(t: float, x: Array) -> Array:
+        def values(t: float, x: Sequence[float]) -> Sequence[float]:
             return block.call("derivative", t, x[:count], x[count:], count, exactly=True)
 
         node = Node(f"{block.label}:", self.of_block(block, label), values, width=count, timed=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dis
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -87,19 +87,29 @@ class AnyBlock(Named):
         if outputs is not None:
             object.__setattr__(self, "outputs", whole(outputs, f"{self.label}: outputs", 1))
 
-    def call(self, name: str, t: float, x: Array, u: Array, count: int, exactly: bool) -> Array:
+    def call(
+        self,
+        name: str,
+        t: float,
+        x: Sequence[float] | Array,
+        u: Sequence[float] | Array,
+        count: int,
+        exactly: bool,
+    ) -> list[float]:
         """Return so many finite numbers of one of the block's functions; a ValueError says what is wrong."""
         try:
-            found = np.array(getattr(self, name)(t, x.copy(), u.copy()), dtype=float)
+            found = np.array(
+                getattr(self, name)(t, np.array(x, dtype=float), np.array(u, dtype=float)), dtype=float
+            )
         except Exception as error:
             raise ValueError(f"{name} raised {error!r}") from error
-        numbers = found.ravel() if found.ndim < 2 else found
-        enough = numbers.ndim == 1 and (numbers.size == count if exactly else numbers.size >= count)
+        enough = found.ndim < 2 and (found.size == count if exactly else found.size >= count)
         if not enough:
             raise ValueError(
                 f"{name} returned {found.tolist()!r}, but {count} {'number is' if count == 1 else 'numbers are'} needed"
             )
-        if not np.isfinite(numbers).all():
+        numbers: list[float] = found.ravel().tolist()
+        if not all(map(math.isfinite, numbers)):
             raise ValueError(f"{name} returned {found.tolist()!r}")
         return numbers[:count]
 
