@@ -14,8 +14,8 @@ from stickslip.model.arrays import Array
 LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
 
-_ERROR_TEST_FAILED, _SOME_STEPS = -3, 10
-"""The status of a solver whose error test has failed too often, and the steps before it that are some progress."""
+_STUCK, _SOME_STEPS = (-3, -4), 10
+"""The status of a solver whose error test or iteration has failed too often, and steps before that are some progress."""
 
 BEYOND = 1e100
 """What no velocity or position comes to unless something feeds it for ever."""
@@ -84,9 +84,10 @@ def sound(smallest: float, tau: float) -> float:
 def solved(solution: Any, path: Path) -> Path:
     """Return the path of a solution of SUNDIALS, or raise its failure with SUNDIALS' own sentence.
 
-    Where its long memory could not pass a kink or roundoff, the path ends: the motion goes on with a new solver.
+    Where its long memory could not pass a kink or roundoff, the path ends: the motion goes on with a new solver. That
+    counts its own time from 0, and so tells shorter steps apart.
     """
-    if solution.status >= 0 or (solution.status == _ERROR_TEST_FAILED and path.taus.size > _SOME_STEPS):
+    if solution.status >= 0 or (solution.status in _STUCK and path.taus.size > _SOME_STEPS):
         return path
     sentence = f"{solution.message.rstrip('.')} (SUNDIALS status {solution.status})"
     raise SolverFailure(

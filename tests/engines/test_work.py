@@ -13,7 +13,15 @@ from stickslip.equations.path import Path
 
 @pytest.mark.parametrize(
     ("status", "steps", "goes_on"),
-    [(0, 1, True), (2, 1, True), (-3, 40, True), (-3, 3, False), (-4, 40, False)],
+    [
+        (0, 1, True),
+        (2, 1, True),
+        (-3, 40, True),
+        (-3, 3, False),
+        (-4, 40, True),
+        (-4, 3, False),
+        (-1, 40, False),
+    ],
 )
 def test_where_a_solver_fails_after_many_steps_a_new_one_goes_on(
     status: int, steps: int, goes_on: bool

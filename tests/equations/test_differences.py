@@ -9,7 +9,21 @@ import numpy as np
 import pytest
 import scipy
 
-from stickslip import Block, Body, Drive, Force, Scene, Spring, feedback, output, simulate, velocity
+from stickslip import (
+    GROUND,
+    Block,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    feedback,
+    output,
+    simulate,
+    velocity,
+)
 from stickslip.equations.reader import differences
 
 
@@ -77,3 +91,38 @@ def test_a_fault_with_rate_and_state_slips_in_events() -> None:
     )
     assert result.position("block")[-1] == pytest.approx(told.y[0, -1], abs=1e-8)
     assert result.velocity("block")[-1] == pytest.approx(told.y[1, -1], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_earthquakes_recur_where_steps_are_below_roundoff_of_the_time() -> None:
+    # where the block stops, its velocity bends within 1e-14 s: at 1.8e4 s a solver that counts time from the start
+    # cannot tell such steps apart. All cycles are alike
+    rate, slip, pressure, mass = 1e-6, 1e-5, 5e6, 1e3
+
+    def friction(w: float, age: float) -> float:
+        return pressure * (0.6 + 0.010 * math.log(abs(w) / rate) + 0.015 * math.log(rate * age / slip))
+
+    scene = Scene(
+        Body("fault", inertia=mass, velocity=1.1 * rate),
+        Drive("plate", velocity=rate),
+        Spring("fault", "plate", stiffness=0.5 * 0.005 * pressure / slip),
+        Force("fault", pressure * 0.6),
+        Block(
+            "age",
+            inputs=[velocity("fault")],
+            states=[1.3 * slip / rate],
+            derivative=lambda t, x, u: [1.0 - abs(u[0]) * x[0] / slip],
+        ),
+        Contact(
+            "rock",
+            "fault",
+            GROUND,
+            DryFriction(1.0, 1.0),
+            normal=feedback(friction, velocity("fault"), output("age")),
+        ),
+    )
+    result = simulate(scene, (0.0, 19000.0), atol=1e-16, rtol=1e-9)
+    speed = result.velocity("fault")
+    quakes = result.t[1:][(speed[:-1] < 1e-3) & (speed[1:] >= 1e-3)]
+    assert quakes.size == 26
+    np.testing.assert_allclose(np.diff(quakes)[6:], 748.997, atol=2e-3)

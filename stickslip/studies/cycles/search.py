@@ -235,7 +235,8 @@ def _marks(result: Result) -> tuple[Array, list[str]]:
     middle = 0.5 * (result.t[0] + result.t[-1])
     if len(result.events) >= 4 and result.events[-1].t >= middle:
         return np.array([event.t for event in result.events]), [mode_change(event) for event in result.events]
-    t = np.linspace(result.t[0], result.t[-1], 4000)
+    # what lasts a moment shows at the times fit for a plot
+    t = np.unique(np.concatenate([np.linspace(result.t[0], result.t[-1], 4000), result.t]))
     v = result.sample(t).y[: result.trajectory.system.n]
     later = t >= middle
     fastest = int(np.argmax(np.ptp(v[:, later], axis=1)))
