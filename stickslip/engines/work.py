@@ -15,7 +15,7 @@ LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
 
 _STUCK, _SOME_STEPS = (-3, -4), 10
-"""The status of a solver whose error test or iteration has failed too often, and steps before that are some progress."""
+"""The status where the error test or the iteration has failed too often, and the steps before it that are some progress."""
 
 BEYOND = 1e100
 """What no velocity or position comes to unless something feeds it for ever."""
