@@ -15,7 +15,7 @@ LOOK_AT_SCENE = "look at the loads and laws of the scene there"
 """The remedy where what the solver calls fails."""
 
 _STUCK, _SOME_STEPS = (-3, -4), 10
-"""The status where the error test or the iteration has failed too often, and the steps before it that are some progress."""
+"""The status where the error test or the iteration has failed too often; and how many steps before it are progress."""
 
 BEYOND = 1e100
 """What no velocity or position comes to unless something feeds it for ever."""
