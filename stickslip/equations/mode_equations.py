@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from stickslip.equations.balance import joined
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.loads import TableRegions, Waves
 from stickslip.equations.matrices import Block, Triplets, assembled, dense, row_maxima, scaled, stacked
@@ -202,21 +203,26 @@ class ModeEquations:
             found = self._guard_rows[key] = GuardRows(self, self.open[shows], signs[shows])
         return found
 
-    def _place_shares(self) -> Array:
+    def _place_shares(self) -> Any:
         """Return the map from forces on the bodies to what rows at their level would carry if they had none.
 
         With the scaled rows g of the others, ``share = g_row nu`` and ``(sum g^T g) nu = F - M v'`` (the dual of the
         bounded least norm).
         """
-        system = self.system
-        G, scale = dense(system.G), system.largest_lever
-        held = G[self.held] / scale[self.held][:, None]
-        bodies = np.abs(held).any(axis=0).nonzero()[0]
-        dual = np.linalg.pinv(held[:, bodies].T @ held[:, bodies])
-        found = np.zeros((self.at_level.size, system.n))
-        rows = G[self.at_level][:, bodies] / scale[self.at_level][:, None] ** 2
-        found[:, bodies] = rows @ dual
-        return found
+        system, scale, found = self.system, self.system.largest_lever, Triplets()
+        rows = np.concatenate([self.held, self.at_level])
+        number = joined(system.G[rows])
+        held_number, own_number = np.split(number, [self.held.size])
+        for one in np.unique(own_number).tolist():
+            # what other rows hold together has nothing to do with these
+            top, held = (own_number == one).nonzero()[0], self.held[held_number == one]
+            both = dense(system.G[np.concatenate([held, self.at_level[top]])])
+            bodies = np.abs(both).any(axis=0).nonzero()[0]
+            units, own = np.split(both[:, bodies], [held.size])
+            units = units / scale[held][:, None]
+            shares = own / scale[self.at_level[top]][:, None] ** 2 @ np.linalg.pinv(units.T @ units)
+            found.extend(np.repeat(top, bodies.size), np.tile(bodies, top.size), shares.ravel())
+        return system.matrix(found, (self.at_level.size, system.n))
 
     def locked(self, rows: Any, but_by_drives: bool = False) -> Mask:
         """Tell which of some rows cannot move because held rows lock the same motion, or move as drives do."""
@@ -504,7 +510,7 @@ class ModeEquations:
             z[m : m + self.held.size] = balance.force_magnitudes(forces)
         if self._shares is not None:
             first = m + self.held.size
-            z[first : first + self.at_level.size] = np.abs(self._shares) @ forces
+            z[first : first + self.at_level.size] = abs(self._shares) @ forces
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
         return found
