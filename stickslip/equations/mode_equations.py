@@ -212,10 +212,10 @@ class ModeEquations:
         system, scale, found = self.system, self.system.largest_lever, Triplets()
         rows = np.concatenate([self.held, self.at_level])
         number = joined(system.G[rows])
-        held_number, own_number = np.split(number, [self.held.size])
+        held_number, own_number = number[: self.held.size], number[self.held.size :]
         for one in np.unique(own_number).tolist():
             # what other rows hold together has nothing to do with these
-            top, held = (own_number == one).nonzero()[0], self.held[held_number == one]
+            top, held = np.flatnonzero(own_number == one), self.held[held_number == one]
             both = dense(system.G[np.concatenate([held, self.at_level[top]])])
             bodies = np.abs(both).any(axis=0).nonzero()[0]
             units, own = np.split(both[:, bodies], [held.size])
