@@ -217,7 +217,7 @@ class ModeEquations:
             # what other rows hold together has nothing to do with these
             top, held = np.flatnonzero(own_number == one), self.held[held_number == one]
             both = dense(system.G[np.concatenate([held, self.at_level[top]])])
-            bodies = np.abs(both).any(axis=0).nonzero()[0]
+            bodies = np.flatnonzero(np.abs(both).any(axis=0))
             units, own = np.split(both[:, bodies], [held.size])
             units = units / scale[held][:, None]
             shares = own / scale[self.at_level[top]][:, None] ** 2 @ np.linalg.pinv(units.T @ units)
