@@ -130,7 +130,7 @@ class _Look(NamedTuple):
         values = values_and_integral @ steps.coefficients
         size = derivatives @ np.abs(steps.coefficients)
         bends = np.concatenate([size[:, 0], size[:, 1, :n] * h], axis=1)
-        low, high = values[:, :-1].min(axis=(0, 1)), values[:, :-1].max(axis=(0, 1))
+        low, high = values.min(axis=0)[:-1].min(axis=0), values.max(axis=0)[:-1].max(axis=0)
         return cls(steps.begins, steps.sizes, values[:, -1, :n] * h, (bends,), low, high)
 
     def worst(self, allowed: Array) -> Array:
@@ -160,8 +160,8 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
     system = trajectory.system
     n, size = system.n, system.size
     travel = _travel(trajectory, steps, patchworks)
-    low = np.concatenate([steps.low, travel.min(axis=0)])
-    high = np.concatenate([steps.high, travel.max(axis=0)])
+    low = np.concatenate([steps.low, travel.min(axis=0, initial=0.0)])
+    high = np.concatenate([steps.high, travel.max(axis=0, initial=0.0)])
     for part in patchworks:
         (slow, near), (fast, far) = part.ranges
         low[:n], high[:n] = np.minimum(low[:n], slow), np.maximum(high[:n], fast)
@@ -177,9 +177,8 @@ def _allowed(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwor
 
 def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork]) -> Array:
     """Return how far the bodies have come by the ends of steps and at the extremes of other parts, a line each."""
-    still = np.zeros((1, trajectory.system.n))
     if not patchworks:
-        return np.concatenate([still, steps.moved.cumsum(axis=0)])
+        return steps.moved.cumsum(axis=0)
     # the motion over each patchwork counts as one step more
     is_patchwork = np.array([isinstance(part, Patchwork) for part in trajectory.parts])
     before = np.append(0, steps.sizes.cumsum())[(~is_patchwork).cumsum()[is_patchwork]]
@@ -188,7 +187,7 @@ def _travel(trajectory: Trajectory, steps: _Look, patchworks: Sequence[Patchwork
     come = moved.cumsum(axis=0)
     starts = come[before + np.arange(before.size)] - gone - [part.at_ends[0] for part in patchworks]
     extremes = np.array([[extreme[1] for extreme in part.ranges] for part in patchworks])
-    return np.concatenate([still, come, (starts[:, None] + extremes).reshape(-1, still.size)])
+    return np.concatenate([come, *(starts[:, None] + extremes)])
 
 
 @lru_cache(maxsize=64)

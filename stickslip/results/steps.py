@@ -32,8 +32,8 @@ class Steps:
         begins = np.concatenate([path.taus for path in paths])
         firsts = np.array([0, *accumulate(path.taus.size for path in paths)])
         lengths = np.zeros(begins.size)
-        lengths[:-1] = begins[1:] - begins[:-1]
-        lengths[firsts[1:] - 1] = 0.0
+        # where a path ends, the next one begins anew at 0
+        np.maximum(begins[1:] - begins[:-1], 0.0, out=lengths[:-1])
         terms = max([1, *[path.coefficients.shape[1] for path in paths]])
         coefficients = np.zeros((begins.size, terms, paths[0].last.size))
         for path, first in zip(paths, firsts.tolist(), strict=False):
