@@ -82,6 +82,11 @@ class Balance:
         led: Any = self.T
         return math.inf if self._large else float((led.count_nonzero(axis=0) ** 2).sum())
 
+    @cached_property
+    def is_driven(self) -> bool:
+        """Whether the velocity of any body depends on those of drives."""
+        return bool(abs(self.U_dependent).sum() > 0)
+
     @property
     def has_loops(self) -> bool:
         """Whether the forces of some rows are not unique."""

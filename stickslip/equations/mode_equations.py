@@ -93,7 +93,7 @@ class ModeEquations:
         self.balance = system.balance(self.is_held)
         self.dependent = self.balance.dependent
         self.T_dependent, self.U_dependent = self.balance.T_dependent, self.balance.U_dependent
-        self.is_driven = bool(system.drives) and bool(abs(self.U_dependent).sum() > 0)
+        self.is_driven = self.balance.is_driven
         self._place_regions()
         self._place_friction()
         self._shares = self._place_shares() if self.at_level.size else None

@@ -15,6 +15,8 @@ from stickslip.model.arrays import Array, Complex, Indices, Mask
 _AT_ONCE = 50_000
 """Coefficients that are put together at once."""
 
+_LEAST = np.finfo(float).tiny
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -67,18 +69,17 @@ class Steps:
 
     def _places(self, path_of: Indices, taus: Array) -> tuple[Indices, Array]:
         """Return the step that holds each local time, and where in it, from 0 to 1."""
-        begins, lengths = self._order
-        step = begins.searchsorted(path_of + 1j * taus, "right") - 1
-        return step, (taus - self.begins[step]) / lengths[step]
+        step = self._order.searchsorted(path_of + 1j * taus, "right") - 1
+        # a step of length 0 holds no time but its begin
+        return step, (taus - self.begins[step]) / np.maximum(self.lengths[step], _LEAST)
 
     @cached_property
-    def _order(self) -> tuple[Complex, Array]:
-        """Paths and begins of steps as numbers that are in order, and lengths by which times are divided.
+    def _order(self) -> Complex:
+        """Paths and begins of steps as numbers that are in order.
 
         Complex numbers are in order of their real parts, those with the same in order of their imaginary parts.
         """
-        numbers = np.arange(self.paths).repeat(self.sizes)
-        return numbers + 1j * self.begins, np.where(self.lengths > 0, self.lengths, 1.0)
+        return np.arange(self.paths).repeat(self.sizes) + 1j * self.begins
 
 
 class Blocks:

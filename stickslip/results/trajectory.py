@@ -407,7 +407,7 @@ class Trajectory(PickledByFields):
             if not balance.dependent.size:
                 continue
             led = balance.T_dependent @ v[:, chosen]
-            if drives is not None:
+            if drives is not None and balance.is_driven:
                 led = led + balance.U_dependent @ drives[:, chosen]
             v[at_rows(balance.dependent, chosen)] = led
 
