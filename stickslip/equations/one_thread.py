@@ -37,12 +37,12 @@ class _OneThread:
                 self._limit.restore_original_limits()
 
 
-_ONE_THREAD = _OneThread()
+_ONE_THREAD, _AS_EVER = _OneThread(), nullcontext()
 
 
 def one_thread(system: System, always: bool = False) -> AbstractContextManager[None]:
     """Return the context for products of a system: BLAS keeps to one thread, for small ones only if `always`."""
-    return _ONE_THREAD if always or system.size + system.m > _SMALL else nullcontext()
+    return _ONE_THREAD if always or system.size + system.m > _SMALL else _AS_EVER
 
 
 @cache

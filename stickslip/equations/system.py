@@ -71,7 +71,7 @@ class System:
     def __init__(self, scene: Scene, observed: Sequence[Load] = ()) -> None:
         self.scene, self.observed = scene, tuple(observed)
         book = Book(scene.elements, observed)
-        self.index, self.rows = book.index, book.rows
+        self.index, self.rows, self.row_index = book.index, book.rows, book.row_index
         self.couplings = book.couplings
         self.names = [body.name for body in book.bodies]
         n, drives, m = len(book.bodies), len(book.drives), len(book.rows)

@@ -40,7 +40,7 @@ def of_bodies(trajectory: Trajectory, piece_of: Indices, taus: Array, bodies: sl
     trajectory.write_led(held, steps, driven)
     base = np.zeros((system.n, before.size + 1))
     np.cumsum(steps[:, : before.size], axis=1, out=base[:, 1:])
-    return np.asarray(base[:, piece_of] + steps[:, before.size :])[bodies]
+    return np.asarray(base.take(piece_of, axis=1) + steps[:, before.size :])[bodies]
 
 
 def of_drives(trajectory: Trajectory, times: Array) -> Array:
@@ -67,4 +67,4 @@ def of_drives(trajectory: Trajectory, times: Array) -> Array:
     u = trajectory.drive_velocities(piece_of, nodes - trajectory.starts[piece_of])
     sums = np.zeros((u.shape[0], edges.size))
     np.cumsum((u.reshape(-1, half.size, x.size) @ weights) * half, axis=1, out=sums[:, 1:])
-    return sums[:, edges.searchsorted(times)]
+    return sums.take(edges.searchsorted(times), axis=1)

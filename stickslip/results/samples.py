@@ -26,7 +26,7 @@ from stickslip.model.modes import Mode
 from stickslip.model.scene import Scene
 from stickslip.results import positions
 from stickslip.results.pickled import PickledByFields
-from stickslip.results.trajectory import Trajectory, at_rows, by_piece
+from stickslip.results.trajectory import Trajectory, at_rows, by_piece, columns
 
 T = TypeVar("T", bound=np.generic)
 V = TypeVar("V")
@@ -109,11 +109,7 @@ class Samples(PickledByFields):
 
     def row(self, name: str) -> int:
         """Return the number of a contact or another row."""
-        return _named(self._row_of, name, "contact")
-
-    @cached_property
-    def _row_of(self) -> dict[str, int]:
-        return {row.name: j for j, row in enumerate(self.system.rows)}
+        return _named(self.system.row_index, name, "contact")
 
     def velocity(self, body: str) -> Array:
         """Return the velocity of a body or drive, in m/s or rad/s."""
@@ -207,7 +203,8 @@ class Samples(PickledByFields):
         j = self.row(row)
         if self.is_wide:
             return np.array(getattr(replace(self, rows=slice(j, j + 1)), table)[0])
-        return _line(getattr(self, table), j)
+        line: NDArray[Any] = getattr(self, table)[j]
+        return line
 
     def block(self, name: str) -> BlockPlace:
         """Return where a block stands."""
@@ -322,22 +319,21 @@ class Samples(PickledByFields):
 
     def _levels(self, side: int) -> Array:
         system, rows = self.system, self.rows
-        static, least, dwell = (
-            x[:, None] for x in (system.mu_s[side, rows], system.least[side, rows], system.dwell[rows])
-        )
+        levels = system.mu_s[side, rows, None] * self.normals
         is_slow = system.dwell[rows] > 0
-        levels = static.repeat(self.t.size, axis=1)
         if is_slow.any():
             slow = slice(None) if is_slow.all() else is_slow.nonzero()[0]
+            static, least, dwell = (
+                x[rows, None][slow] for x in (system.mu_s[side], system.least[side], system.dwell)
+            )
             since = self.trajectory.since_when(self.piece_of, self.taus, rows)[slow]
             since -= self.t
-            since /= dwell[slow]
+            since /= dwell
             lag = np.exp(since, out=since)
-            lag *= static[slow] - least[slow]
-            risen = np.subtract(static[slow], lag, out=lag)
-            np.copyto(risen, least[slow], where=self.modes[slow] != 0)
-            levels[slow] = risen
-        levels *= self.normals
+            lag *= static - least
+            risen = np.subtract(static, lag, out=lag)
+            np.copyto(risen, least, where=self.modes[slow] != 0)
+            levels[slow] = risen * self.normals[slow]
         if system.all_friction:
             return _for_reading(levels)
         if system.has_stops:
@@ -436,7 +432,7 @@ class Samples(PickledByFields):
         is_even = not drives.any()
         for held, chosen in sets:
             rows, balance = held.nonzero()[0], system.balance(held)
-            own, led = pushes[:, chosen], None if is_even else drives[:, chosen]
+            own, led = columns(pushes, chosen), None if is_even else columns(drives, chosen)
             rest = balance.held_forces(own, balance.accelerations(own, led), led)
             forces[at_rows(rows, chosen)] = rest
 
