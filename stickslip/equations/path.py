@@ -113,7 +113,7 @@ def values(
     count = _AT_ONCE // (terms * size) + 1
     for first in range(0, s.size, count):
         some = slice(first, first + count)
-        np.matmul(weights[some, None], coefficients[step[some]], out=found[some, None])
+        np.matmul(weights[some, None], coefficients.take(step[some], axis=0), out=found[some, None])
     return found
 
 
