@@ -32,7 +32,7 @@ class Steps:
     def of(cls, paths: Sequence[Path]) -> Steps:
         """Return the steps of some paths, at least one; polynomials with fewer terms than others are padded."""
         begins = np.concatenate([path.taus for path in paths])
-        firsts = np.array([0, *accumulate(path.taus.size for path in paths)])
+        firsts = np.array([0, *accumulate([path.taus.size for path in paths])])
         lengths = np.zeros(begins.size)
         # where a path ends, the next one begins anew at 0
         np.maximum(begins[1:] - begins[:-1], 0.0, out=lengths[:-1])
@@ -42,7 +42,7 @@ class Steps:
             steps, own, _ = path.coefficients.shape
             coefficients[first : first + steps, :own] = path.coefficients
             coefficients[first + steps, 0] = path.last
-        return cls(begins, lengths, firsts, coefficients, any(path.is_chebyshev for path in paths))
+        return cls(begins, lengths, firsts, coefficients, paths[0].is_chebyshev)
 
     @property
     def paths(self) -> int:

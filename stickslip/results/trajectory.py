@@ -483,7 +483,7 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     """Yield each piece that holds times, and which times it holds."""
     if not piece_of.size:
         return
-    order = None if (piece_of[1:] >= piece_of[:-1]).all() else np.argsort(piece_of, kind="stable")
+    order = None if (piece_of[1:] >= piece_of[:-1]).all() else piece_of.argsort(kind="stable")
     numbers = piece_of if order is None else piece_of[order]
     ends = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), numbers.size]
     for number, first, last in zip(numbers[ends[:-1]].tolist(), ends, ends[1:], strict=False):
