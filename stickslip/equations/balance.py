@@ -189,7 +189,7 @@ class Balance:
         if not self.count:
             return np.zeros((0, *forces.shape[1:]))
         rest = forces - _rows(self._inertia, forces) * acceleration
-        found = self._S @ rest.take(self.dependent, axis=0)
+        found = self._S @ rest[self.dependent]
         for rows, tree in self._large:
             found[rows] = tree.forces(rest)
         if self.parting is not None and drives is not None:

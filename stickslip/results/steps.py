@@ -87,11 +87,7 @@ class Blocks:
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self._paths = paths
-
-    @cached_property
-    def _all(self) -> Steps | None:
-        blocks = list(_limits(self._paths))
-        return Steps.of(self._paths) if len(blocks) == 1 else None
+        self._all = Steps.of(paths) if len(list(_limits(paths))) == 1 else None
 
     def __iter__(self) -> Iterator[Steps]:
         """Yield all steps in order."""

@@ -283,11 +283,11 @@ class Trajectory(PickledByFields):
 
     @cached_property
     def _held(self) -> tuple[list[Mask], Indices]:
-        """All sets of held rows, and the number of the set of each piece; -1 for the empty set."""
+        """All sets of held rows, the empty one first, and the number of the set of each piece."""
         held = (self._modes[0].T == 0) & self.system.hard
-        number: dict[bytes, int] = {bytes(self.system.m): -1}
-        sets = [number.setdefault(row.tobytes(), len(number) - 1) for row in held]
-        return [np.frombuffer(key, dtype=bool) for key in list(number)[1:]], np.array(sets)
+        number = {bytes(self.system.m): 0}
+        sets = [number.setdefault(row.tobytes(), len(number)) for row in held]
+        return [np.frombuffer(key, dtype=bool) for key in number], np.array(sets)
 
     # -- what is read of all pieces --------------------------------------------------------------------------
 
@@ -418,7 +418,7 @@ class Trajectory(PickledByFields):
             return
         sets, number = self._held
         for k, some in by_piece(number[own]):
-            if k >= 0:
+            if k:
                 yield sets[k], some if isinstance(chosen, slice) else chosen[some]
 
     def inputs(self, piece_of: Indices, taus: Array, y: Array, loads: Array) -> Array:
@@ -484,7 +484,9 @@ def by_piece(piece_of: Indices) -> Iterator[tuple[int, Indices | slice]]:
     if not piece_of.size:
         return
     order = None if (piece_of[1:] >= piece_of[:-1]).all() else piece_of.argsort(kind="stable")
-    numbers = piece_of if order is None else piece_of[order]
-    ends = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), numbers.size]
-    for number, first, last in zip(numbers[ends[:-1]].tolist(), ends, ends[1:], strict=False):
+    counts = np.bincount(piece_of)
+    numbers = counts.nonzero()[0]
+    first = 0
+    for number, last in zip(numbers.tolist(), counts[numbers].cumsum().tolist(), strict=True):
         yield number, slice(first, last) if order is None else order[first:last]
+        first = last
