@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.drives import Drives
-from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.polynomials import shifted
@@ -30,6 +30,9 @@ _VALUES = 64_000
 
 _ARRAYS = ("starts", "labels", "ticks", "piece_of_tick")
 """Fields of a patchwork that stand in files under their own names."""
+
+SHOWN = 10
+"""An open row stands as OPEN and so many times the mode that it shows."""
 
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
@@ -339,7 +342,10 @@ class Patchwork(PickledByFields):
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
         found = np.empty((2, *inner.shape), dtype=np.int8)
         found[:] = inner
-        np.copyto(found[1], self.labels[rows, None], where=inner == OPEN, casting="unsafe")
+        is_open = (inner - OPEN) % SHOWN == 0
+        found[0, is_open], found[1, is_open] = OPEN, (inner[is_open] - OPEN) // SHOWN
+        # what carries its level is at rest
+        found[1, (inner == AT_HIGH) | (inner == AT_LOW)] = 0
         functions = self.system.piecewise
         if functions.count:
             own = functions.among(rows)
