@@ -330,7 +330,7 @@ class Due:
             level = float(self._system.mu_s[0, j]) * parts.normal_at(j, t)
             return level or parts.push(int(forest.child[j]), t)
         child, parent, drive = np.abs(forest.lever[j]).tolist()
-        total = child * float(parts.speed[forest.child[j]])
+        total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
             total += parent * float(parts.speed[forest.parent[j]])
         if forest.drive[j] >= 0:
@@ -360,7 +360,7 @@ class Due:
         return np.array(moved, dtype=np.intp), np.array(unclear, dtype=np.intp)
 
     def turn_over(self, j: int, t: float) -> bool:
-        """Let an open row go on to the other side as its velocity passes 0 at time `t`; False where that is not clear."""
+        """Let an open row go on to the other side as its velocity passes 0 at `t`; False where that is not clear."""
         parts = self._parts
         c = self.moved(np.array([j]), t)[0]
         if -parts.label[j] * c[1] <= _MOVES * self._pull(j, t) * parts.unit:

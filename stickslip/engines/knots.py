@@ -37,7 +37,7 @@ class Knot:
         self.mobility = balance.accelerations(np.eye(bodies.size))
         self.led = balance.accelerations(nothing, np.eye(system.drives))
         self._shares = np.empty((0, bodies.size))
-        if self.top.size:
+        if equations.shares is not None:
             places = equations.at_level.searchsorted(self.top)
             self._shares = dense(equations.shares[places])[:, bodies]
 
@@ -46,13 +46,13 @@ class Knot:
         return self._balance.consistent(v, u)
 
     def forces(self, rest: Array) -> Array:
-        """Return the forces of held rows, then what rows at their level would carry, from what is left of all others."""
+        """Return the forces of held rows, then what rows at their level would carry, from what is left of others."""
         held = self._balance.held_forces(rest, np.zeros(rest.shape))
         return np.concatenate([held, self._shares @ rest])
 
 
 def friction_on(equations: ModeEquations, rows: Indices) -> scipy.sparse.csr_array:
-    """Return the forces on the bodies from the inputs by the friction of some rows: of moving ones, or at their level."""
+    """Return the forces on the bodies from the inputs by the friction of some rows, moving or at their level."""
     system = equations.system
     pulls = scipy.sparse.csr_array(system.GT)[:, rows]
     return -(pulls @ scipy.sparse.csr_array(equations.friction)[rows, : system.inputs])

@@ -1,8 +1,8 @@
 """The series of a scene part by part: every body and row has its own, from the last event that reached it on.
 
-Bodies that held rows join are a group: one velocity. A knot is a group, too, though its bodies may have many. A change
-is expanded anew on a `Patch`, the groups that it reaches within the time for which series hold; the series of all others
-go on.
+Bodies that held rows join are a group: one velocity. A knot is a group, too, though its bodies may have many. A
+change is expanded anew on a `Patch`, the groups that it reaches within the time for which series hold; the series of
+all others go on.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from stickslip.engines.swings import Lines, Swings
 from stickslip.engines.work import Work
 from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest, spans
-from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN, ModeEquations
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -89,12 +89,8 @@ class Parts:
         self.t0, self.stop = motion.t, motion.stretch.stop
         self.is_coupled = forest.is_coupled
         self.inertia = system.inertia
-        equations, rows = motion.equations, (forest.knot_of_row >= 0).nonzero()[0]
-        order = np.argsort(forest.knot_of_row[rows], kind="stable")
-        ends = np.cumsum(np.bincount(forest.knot_of_row[rows], minlength=len(forest.knots)))
-        own = np.split(rows[order], ends[:-1])
-        self.knots = [Knot(equations, *both) for both in zip(forest.knots, own, strict=False)]
-        self._acts = system.Q + friction_on(equations, rows) if self.knots else system.Q
+        equations = motion.equations
+        self._tie(equations)
         self._swing(motion)
         self.unit = forest.unit if self.has_series else self.stop - self.t0
         count = forest.order + 1
@@ -136,6 +132,15 @@ class Parts:
         self.speed = np.abs(motion.y[:n])
         self._group()
         self.rub(np.arange(n))
+
+    def _tie(self, equations: ModeEquations) -> None:
+        """Find the equations of the knots, and how inputs act on the bodies: in knots by friction, too."""
+        forest = self.forest
+        rows = [(forest.knot_of_row == k).nonzero()[0] for k in range(len(forest.knots))]
+        self.knots = [Knot(equations, *both) for both in zip(forest.knots, rows, strict=True)]
+        self._acts = self.system.Q
+        if self.knots:
+            self._acts = self._acts + friction_on(equations, np.concatenate(rows))
 
     def _push(self, motion: Motion, q: Array, slope: Array) -> None:
         """Enter forces from loads and drives on the bodies, in powers of the time since the start; sines apart."""

@@ -4,8 +4,8 @@ Numbered from the root out, the bodies beyond a row are those of one interval: t
 what is left of the forces over its side, ``lambda = c sum (F - M v')``. What one body does differently reaches a body
 d couplings away with at most the d-th of a chain of majorant series; beyond `hops` that is roundoff.
 
-Bodies that rows join in any other way are a knot: by loops, ties, one-way clutches, stops, or with radii. There may be a
-few of them.
+Bodies that rows join in any other way are a knot: by loops, ties, one-way clutches, stops, or with radii. There may be
+a few of them.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Forest:
         position = scipy.sparse.csr_array(
             (position.data, (position.row, system.moved[position.col])), shape=(n, n)
         )
-        self.is_coupled = bool(full.nnz or self.gaps.size)
+        self.is_coupled = bool(full.nnz or system.is_gap.any())
         both = (abs(velocity) + abs(position)).tocoo()
         self.neighbours: list[list[int]] = [[] for _ in range(n)]
         for i, k in zip(both.row.tolist(), both.col.tolist(), strict=True):

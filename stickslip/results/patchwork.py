@@ -28,7 +28,7 @@ T = TypeVar("T", bound=np.generic)
 _VALUES = 64_000
 """Values that are computed at once: memory stays near the processor."""
 
-_ARRAYS = ("starts", "labels", "ticks", "piece_of_tick")
+_ARRAYS = ("starts", "ticks", "piece_of_tick")
 """Fields of a patchwork that stand in files under their own names."""
 
 SHOWN = 10
@@ -41,12 +41,11 @@ _IN_ENTRY = 3
 class Patches:
     """Collects what a run expands: at each tick some bodies and rows.
 
-    `unit` is the time in s by which the series are scaled; open rows keep their `labels`.
+    `unit` is the time in s by which the series are scaled.
     """
 
-    def __init__(self, system: System, t: float, unit: float, labels: Modes, drives: Drives) -> None:
-        self._system, self._unit, self._labels = system, unit, labels.copy()
-        self._drives = drives
+    def __init__(self, system: System, t: float, unit: float, drives: Drives) -> None:
+        self._system, self._unit, self._drives = system, unit, drives
         self.starts: list[float] = [t]
         self._ticks: list[float] = []
         self._piece: list[int] = []
@@ -82,7 +81,6 @@ class Patches:
             np.array(self.starts),
             stop,
             self._unit,
-            self._labels,
             self._drives,
             np.array(self._ticks),
             np.array(self._piece),
@@ -230,7 +228,6 @@ class Patchwork(PickledByFields):
     starts: Array  # (p,): when each piece begins: the start, and every event
     stop: float
     unit: float
-    labels: Modes = field(repr=False)
     drives: Drives = field(repr=False)
     ticks: Array = field(repr=False)
     piece_of_tick: Indices = field(repr=False)

@@ -357,7 +357,7 @@ class Local:
 
     def _begin(self, t: float) -> None:
         parts = self._parts
-        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.label, parts.drives)
+        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.drives)
         self._most_held = self._held
         self._last = t
         self._patches.tick(t, False)
@@ -397,7 +397,7 @@ class Local:
         """Return the modes of rows as results have them: open ones with what they show."""
         parts = self._parts
         mode = np.where(parts.top[rows] != 0, parts.top[rows], parts.mode[rows])
-        return np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode).astype(np.int8)
+        return np.asarray(np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode), dtype=np.int8)
 
     def _told(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""
