@@ -299,7 +299,18 @@ class Search:
                 # one more row would move
                 break
             trial = following
-        return motion, guards
+        return self._sharing(motion, staying) or (motion, guards)
+
+    def _sharing(self, motion: Motion, staying: Indices) -> tuple[Motion, Guards] | None:
+        """Return the motion in which rows that stay at rest share with all others what they hold, None if none does."""
+        trial = motion.equations.modes.copy()
+        trial[staying] = trial[motion.equations.at_level] = 0
+        found = share(*self._build(trial))
+        if found is None or not found.holds:
+            return None
+        trial[found.rows] = _carrying(found.side)
+        again = self._build(trial)
+        return again if self._improved(trial, *again) is None else None
 
     def _enumerate(self) -> tuple[Motion, Guards]:
         """Try every combination where releasing one after another ran in a circle."""
