@@ -92,8 +92,11 @@ class Local:
             return False
         return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
 
-    def follow(self, now: Settled) -> Ending:
-        """Follow a motion and all its events to where the whole scene is to be settled."""
+    def follow(self, now: Settled) -> Ending | None:
+        """Follow a motion and all its events to where the whole scene is to be settled.
+
+        Returns None where it is to be followed as a whole from its start on.
+        """
         motion, guards = now.motion, now.guards
         self._now = now
         parts = self._parts = Parts(self._forest, motion, now.labels, self._work)
@@ -109,7 +112,7 @@ class Local:
         slick = (due.near_rest > 0).nonzero()[0]
         near_rest = (parts.label[slick] * parts.watched[slick, 0] <= due.near_rest[slick]).any()
         if self._bad.size or self._opened.size or near_rest:
-            return self._ending(motion.t, _NONE, True)
+            return None
         return self._loop()
 
     # -- the loop --------------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import TOGETHER, Borders
-from stickslip.simulation.local import Local
+from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
 from stickslip.simulation.watching import Watch
@@ -122,8 +122,10 @@ class Run:
         assert now is not None
         self.most_guards = max(self.most_guards, now.guards.armed)
         if self._local is not None and not self._as_a_whole and self._local.takes(now):
-            self._advance_part_by_part(now, self._local)
-            return
+            end = self._local.follow(now)
+            if end is not None:
+                self._go_on_from_parts(now, self._local, end)
+                return
         self._as_a_whole = False
         path, relaxed = self._path(now)
         t = self._end(now.motion, path, relaxed)
@@ -174,10 +176,10 @@ class Run:
                 return path, at
         return path, t
 
-    def _advance_part_by_part(self, now: Settled, local: Local) -> None:
-        """Follow a motion and all events that can be settled where they are, up to one that cannot."""
+    def _go_on_from_parts(self, now: Settled, local: Local, ending: Ending) -> None:
+        """Settle the whole scene where what was followed part by part has come to."""
         motion = now.motion
-        end, self._as_a_whole, crossed = local.follow(now)
+        end, self._as_a_whole, crossed = ending
         assert end.labels is not None
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
