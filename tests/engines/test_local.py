@@ -1,7 +1,7 @@
 """Scenes followed part by part move as they do followed as a whole."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,12 +31,15 @@ from stickslip import (
     sine,
 )
 from stickslip.engines import parts
+from stickslip.equations import forest
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
 from stickslip.simulation import simulate as module
+from validation.against_oracles import FAMILIES, difference, scene_of
+from validation.machine_scenes import FAMILIES as FAMILIES_OF_MACHINES
 
 
 def both(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> tuple[Result, Result]:
@@ -571,4 +574,78 @@ def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None
         return Forest.why_not(system, system.loads(0.0, 1.0))
 
     assert why_not(Gap("g", "b", "d", upper=1.0, stiffness=2.0)) is None
-    assert "gaps or contacts" in str(why_not(Stop("s", "b", GROUND, upper=1.0)))
+    # one body is all of this scene; it may be one of many
+    stop = Stop("s", "b", GROUND, upper=1.0)
+    assert "too many of its bodies" in str(why_not(stop))
+    assert why_not(stop, *(Body(f"more {i}", inertia=1.0) for i in range(9))) is None
+
+
+def with_machines(scene: Scene, seed: int) -> Scene:
+    """Return a scene with machines beside its bodies: ties, levers, stops, clutches and loops, each on springs."""
+    rng = np.random.default_rng(seed + 2000)
+    elements, names = list(scene.elements), [body.name for body in scene.bodies]
+    for k in range(int(rng.integers(1, 4))):
+        family = str(rng.choice(["radii", "ties", "clutches", "gaps", "stops", "machines"]))
+        machine = scene_of(FAMILIES[family][0](int(rng.integers(1000))))
+        own = [named(one, f"k{k} ") for one in machine.elements]
+        elements += own
+        bodies = [one.name for one in own if isinstance(one, Body) and one.inertia]
+        for _ in range(int(rng.integers(1, 4))):
+            ends = str(rng.choice(bodies)), str(rng.choice(names))
+            elements.append(
+                Spring(*ends, stiffness=float(rng.uniform(0.5, 6.0)), damping=float(rng.choice([0.0, 0.2])))
+            )
+    if rng.random() < 0.3:
+        slick = DryFriction(0.0, 0.0)
+        elements.append(Contact("slick", str(rng.choice(names)), "belt", slick, normal=2.0))
+    return Scene(*elements)
+
+
+def named(element: Any, prefix: str) -> Any:
+    """Return an element of a scene that has a prefix before all names but that of the ground."""
+
+    def new(name: str) -> str:
+        return prefix + name if name and name != GROUND else name
+
+    own = {one.name: getattr(element, one.name) for one in fields(element)}
+    changed = {key: new(own[key]) for key in ("name", "a", "b", "body") if isinstance(own.get(key), str)}
+    if "coefficients" in own:
+        changed["coefficients"] = {new(name): c for name, c in own["coefficients"].items()}
+    return replace(element, **changed)
+
+
+def all_in_knots(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0)
+
+
+JAMMED = (11, 50)
+"""Seeds of machines in which a drive presses stops and clutches together: no motion is possible."""
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        seed if seed < 4 else pytest.param(seed, marks=pytest.mark.slow)
+        for seed in range(60)
+        if seed not in JAMMED
+    ],
+)
+def test_forests_with_machines_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    all_in_knots(monkeypatch)
+    scene, stop = random_forest(seed)
+    scene = shaken(scene, seed) if seed % 3 == 0 else scene
+    both(monkeypatch, with_machines(with_gaps(scene, seed) if seed % 4 == 0 else scene, seed), stop)
+
+
+LEAVES_SMOOTHLY = 125
+"""Number of a machine with a stop that opens with neither velocity nor acceleration."""
+
+
+@pytest.mark.parametrize("family", FAMILIES_OF_MACHINES)
+def test_machines_followed_part_by_part_do_as_their_oracle(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    all_in_knots(monkeypatch)
+    monkeypatch.setattr(module, "_MANY", 1)
+    for number in (1, 2, 3, 4, LEAVES_SMOOTHLY):
+        assert difference(family, "auto", number) < 1e-9
