@@ -173,11 +173,15 @@ class Search:
             over = over[~np.isin(part[over], part[carrying])]
         if not over.size:
             return following
-        if (torn := collapse(motion, guards)) is not None:
-            self._release(following, motion, *torn)
-            over = over[~np.isin(part[over], self._part[torn[0]])]
-            if not over.size:
-                return following
+        torn: dict[int, tuple[Indices, Array]] = {}
+        for rows, side in collapse(motion, guards):
+            # one loop of a part after another
+            torn.setdefault(int(self._part[rows[0]]), (rows, side))
+        for rows, side in torn.values():
+            self._release(following, motion, rows, side)
+        over = over[~np.isin(part[over], list(torn))]
+        if not over.size:
+            return following
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
