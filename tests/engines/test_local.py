@@ -1,7 +1,7 @@
 """Scenes followed part by part move as they do followed as a whole."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
+from machines import machine
 
 from stickslip import (
     GROUND,
@@ -38,8 +39,8 @@ from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
 from stickslip.simulation import simulate as module
-from validation.against_oracles import FAMILIES, difference, scene_of
-from validation.machine_scenes import FAMILIES as FAMILIES_OF_MACHINES
+from validation.against_oracles import difference
+from validation.machine_scenes import FAMILIES
 
 
 def both(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> tuple[Result, Result]:
@@ -586,8 +587,7 @@ def with_machines(scene: Scene, seed: int) -> Scene:
     elements, names = list(scene.elements), [body.name for body in scene.bodies]
     for k in range(int(rng.integers(1, 4))):
         family = str(rng.choice(["radii", "ties", "clutches", "gaps", "stops", "machines"]))
-        machine = scene_of(FAMILIES[family][0](int(rng.integers(1000))))
-        own = [named(one, f"k{k} ") for one in machine.elements]
+        own = machine(family, int(rng.integers(1000)), f"k{k} ")
         elements += own
         bodies = [one.name for one in own if isinstance(one, Body) and one.inertia]
         for _ in range(int(rng.integers(1, 4))):
@@ -599,19 +599,6 @@ def with_machines(scene: Scene, seed: int) -> Scene:
         slick = DryFriction(0.0, 0.0)
         elements.append(Contact("slick", str(rng.choice(names)), "belt", slick, normal=2.0))
     return Scene(*elements)
-
-
-def named(element: Any, prefix: str) -> Any:
-    """Return an element of a scene that has a prefix before all names but that of the ground."""
-
-    def new(name: str) -> str:
-        return prefix + name if name and name != GROUND else name
-
-    own = {one.name: getattr(element, one.name) for one in fields(element)}
-    changed = {key: new(own[key]) for key in ("name", "a", "b", "body") if isinstance(own.get(key), str)}
-    if "coefficients" in own:
-        changed["coefficients"] = {new(name): c for name, c in own["coefficients"].items()}
-    return replace(element, **changed)
 
 
 def all_in_knots(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -641,7 +628,7 @@ LEAVES_SMOOTHLY = 125
 """Number of a machine with a stop that opens with neither velocity nor acceleration."""
 
 
-@pytest.mark.parametrize("family", FAMILIES_OF_MACHINES)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_machines_followed_part_by_part_do_as_their_oracle(
     family: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
