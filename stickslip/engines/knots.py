@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from stickslip.equations.balance import Balance
+from stickslip.equations.forest import Forest
 from stickslip.equations.matrices import dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.model.arrays import Array, Indices
@@ -49,6 +50,27 @@ class Knot:
         """Return the forces of held rows, then what rows at their level would carry, from what is left of others."""
         held = self._balance.held_forces(rest, np.zeros(rest.shape))
         return np.concatenate([held, self._shares @ rest])
+
+
+class Knots:
+    """The knots of a scene; each is remembered as it was last, for an event changes few."""
+
+    def __init__(self, forest: Forest) -> None:
+        self._bodies = forest.knots
+        self._rows = [(forest.knot_of_row == k).nonzero()[0] for k in range(len(forest.knots))]
+        self._latest: dict[int, tuple[bytes, Knot]] = {}
+        self.rows = np.concatenate(self._rows) if self._rows else np.empty(0, dtype=np.intp)
+
+    def at(self, equations: ModeEquations) -> list[Knot]:
+        """Return all in the modes of a motion."""
+        found = []
+        for k, (bodies, rows) in enumerate(zip(self._bodies, self._rows, strict=True)):
+            modes = equations.modes[rows].tobytes()
+            latest = self._latest.get(k)
+            if latest is None or latest[0] != modes:
+                latest = self._latest[k] = modes, Knot(equations, bodies, rows)
+            found.append(latest[1])
+        return found
 
 
 def friction_on(equations: ModeEquations, rows: Indices) -> scipy.sparse.csr_array:

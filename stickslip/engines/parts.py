@@ -16,12 +16,12 @@ import numpy as np
 import scipy
 
 from stickslip.engines.elastic import Elastic
-from stickslip.engines.knots import Knot, friction_on
+from stickslip.engines.knots import Knot, Knots, friction_on
 from stickslip.engines.swings import Lines, Swings
 from stickslip.engines.work import Work
 from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest, spans
-from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN, ModeEquations
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -55,6 +55,7 @@ class Parts:
     Parameters
     ----------
     forest : Forest
+    knots : Knots
     motion : Motion
         Where to begin; its inputs must be straight.
     labels : array (m,)
@@ -83,14 +84,17 @@ class Parts:
         Until when series of what springs and dampers move hold.
     """
 
-    def __init__(self, forest: Forest, motion: Motion, labels: Modes, work: Work) -> None:
+    def __init__(self, forest: Forest, knots: Knots, motion: Motion, labels: Modes, work: Work) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
         self.is_coupled = forest.is_coupled
         self.inertia = system.inertia
         equations = motion.equations
-        self._tie(equations)
+        self.knots, self._acts = knots.at(equations), system.Q
+        if self.knots:
+            # there friction is among what inputs do
+            self._acts = self._acts + friction_on(equations, knots.rows)
         self._swing(motion)
         self.unit = forest.unit if self.has_series else self.stop - self.t0
         count = forest.order + 1
@@ -132,15 +136,6 @@ class Parts:
         self.speed = np.abs(motion.y[:n])
         self._group()
         self.rub(np.arange(n))
-
-    def _tie(self, equations: ModeEquations) -> None:
-        """Find the equations of the knots, and how inputs act on the bodies: in knots by friction, too."""
-        forest = self.forest
-        rows = [(forest.knot_of_row == k).nonzero()[0] for k in range(len(forest.knots))]
-        self.knots = [Knot(equations, *both) for both in zip(forest.knots, rows, strict=True)]
-        self._acts = self.system.Q
-        if self.knots:
-            self._acts = self._acts + friction_on(equations, np.concatenate(rows))
 
     def _push(self, motion: Motion, q: Array, slope: Array) -> None:
         """Enter forces from loads and drives on the bodies, in powers of the time since the start; sines apart."""

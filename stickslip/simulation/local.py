@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
+from stickslip.engines.knots import Knots
 from stickslip.engines.parts import UNLED, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
@@ -66,6 +67,7 @@ class Local:
         margin: float,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
+        self._knots = Knots(forest)
         self._recorder, self._passed, self._margin = recorder, passed, margin
         self.most_guards = self._held = self._most_held = self._armed = 0
         self._opened = _NONE
@@ -99,7 +101,7 @@ class Local:
         """
         motion, guards = now.motion, now.guards
         self._now = now
-        parts = self._parts = Parts(self._forest, motion, now.labels, self._work)
+        parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
         self._due = due = Due(parts, self._work, self._margin)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
