@@ -77,6 +77,8 @@ class Parts:
         Modes of rows as the equations know them, but 0 where they carry their level.
     top : array (m,)
         AT_HIGH or AT_LOW there, 0 elsewhere.
+    any_top : bool
+        Whether there are such rows.
     elastic : Elastic
         What gaps do.
     knots : list of Knot
@@ -114,6 +116,7 @@ class Parts:
         self._push(motion, q, slope)
         self.mode, self.label, self.since = equations.modes.copy(), labels.copy(), motion.since.copy()
         self.top = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
+        self.any_top = bool(self.top.any())
         self.mode[self.top != 0] = 0
         self.started = np.zeros(m, dtype=bool)
         self.mu = system.mu_c

@@ -34,6 +34,19 @@ _ARRAYS = ("starts", "ticks", "piece_of_tick")
 SHOWN = 10
 """An open row stands as OPEN and so many times the mode that it shows."""
 
+
+def _known_and_shown() -> Modes:
+    """Return what the equations know, and what is shown, for all numbers that stand for modes, taken without sign."""
+    found = np.stack(2 * [np.arange(256, dtype=np.uint8).astype(np.int8)])
+    for shown in (-1, 0, 1):
+        found[:, (OPEN + SHOWN * shown) % 256] = OPEN, shown
+    # what carries its level is at rest
+    found[1, [AT_HIGH, AT_LOW]] = 0
+    return found
+
+
+_KNOWN_AND_SHOWN = _known_and_shown()
+
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
 
@@ -337,12 +350,7 @@ class Patchwork(PickledByFields):
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
-        found = np.empty((2, *inner.shape), dtype=np.int8)
-        found[:] = inner
-        is_open = (inner - OPEN) % SHOWN == 0
-        found[0, is_open], found[1, is_open] = OPEN, (inner[is_open] - OPEN) // SHOWN
-        # what carries its level is at rest
-        found[1, (inner == AT_HIGH) | (inner == AT_LOW)] = 0
+        found: Modes = _KNOWN_AND_SHOWN[:, inner.astype(np.uint8)]
         functions = self.system.piecewise
         if functions.count:
             own = functions.among(rows)

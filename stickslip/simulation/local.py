@@ -70,7 +70,7 @@ class Local:
         self._knots = Knots(forest)
         self._recorder, self._passed, self._margin = recorder, passed, margin
         self.most_guards = self._held = self._most_held = self._armed = 0
-        self._opened = _NONE
+        self._opened, self._any_slick = _NONE, False
 
     def arrived(self, t: float) -> Mask:
         """Tell which open rows have come to rest at time `t`, where the whole scene is to be settled."""
@@ -112,6 +112,7 @@ class Local:
         started = guards.row[(guards.order == 1) & guards.is_velocity]
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
         slick = (due.near_rest > 0).nonzero()[0]
+        self._any_slick = bool(slick.size)
         near_rest = (parts.label[slick] * parts.watched[slick, 0] <= due.near_rest[slick]).any()
         if self._bad.size or self._opened.size or near_rest:
             return None
@@ -143,7 +144,7 @@ class Local:
                     self._due.refine(k)
                 if rough.size:
                     continue
-            if self._due.near_rest[near].any():
+            if self._any_slick and self._due.near_rest[near].any():
                 return self._ending(t, _NONE, True)
             if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
                 # what a gap at a border does is not to be asked here again at once
@@ -187,7 +188,9 @@ class Local:
         live = parts.live_rows(patch, rows)
         if parts.end >= parts.stop and parts.bends(patch.bodies):
             parts.end = min(parts.stop, t + parts.unit)
-        self._bad = np.concatenate([self._due.look(rows, t, live), unclear])
+        self._bad = self._due.look(rows, t, live)
+        if unclear.size:
+            self._bad = np.concatenate([self._bad, unclear])
 
     # -- one event -------------------------------------------------------------------------------------------
 
@@ -401,8 +404,12 @@ class Local:
     def _inner(self, rows: NDArray[Any]) -> Modes:
         """Return the modes of rows as results have them: open ones with what they show."""
         parts = self._parts
-        mode = np.where(parts.top[rows] != 0, parts.top[rows], parts.mode[rows])
-        return np.asarray(np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode), dtype=np.int8)
+        mode: Modes = parts.mode[rows]
+        if parts.any_top:
+            mode = np.where(parts.top[rows] != 0, parts.top[rows], mode)
+        if parts.opens:
+            mode = np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode)
+        return np.asarray(mode, dtype=np.int8)
 
     def _told(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""
