@@ -71,7 +71,7 @@ class Forest:
     stiffest, most_damped : arrays
         Bounds of their sizes, whatever the gaps do.
     neighbours : list of lists of int
-        The bodies to which springs and dampers couple each one.
+        The bodies that feel each one: by springs and dampers, or by forces that follow it.
     order : int
         Terms of the series of velocities.
     unit : float
@@ -173,7 +173,7 @@ class Forest:
         self.neighbours: list[list[int]] = [[] for _ in range(n)]
         for i, k in zip(both.row.tolist(), both.col.tolist(), strict=True):
             if i != k:
-                self.neighbours[i].append(k)
+                self.neighbours[k].append(i)
         # one pattern for all: their entries stand side by side
         ends = np.stack([self.child, self.parent], axis=1)[self.gaps]
         gap, one, other = ((ends[:, :, None] >= 0) & (ends[:, None, :] >= 0)).nonzero()
