@@ -28,8 +28,10 @@ from stickslip import (
     Stop,
     load,
     piecewise_linear,
+    position,
     simulate,
     sine,
+    velocity,
 )
 from stickslip.engines import parts
 from stickslip.equations import forest
@@ -579,6 +581,44 @@ def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None
     stop = Stop("s", "b", GROUND, upper=1.0)
     assert "too many of its bodies" in str(why_not(stop))
     assert why_not(stop, *(Body(f"more {i}", inertia=1.0) for i in range(9))) is None
+
+
+def with_followers(scene: Scene, seed: int) -> Scene:
+    """Return a scene with forces that follow other bodies, which do not feel them."""
+    rng = np.random.default_rng(seed + 3000)
+    names = [body.name for body in scene.bodies]
+    forces = []
+    for name in names:
+        if rng.random() < 0.5:
+            quantity = velocity if rng.random() < 0.5 else position
+            forces.append(Force(name, float(rng.uniform(-0.8, 0.8)) * quantity(str(rng.choice(names)))))
+    return Scene(*scene.elements, *forces)
+
+
+@pytest.mark.parametrize(
+    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
+)
+def test_forests_with_forces_that_follow_others_move_alike(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    all_in_knots(monkeypatch)
+    scene, stop = random_forest(seed)
+    both(monkeypatch, with_followers(scene, seed), stop)
+
+
+def test_a_force_follows_a_body_that_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block is let go after s = t - 1 = 0, ``v = (s + s^2) / 2``; another that it leads gains the integral of that."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, DryFriction(1.0, 0.5), normal=1.0),
+        Force("a", piecewise_linear([0.0, 2.0], [0.0, 2.0])),
+        Body("b", inertia=1.0),
+        Force("b", 1.0 * velocity("a")),
+    )
+    found = part_by_part(monkeypatch, scene, 2.0, t_eval=[1.5, 2.0])
+    s = np.array([0.5, 1.0])
+    np.testing.assert_allclose(found.velocity("a"), (s + s**2) / 2, rtol=1e-12)
+    np.testing.assert_allclose(found.velocity("b"), s**2 / 4 + s**3 / 6, rtol=1e-12)
 
 
 def with_machines(scene: Scene, seed: int) -> Scene:
