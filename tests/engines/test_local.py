@@ -607,7 +607,7 @@ def test_forests_with_forces_that_follow_others_move_alike(
 
 
 def test_a_force_follows_a_body_that_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A block is let go after s = t - 1 = 0, ``v = (s + s^2) / 2``; another that it leads gains the integral of that."""
+    """A block let go after s = t - 1 = 0 gains ``v = (s + s^2) / 2``, another that it leads the integral of that."""
     scene = Scene(
         Body("a", inertia=1.0),
         Contact("c", "a", GROUND, DryFriction(1.0, 0.5), normal=1.0),
