@@ -645,8 +645,11 @@ def all_in_knots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0)
 
 
-JAMMED = (11, 50)
-"""Seeds of machines in which a drive presses stops and clutches together: no motion is possible."""
+JAMMED = 50
+"""Seed of a machine in which a drive presses stops and a clutch together: no motion is possible."""
+
+AS_SLOW_AS_ROUNDOFF = 16
+"""Seed with which a stop is hit at a velocity of 1e-12: whether that is an impact or a touch is roundoff."""
 
 
 @pytest.mark.parametrize(
@@ -654,7 +657,7 @@ JAMMED = (11, 50)
     [
         seed if seed < 4 else pytest.param(seed, marks=pytest.mark.slow)
         for seed in range(60)
-        if seed not in JAMMED
+        if seed not in (JAMMED, AS_SLOW_AS_ROUNDOFF)
     ],
 )
 def test_forests_with_machines_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
