@@ -11,6 +11,7 @@ from stickslip.engines.roots import earliest, first_root, first_touch
 from stickslip.engines.work import Work
 from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.inputs import DWELL_OVER
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask
 
@@ -21,6 +22,9 @@ _TERMS_WITH_DWELL = 20
 
 _CLEAR = 1e-9
 """Part of what adds up in a derivative from which on it tells clearly to which side of a border a gap goes."""
+
+_MOVES = 1e-6
+"""Part of what adds up in an acceleration from which on it tells clearly to which side an open row moves."""
 
 _STAYS = -1
 """In place of the number of zeros: a gap stays at its border as long as nothing near it changes."""
@@ -42,15 +46,29 @@ class Due:
         How many borders are left alone, because gaps stay at them.
     at_once : array of int
         Gaps among the rows that were looked at last that go on beyond a border at once.
+    bounds : array (2, m)
+        1 where a held row lets go above its level forward or backward, -1 where it carries that level and is held again
+        below it, and 0 where it has none.
+    near_rest : array (m,)
+        The velocity at which moving rows without friction may begin to relax to rest.
     """
 
-    def __init__(self, parts: Parts, work: Work) -> None:
+    def __init__(self, parts: Parts, work: Work, margin: float) -> None:
         m = parts.forest.m
         self._parts, self._work, self._system = parts, work, parts.system
         self.when = np.full(m, math.inf)
         self.is_root, self.is_bounded = np.zeros(m, dtype=bool), np.zeros(m, dtype=bool)
         self.direction = np.zeros(m, dtype=np.int8)
         self.at_once = np.empty(0, dtype=np.intp)
+        system, label, top = self._system, parts.label, parts.top
+        above, below = system.is_stop & (label > 0), system.is_stop & (label < 0)
+        self.bounds = np.where(system.is_tie, 0, np.ones((2, m), dtype=np.int8))
+        self.bounds[0, system.is_one_way | above | (top == AT_LOW)] = 0
+        self.bounds[1, below | (top == AT_HIGH)] = 0
+        self.bounds[:, top != 0] *= -1
+        self._any_bounds = bool((self.bounds != 1).any())
+        slick = system.is_one_way | system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) == 0)
+        self.near_rest = np.where(slick & (np.abs(parts.mode) == 1), margin, 0.0)
         # of each border, how many zeros at the start of its series are divided out; or _STAYS
         self._zeros = np.zeros(self._system.piecewise.beyond.size, dtype=np.int8)
         self._staying, self.staying = np.zeros(m, dtype=np.intp), 0
@@ -67,13 +85,18 @@ class Due:
         self.when[rows] = math.inf
         gaps = rows[:0]
         if parts.elastic.count:
-            is_gap = self._system.is_gap[rows]
+            is_gap = parts.mode[rows] == APART
             rows, gaps = rows[~is_gap], rows[is_gap]
         is_held = parts.mode[rows] == 0
         loose, held = rows[~is_held], rows[is_held]
+        if parts.opens:
+            # what is open and at rest waits for nothing
+            loose = loose[parts.label[loose] != 0]
         watched = parts.label[loose, None] * parts.watched[loose]
-        g = np.concatenate([watched, self._held(held, parts.watched[held], t)])
-        which = np.concatenate([loose, held, held])
+        if parts.moves_aside:
+            watched[:, 0] -= self.near_rest[loose]
+        of_held, which_held = self._held(held, parts.watched[held], t)
+        g, which = np.concatenate([watched, of_held]), np.concatenate([loose, which_held])
         late = parts.started[loose].nonzero()[0]
         if late.size:
             # what starts from rest: the zero is divided out
@@ -94,16 +117,21 @@ class Due:
             self.when[self.at_once], self.is_root[self.at_once] = t, True
         return bad
 
-    def _held(self, rows: Indices, force: Array, t: float) -> Array:
+    def _held(self, rows: Indices, force: Array, t: float) -> tuple[Array, Indices]:
         """Return the guards of held rows as series about `t`, as `force` is; levels that rise count as they are.
 
-        First come those of all rows forward.
+        With them the row of each.
         """
         parts = self._parts
         g = np.concatenate([-force, force])
         levels = parts.levels(rows, t)
         g[:, : levels.shape[2]] += levels.reshape(g.shape[0], levels.shape[2])
-        return g
+        which = np.concatenate([rows, rows])
+        if not self._any_bounds:
+            return g, which
+        bounds = self.bounds[:, rows].ravel()
+        some = bounds.nonzero()[0]
+        return bounds[some, None] * g[some], which[some]
 
     def _look_at_gaps(self, rows: Indices, t: float) -> tuple[Array, Indices]:
         """Return the guards of gaps whose series begin at `t`, and for each the place of its gap among the rows."""
@@ -112,15 +140,16 @@ class Due:
         now = []
         for k in (np.abs(g[:, 0]) <= ROUNDOFF * size).nonzero()[0].tolist():
             j = int(rows[own[k]])
-            if np.abs(g[k, 1:]).sum() <= STRETCH_ROUNDOFF * size[k]:
+            is_stop = bool(self._system.is_stop[j])
+            if np.abs(g[k, 1:]).sum() <= STRETCH_ROUNDOFF * size[k] and not is_stop:
                 order = _STAYS
-            elif (order := self._way_out(j, g[k], int(borders[k]), t)) < 0:
+            elif (order := self._way_out(j, g[k], int(borders[k]), t)) < 0 and not is_stop:
                 now.append(j)
                 self.direction[j] = k - int(own.searchsorted(own[k]))
                 order = _STAYS
-            elif not order:
-                # higher orders are for the whole scene
-                g[k] = 0.0
+            elif order <= 0:
+                # higher orders and impacts are for the whole scene
+                g[k], order = 0.0, 0
             self._zeros[borders[k]] = order
         self.at_once = np.array(now, dtype=np.intp)
         self.staying -= int(self._staying[rows].sum())
@@ -213,11 +242,12 @@ class Due:
         if parts.mode[j] == 0:
             self._refine_held(j, t, due)
             return
-        if parts.elastic.number[j] >= 0:
+        if parts.mode[j] == APART:
             self._refine_gap(j, t)
             return
         span, mode = self._until(j) - t, int(parts.mode[j])
         g = parts.label[j] * parts.watched[j]
+        g[0] -= self.near_rest[j]
         if parts.started[j]:
             g = np.append(g[1:], 0.0)
         sticks = abs(mode) == 1 and bool(self._system.holds_more[0 if mode > 0 else 1, j])
@@ -240,11 +270,15 @@ class Due:
         normal = parts.normals(np.array([j]), t)[0]
         normal *= (span / parts.unit) ** np.arange(normal.size)
         for side, sign in ((0, 1), (1, -1)):
+            bound = int(self.bounds[side, j])
+            if not bound:
+                continue
             g = -sign * c
             g[: normal.size] += system.mu_s[side, j] * normal
             if is_rising and system.rise[side, j]:
                 lag = float(system.rise[side, j]) * math.exp(-(t - parts.since[j]) / dwell)
                 g = _risen(g, lag, span / dwell, normal)
+            g *= bound
             if g[0] <= np.abs(g[1:]).sum():
                 self._enter(j, g, t, span, sign, self.floor(j, t))
         if is_rising and math.isinf(self.when[j]) and until < self._until(j):
@@ -252,7 +286,8 @@ class Due:
             self.is_root[j] = False
             span = self._until(j) - until
             row = np.array([j])
-            g = self._held(row, self.moved(row, until), until) * powers(np.full(1, span / parts.unit), c.size)
+            g = self._held(row, self.moved(row, until), until)[0]
+            g *= powers(np.full(1, span / parts.unit), c.size)
             self.when[j] = until + span * float(earliest(g).min())
 
     def _until(self, j: int) -> float:
@@ -269,7 +304,9 @@ class Due:
                 self._enter(j, g[place], t, span, place, size)
 
     def crosses(self, j: int, t: float) -> bool:
-        """Tell whether a gap goes on beyond the border that it comes to at time `t`, clearly so."""
+        """Tell whether a gap goes on beyond the border that it comes to at time `t`, clearly so; no stop does."""
+        if self._system.is_stop[j]:
+            return False
         row = np.array([j])
         borders, _ = self._parts.elastic.borders(self._parts.elastic.number[row])
         border = borders[self.direction[j]]
@@ -290,13 +327,47 @@ class Due:
         parts = self._parts
         forest = parts.forest
         if parts.mode[j] == 0:
-            return float(self._system.mu_s[0, j]) * parts.normal_at(j, t)
-        total = float(parts.speed[forest.child[j]])
+            level = float(self._system.mu_s[0, j]) * parts.normal_at(j, t)
+            return level or parts.push(int(forest.child[j]), t)
+        child, parent, drive = np.abs(forest.lever[j]).tolist()
+        total = float(child * parts.speed[forest.child[j]])
         if forest.parent[j] >= 0:
-            total += float(parts.speed[forest.parent[j]])
-        elif forest.drive[j] >= 0:
-            total += float(parts.drive_size[forest.drive[j]])
+            total += parent * float(parts.speed[forest.parent[j]])
+        if forest.drive[j] >= 0:
+            total += drive * float(parts.drive_size[forest.drive[j]])
         return total
+
+    def opens_up(self, rows: Indices, t: float) -> tuple[Indices, Indices]:
+        """Return the open rows at rest among some that begin to move at time `t`, and those where that is not clear.
+
+        The first show where they move from then on.
+        """
+        parts, forest = self._parts, self._parts.forest
+        moved, unclear = [], []
+        for j in rows[(parts.mode[rows] == OPEN) & (parts.label[rows] == 0)].tolist():
+            w = parts.watched[j]
+            left = float(np.abs(w).sum())
+            if not left:
+                continue
+            ends = [int(i) for i in (forest.child[j], forest.parent[j]) if i >= 0]
+            size = self._pull(j, t) * parts.unit + ROUNDOFF * sum(float(parts.speed[i]) for i in ends)
+            if abs(w[1]) > _MOVES * size and abs(w[0]) <= ROUNDOFF * self.floor(j, t):
+                parts.label[j] = 1 if w[1] > 0 else -1
+                parts.started[j] = True
+                moved.append(j)
+            elif left > ROUNDOFF * (size + self.floor(j, t)):
+                unclear.append(j)
+        return np.array(moved, dtype=np.intp), np.array(unclear, dtype=np.intp)
+
+    def turn_over(self, j: int, t: float) -> bool:
+        """Let an open row go on to the other side as its velocity passes 0 at `t`; False where that is not clear."""
+        parts = self._parts
+        c = self.moved(np.array([j]), t)[0]
+        if -parts.label[j] * c[1] <= _MOVES * self._pull(j, t) * parts.unit:
+            return False
+        parts.watched[j], parts.row_origin[j] = c, t
+        parts.label[j], parts.started[j] = -parts.label[j], True
+        return not self.look(np.array([j]), t, self.is_bounded[[j]]).size
 
 
 def _risen(g: Array, lag: float, rate: float, normal: Array) -> Array:

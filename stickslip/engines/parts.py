@@ -1,7 +1,8 @@
 """The series of a scene part by part: every body and row has its own, from the last event that reached it on.
 
-Bodies that held rows join are a group: one velocity. A change is expanded anew on a `Patch`, the groups that it
-reaches within the time for which series hold; the series of all others go on.
+Bodies that held rows join are a group: one velocity. A knot is a group, too, though its bodies may have many. A
+change is expanded anew on a `Patch`, the groups that it reaches within the time for which series hold; the series of
+all others go on.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import numpy as np
 import scipy
 
 from stickslip.engines.elastic import Elastic
+from stickslip.engines.knots import Knot, Knots, friction_on
 from stickslip.engines.swings import Lines, Swings
 from stickslip.engines.work import Work
 from stickslip.equations.drives import Drives
 from stickslip.equations.forest import Forest, spans
-from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.mode_equations import APART, AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.polynomials import powers, shifted
 from stickslip.model.arrays import Array, Indices, Mask, Modes
@@ -53,6 +55,7 @@ class Parts:
     Parameters
     ----------
     forest : Forest
+    knots : Knots
     motion : Motion
         Where to begin; its inputs must be straight.
     labels : array (m,)
@@ -70,20 +73,32 @@ class Parts:
         other.
     started : array (m,) of bool
         Moving rows that start from rest, and gaps that have just come into their regions.
+    mode : array (m,)
+        Modes of rows as the equations know them, but 0 where they carry their level.
+    top : array (m,)
+        AT_HIGH or AT_LOW there, 0 elsewhere.
+    any_top : bool
+        Whether there are such rows.
     elastic : Elastic
         What gaps do.
+    knots : list of Knot
     end : float
         Until when series of what springs and dampers move hold.
     """
 
-    def __init__(self, forest: Forest, motion: Motion, labels: Modes, work: Work) -> None:
+    def __init__(self, forest: Forest, knots: Knots, motion: Motion, labels: Modes, work: Work) -> None:
         self.forest, self.work, self.system = forest, work, motion.system
         system, n, m = motion.system, forest.n, forest.m
         self.t0, self.stop = motion.t, motion.stretch.stop
         self.is_coupled = forest.is_coupled
+        self.inertia = system.inertia
+        equations = motion.equations
+        self.knots, self._acts = knots.at(equations), system.Q
+        if self.knots:
+            # there friction is among what inputs do
+            self._acts = self._acts + friction_on(equations, knots.rows)
         self._swing(motion)
         self.unit = forest.unit if self.has_series else self.stop - self.t0
-        self.inertia = system.inertia
         count = forest.order + 1
         self._ascending = np.arange(1.0, count + 2)
         self._inverse = 1.0 / self._ascending
@@ -97,9 +112,12 @@ class Parts:
         self.drives = Drives(start, u, motion.t, self._of_drives.sines)
         self.drive_velocities = Lines(u, motion.t, self._of_drives, self.unit, count)
         self.drive_size = np.abs(u[:, 0]) + self._of_drives.sizes
-        self.elastic = Elastic(forest, system.piecewise, motion.equations.regions)
+        self.elastic = Elastic(forest, system.piecewise, equations.regions)
         self._push(motion, q, slope)
-        self.mode, self.label, self.since = motion.equations.modes.copy(), labels.copy(), motion.since.copy()
+        self.mode, self.label, self.since = equations.modes.copy(), labels.copy(), motion.since.copy()
+        self.top = np.where((self.mode == AT_HIGH) | (self.mode == AT_LOW), self.mode, 0)
+        self.any_top = bool(self.top.any())
+        self.mode[self.top != 0] = 0
         self.started = np.zeros(m, dtype=bool)
         self.mu = system.mu_c
         self.force = self._given.copy()
@@ -112,6 +130,9 @@ class Parts:
         self.end = self.stop
         self.ended = motion.t
         self.opens = bool((self.mode == OPEN).any())
+        # rows in no tree that move or carry no force
+        self._is_loose = ~forest.in_tree & ((np.abs(self.mode) == 1) | (self.mode == OPEN))
+        self.moves_aside = bool(self._is_loose.any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
         self._any_drives = system.drives > 0
         self._any_dwells = bool(self.dwells.any())
@@ -123,7 +144,7 @@ class Parts:
         """Enter forces from loads and drives on the bodies, in powers of the time since the start; sines apart."""
         system = motion.system
         given = np.zeros((system.n, 3))
-        given[:, 0], given[:, 1] = system.Q @ q[: system.inputs], system.Q @ slope[: system.inputs]
+        given[:, 0], given[:, 1] = self._acts @ q[: system.inputs], self._acts @ slope[: system.inputs]
         if system.carried.size:
             pulls = system.C[:, system.carried_state]
             given[:, 0] += pulls @ motion.y[system.carried_state]
@@ -145,7 +166,7 @@ class Parts:
         self._has_sines = bool(sines.entry.size)
         self._of_bodies = self._of_springs = Swings.none(system.n)
         if self._has_sines:
-            self._of_bodies = Swings.of(sines, system.Q[:, sines.entry])
+            self._of_bodies = Swings.of(sines, self._acts[:, sines.entry])
         pulling = np.isin(drive, system.carried).nonzero()[0]
         if pulling.size:
             # springs to drives that swing
@@ -178,7 +199,7 @@ class Parts:
     def _group(self) -> None:
         """Form the groups of bodies that held rows join; a body alone is the group of its own number."""
         forest, n = self.forest, self.forest.n
-        held = (self.mode == 0).nonzero()[0]
+        held = ((self.mode == 0) & forest.in_tree).nonzero()[0]
         inner = held[forest.parent[held] >= 0]
         self.group = np.arange(n)
         self.members: dict[int, Indices] = {}
@@ -204,6 +225,9 @@ class Parts:
             self.lead[self.bodies_of(int(self.group[i]))] = forest.drive[j]
             if self.group[i] == i:
                 self.inside[i] = np.array([j])
+        for knot in self.knots:
+            # nothing leads it as a whole
+            self.join(knot.bodies, held[:0], UNLED)
 
     def bodies_of(self, g: int) -> Indices:
         """Return the bodies of a group in order of their places."""
@@ -348,15 +372,19 @@ class Parts:
 
     def pull(self, i: int, t: float) -> float:
         """Return what adds up in the acceleration of a body at time `t`: its roundoff is a part of it."""
-        bodies, lead = self.bodies_of(int(self.group[i])), int(self.lead[i])
+        lead = int(self.lead[i])
         if lead != UNLED:
             return 0.0 if lead < 0 else float(np.abs(self.drives.velocity[lead, 1]) + self.drive_size[lead])
-        forest = self.forest
+        inertia = self.inertia[self.bodies_of(int(self.group[i]))]
+        return self.push(i, t) / float(inertia.sum() if self.forest.knot_of[i] < 0 else inertia.min())
+
+    def push(self, i: int, t: float) -> float:
+        """Return what adds up in the forces on a body, and on all that move with it, at time `t`."""
+        forest, bodies = self.forest, self.bodies_of(int(self.group[i]))
         places, own = spans(forest.near_from, bodies), self.forces_at(bodies, t)[:, 0]
         v, x = np.abs(self.at(forest.near[places], t))
         total = np.abs(self._given[bodies, 0]).sum() + np.abs(own).sum()
-        total += forest.stiffest[places] @ x + forest.most_damped[places] @ v
-        return float(total / self.inertia[bodies].sum())
+        return float(total + forest.stiffest[places] @ x + forest.most_damped[places] @ v)
 
     def levels(self, rows: Indices, t: float) -> Array:
         """Return the series of breakaway levels from time `t` on, forward and backward (2, k, terms).
@@ -456,6 +484,7 @@ class Parts:
         """
         forest, bodies, t, unit = self.forest, patch.bodies, patch.t, self.unit
         groups, first, own = self._groups_of(bodies)
+        knots = self._knots_of(bodies) if self.knots else []
         lead, inertia = self.lead[bodies[first]], self.inertia[bodies]
         push = self.forces_at(bodies, t)
         series = np.zeros((first.size, self.velocity.shape[1]))
@@ -468,12 +497,21 @@ class Parts:
             if driven.size:
                 u = self.drive_velocities(lead[driven], t)
                 series[driven, : u.shape[1]] = u
+        u = self._drive_series(t) if knots else np.empty((0, 0))
+        for knot, at in knots:
+            series[at if own is None else own[at], 1:] = knot.led @ u[:, 1:]
         if self.has_series:
-            force = self._coupled(patch, first, own, share, push, series)
+            force = self._coupled(patch, first, own, share, push, series, knots)
         else:
             force = push
             total = push if own is None else np.stack([np.bincount(own, x) for x in push.T], axis=1)
-            series[:, 1:4] += unit * share[:, None] * total * self._inverse[:3]
+            total = share[:, None] * total
+            for knot, at in knots:
+                total[at if own is None else own[at]] = knot.mobility @ push[at]
+            series[:, 1:4] += unit * total * self._inverse[:3]
+        for knot, at in knots:
+            place = at if own is None else own[at]
+            series[place] = knot.consistent(series[place], u)
         self.work.steps += 1
         self.work.rate_calls += series.shape[1] - 1
         velocity = series if own is None else series[own]
@@ -482,8 +520,20 @@ class Parts:
         terms = force.shape[1]
         rest = force - (inertia[:, None] * velocity[:, 1 : terms + 1]) * (self._ascending[:terms] / unit)
         rows, held = self._watch(patch, rest, groups)
+        for knot, at in knots:
+            rested = np.concatenate([knot.held, knot.top])
+            self.watched[rested] = 0.0
+            self.watched[rested, : rest.shape[1]] = knot.forces(rest[at])
+            self.row_origin[rested] = t
+            rows, held = np.concatenate([rows, rested]), np.concatenate([held, knot.held])
+        if self.moves_aside:
+            loose = self._loose_at(bodies)
+            self.watched[loose], self.row_origin[loose] = self._relative_velocities(loose, t), t
+            rows = np.concatenate([rows, loose])
         if self.elastic.count:
             gaps = distinct(forest.gaps_at[spans(forest.gaps_from, bodies)])
+            # closed stops are held
+            gaps = gaps[self.mode[gaps] == APART]
             self.watched[gaps], self.row_origin[gaps] = self._stretches(gaps, t), t
             rows = np.concatenate([rows, gaps])
         return rows, held
@@ -491,10 +541,21 @@ class Parts:
     def _groups_of(self, bodies: Indices) -> tuple[Indices, Indices, Indices | None]:
         """Return the groups of some bodies, the place of one body of each, and the group of each if they are fewer."""
         groups = self.group[bodies]
+        if self.knots:
+            groups = np.where(self.forest.knot_of[bodies] >= 0, bodies, groups)
         if (groups == bodies).all():
             return groups, np.arange(bodies.size), None
         found, first, own = np.unique(groups, return_index=True, return_inverse=True)
         return found, first, own
+
+    def _knots_of(self, bodies: Indices) -> list[tuple[Knot, Indices]]:
+        """Return the knots among some bodies, and where their bodies stand."""
+        place, number = self.place, self.forest.knot_of[bodies]
+        place[bodies] = np.arange(bodies.size)
+        found = [self.knots[k] for k in np.unique(number[number >= 0]).tolist()]
+        both = [(knot, place[knot.bodies]) for knot in found]
+        place[bodies] = -1
+        return both
 
     def _coupled(
         self,
@@ -504,6 +565,7 @@ class Parts:
         share: Array,
         push: Array,
         series: Array,
+        knots: list[tuple[Knot, Indices]],
     ) -> Array:
         """Fill in the series of the groups' velocities; return those of the forces on the bodies."""
         k, unit, both = patch.bodies.size, self.unit, patch.both
@@ -520,7 +582,10 @@ class Parts:
         if own is not None:
             given = np.array([np.bincount(own, g)[own] for g in given])
             factor, led = factor[own], led[:, own]
+        pulled = [(at, unit * (given[:, at] @ knot.mobility.T)) for knot, at in knots]
         given *= factor
+        for at, rate in pulled:
+            given[:, at] = rate
         given += led
         z = np.zeros((order + 1, 2 * k))
         z[0, :k], z[0, k:] = series[:, 0] if own is None else series[own, 0], patch.x
@@ -531,11 +596,15 @@ class Parts:
             def follow(now: Array, following: Array) -> None:
                 f = both @ now
                 np.multiply(factor, f if own is None else np.bincount(own, f)[own], out=following[:k])
+                for knot, at in knots:
+                    following[at] = unit * (knot.mobility @ f[at])
                 np.multiply(unit, now[:k], out=following[k:])
 
         else:
             step = np.zeros((2 * k, 2 * k))
             step[:k] = factor[:, None] * (both if own is None else (own[:, None] == own) @ both)
+            for knot, at in knots:
+                step[at] = unit * (knot.mobility @ both[at])
             step[np.arange(k, 2 * k), np.arange(k)] = unit
             # a function around it would take as long as the product itself
             follow = step.dot
@@ -576,16 +645,7 @@ class Parts:
                 high = np.searchsorted(at, forest.last[child], side="right")
                 self.watched[inside, : rest.shape[1]] = forest.sign[inside, None] * (sums[high] - sums[low])
         if loose.size:
-            child, parent = forest.child[loose], forest.parent[loose]
-            w = self._about(child, t)
-            has = (parent >= 0).nonzero()[0]
-            if has.size:
-                w[has] -= self._about(parent[has], t)
-            on = ((parent < 0) & (forest.drive[loose] >= 0)).nonzero()[0]
-            if on.size:
-                u = self.drive_velocities(forest.drive[loose[on]], t)
-                w[on, : u.shape[1]] -= u
-            self.watched[loose] = forest.sign[loose, None] * w
+            self.watched[loose] = self._relative_velocities(loose, t)
         place[bodies] = -1
         self.row_origin[rows] = t
         return rows, held
@@ -611,6 +671,31 @@ class Parts:
         self.watched[rows] = found
         self.row_origin[rows] = patch.t
         return rows, rows[is_held]
+
+    def _relative_velocities(self, rows: Indices, t: float) -> Array:
+        """Return the relative velocities of some rows as series about `t`."""
+        forest = self.forest
+        found = forest.lever[rows, 0, None] * self._about(forest.child[rows], t)
+        has = (forest.parent[rows] >= 0).nonzero()[0]
+        if has.size:
+            found[has] += forest.lever[rows[has], 1, None] * self._about(forest.parent[rows[has]], t)
+        on = (forest.drive[rows] >= 0).nonzero()[0]
+        if on.size:
+            u = self.drive_velocities(forest.drive[rows[on]], t)
+            found[on, : u.shape[1]] += forest.lever[rows[on], 2, None] * u
+        return found
+
+    def _drive_series(self, t: float) -> Array:
+        """Return the velocities of all drives as series about `t`, as long as those of bodies."""
+        u = self.drive_velocities(np.arange(self.system.drives), t)
+        found = np.zeros((u.shape[0], self.velocity.shape[1]))
+        found[:, : u.shape[1]] = u
+        return found
+
+    def _loose_at(self, bodies: Indices) -> Indices:
+        """Return the rows at some bodies that move, or carry no force, and are in no tree."""
+        rows = self.forest.aside_at[spans(self.forest.aside_from, bodies)]
+        return distinct(rows[self._is_loose[rows]])
 
     def _about(self, bodies: Indices, t: float) -> Array:
         """Return the velocities of bodies as series about `t`; those just expanded are."""
@@ -649,7 +734,7 @@ class Parts:
             groups = np.unique(self.group[bodies[live[bodies]]])
             for g in groups[groups >= forest.n].tolist():
                 live[self.members[g]] = True
-        elif not self.elastic.count:
+        elif not (self.elastic.count or self.moves_aside):
             return np.asarray(live[forest.child[rows]])
         parent = forest.parent[rows]
         return np.asarray(live[forest.child[rows]] | (live[np.maximum(parent, 0)] & (parent >= 0)))

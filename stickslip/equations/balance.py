@@ -351,11 +351,14 @@ class _Component:
         links = np.abs(null) > _ZERO
         number = np.unique(joined(links), return_inverse=True)[1]
         self.loop = np.where(links.any(axis=0), number[links.argmax(axis=0)], -1)
+        null = np.where(links, null, 0.0)
         # forces of unit rows: lambda * scale
         unit = null * scale
         gram = np.linalg.pinv(unit @ unit.T)
+        # loops that share no row have nothing to do with each other
+        gram[number[:, None] != number] = 0.0
         free = unit.T @ gram @ unit
-        # a projection: loops that share no row have nothing to do with each other
+        # a projection
         free[np.abs(free) <= _CANCELLED] = 0.0
         spread = np.abs(free) @ (scale[:, None] * np.abs(self.S)) / scale[:, None]
         self.S = _difference(self.S, free @ (scale[:, None] * self.S) / scale[:, None], spread)

@@ -338,8 +338,15 @@ class Dependence:
     def cancelled(self, q: Array, y: Array) -> Indices:
         """Return the rows whose normal forces are sums that cancel, but for roundoff."""
         own = self._normals.at(y, q)
-        sizes = self._normals.sizes(np.abs(y), np.abs(q)) + np.abs(q[self.rows] - own)
+        sizes = self.normal_sizes(np.abs(q), np.abs(y))[self.rows] + np.abs(q[self.rows] - own)
         return np.asarray(self.rows[np.abs(q[self.rows]) <= _CANCELLED * sizes])
+
+    def normal_sizes(self, q: Array, y: Array) -> Array:
+        """Return what sizes of inputs and states add up to in normal forces that depend on them; 0 for others."""
+        found = np.zeros(q.size)
+        if self.rows.size:
+            found[self.rows] = self._normals.sizes(y, q)
+        return found
 
     def sizes_looked_up(self, y: Array, inputs: int) -> Array:
         """Return what states of some sizes add up to in what tables are looked up at, functions left out."""

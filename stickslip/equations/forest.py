@@ -3,11 +3,15 @@
 Numbered from the root out, the bodies beyond a row are those of one interval: the force of a held row is the sum of
 what is left of the forces over its side, ``lambda = c sum (F - M v')``. What one body does differently reaches a body
 d couplings away with at most the d-th of a chain of majorant series; beyond `hops` that is roundoff.
+
+Bodies that rows join in any other way are a knot: by loops, ties, one-way clutches, stops, or with radii. There may be
+a few of them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,11 +20,14 @@ import scipy
 from stickslip.equations.loads import Loads, Stretch
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 _ORDER, _POLYNOMIAL = 20, 3
 _REMAINDER = 1e-17
 _MOST_HOPS = 60
+
+_MOST_IN_KNOTS, _LARGEST_KNOT = 0.3, 60
+"""Part of the bodies that may be in knots, and bodies of one knot: its events are settled with the whole scene."""
 
 
 class Forest:
@@ -42,14 +49,20 @@ class Forest:
         The interval of places of each body and all beyond it.
     body_at : array (n,) of int
         The body at each place.
+    in_tree : array (m,) of bool
+        The rows that join bodies in trees: contacts.
     gaps : array of int
-        The rows that are gaps; all others are contacts.
+        The rows whose stretch has limits: gaps and stops.
+    knots : list of arrays of int
+        The bodies of each knot.
+    knot_of, knot_of_row : arrays (n,), (m,) of int
+        The knot of each body and row, -1 for none.
     rows_from, rows : array of int
-        The contacts of body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
-    gaps_from, gaps_at : array of int
-        The same for gaps.
+        The rows in trees at body i are ``rows[rows_from[i] : rows_from[i + 1]]``.
+    gaps_from, gaps_at, aside_from, aside_at : array of int
+        The same for gaps and stops, and for rows in no tree that join at most two bodies and may move.
     row_of : array (n,) of int or None
-        The only contact of each body, -1 where it has none, if every one joins one body to the ground or a drive.
+        The only row in a tree at each body, -1 where it has none, if every one joins one body to the ground or a drive.
     near_from, near, stiffness, damping : arrays
         The same for couplings: force on i from positions and velocities, its own among them. Gaps have entries, too,
         which are 0 here.
@@ -58,7 +71,7 @@ class Forest:
     stiffest, most_damped : arrays
         Bounds of their sizes, whatever the gaps do.
     neighbours : list of lists of int
-        The bodies to which springs and dampers couple each one.
+        The bodies that feel each one: by springs and dampers, or by forces that follow it.
     order : int
         Terms of the series of velocities.
     unit : float
@@ -82,7 +95,10 @@ class Forest:
                     a[j], lever[j, 0] = i, c
                 else:
                     b[j], lever[j, 1] = i, c
-        contacts, self.gaps = (~system.is_gap).nonzero()[0], system.is_gap.nonzero()[0]
+        self.in_tree, self.knot_of, self.knot_of_row = _knots(system)
+        self.knots = [(self.knot_of == k).nonzero()[0] for k in range(int(self.knot_of.max(initial=-1)) + 1)]
+        contacts = self.in_tree.nonzero()[0]
+        self.gaps = (system.is_gap | system.is_stop).nonzero()[0]
         self._number(a[contacts], b[contacts])
         swapped = (b >= 0) & (self.first[np.maximum(b, 0)] > self.first[a])
         lever[swapped] = lever[swapped][:, [1, 0, 2]]
@@ -90,6 +106,8 @@ class Forest:
         self.sign = lever[:, 0]
         self.rows_from, self.rows = _by_end(a, b, contacts, n)
         self.gaps_from, self.gaps_at = _by_end(a, b, self.gaps, n)
+        aside = (~self.in_tree & ~system.is_gap & ~system.is_tie).nonzero()[0]
+        self.aside_from, self.aside_at = _by_end(a, b, aside, n)
         self.row_of: Indices | None = None
         if not contacts.size or (
             self.parent[contacts].max() < 0 and np.bincount(self.child[contacts]).max() == 1
@@ -105,28 +123,16 @@ class Forest:
         c = system.laws
         if loads.has_functions or system.dependence is not None or system.size > system.first_bristle:
             return "its motions have no series"
-        contacts = system.is_friction
-        if not (contacts & system.hard | system.is_gap).all() or c.curved.any() or c.rests_below.any():
-            return "not all of its rows are gaps or contacts with constant coefficients"
-        rubs = system.mu_c[:, contacts].min(initial=1.0) > 0
-        if not (system.alive.all() and rubs) or (system.inertia <= 0).any():
-            return "some of its contacts or bodies have no friction or no inertia"
-        ends = []
-        for row in system.rows:
-            values = list(row.coefficients.values())
-            free = [i for i in row.coefficients if i < system.n]
-            if row.kind == "gap":
-                continue
-            if (
-                not free
-                or len(values) > 2
-                or any(abs(x) != 1 for x in values)
-                or sum(values) not in (-1, 0, 1)
-            ):
-                return "not all of its contacts compare the velocities of two bodies"
-            ends.append((free[0], free[1] if len(free) > 1 else system.n))
-        if not _is_forest(np.array(ends, dtype=np.intp).reshape(-1, 2), system.n + 1):
-            return "its contacts form loops"
+        if not system.all_hard or c.curved.any() or c.rests_below.any():
+            return "not all of its contacts have constant coefficients"
+        if (system.inertia <= 0).any():
+            return "some of its bodies have no inertia"
+        if any(min(row.coefficients) >= system.n for row in system.rows if row.kind != "gap"):
+            return "some of its rows join no body"
+        knot_of = _knots(system)[1]
+        sizes = np.bincount(knot_of[knot_of >= 0])
+        if sizes.sum() > _MOST_IN_KNOTS * system.n or sizes.max(initial=0) > _LARGEST_KNOT:
+            return "too many of its bodies are joined by loops, ties, clutches, stops or radii"
         return None
 
     def _number(self, a: Indices, b: Indices) -> None:
@@ -162,12 +168,12 @@ class Forest:
         position = scipy.sparse.csr_array(
             (position.data, (position.row, system.moved[position.col])), shape=(n, n)
         )
-        self.is_coupled = bool(full.nnz or self.gaps.size)
+        self.is_coupled = bool(full.nnz or system.is_gap.any())
         both = (abs(velocity) + abs(position)).tocoo()
         self.neighbours: list[list[int]] = [[] for _ in range(n)]
         for i, k in zip(both.row.tolist(), both.col.tolist(), strict=True):
             if i != k:
-                self.neighbours[i].append(k)
+                self.neighbours[k].append(i)
         # one pattern for all: their entries stand side by side
         ends = np.stack([self.child, self.parent], axis=1)[self.gaps]
         gap, one, other = ((ends[:, :, None] >= 0) & (ends[:, None, :] >= 0)).nonzero()
@@ -269,7 +275,28 @@ def spans(starts: Indices, some: Indices) -> Indices:
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
 
 
-def _is_forest(ends: Indices, nodes: int) -> bool:
-    graph = scipy.sparse.coo_array((np.ones(ends.shape[0]), (ends[:, 0], ends[:, 1])), shape=(nodes, nodes))
-    count, _ = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    return bool(ends.shape[0] == nodes - count)
+def _knots(system: System) -> tuple[Mask, Indices, Indices]:
+    """Return which rows join bodies in trees, and of each body and row the number of its knot, -1 for none."""
+    n, joins = system.n, system.alive & ~system.is_gap
+    G = scipy.sparse.csr_array(system.abs_G)[joins.nonzero()[0]]
+    bodies = np.diff(G.indptr)
+    first = G.indices[G.indptr[:-1]]
+    # a row makes one out of all its bodies
+    ends = np.repeat(first, bodies)
+    graph = scipy.sparse.coo_array((np.ones(ends.size), (ends, G.indices)), shape=(n, n))
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    own = label[first]
+    plain = np.array([_compares_velocities(row.coefficients) for row in system.rows], dtype=bool)
+    plain &= system.is_friction & (system.mu_c.min(axis=0, initial=np.inf) > 0)
+    inner, led = np.bincount(own[bodies > 1], minlength=count), np.bincount(own[bodies == 1], minlength=count)
+    knotted = (inner >= np.bincount(label, minlength=count)) | (led > 1)
+    knotted[own[~plain[joins]]] = True
+    number = np.where(knotted, np.cumsum(knotted) - 1, -1)
+    of_row = np.full(system.m, -1)
+    of_row[joins] = number[own]
+    return joins & (of_row < 0), number[label], of_row
+
+
+def _compares_velocities(coefficients: Mapping[int, float]) -> bool:
+    """Tell whether a row has the relative velocity of two bodies, or of one to the ground."""
+    return sorted(coefficients.values()) in ([-1.0, 1.0], [-1.0], [1.0])

@@ -49,6 +49,10 @@ class Guards(GuardsAtStart):
         size[some] = np.maximum(speeds[self.row[some]], self.velocity_uncertainty)
         if rows.has_borders:
             size[self.is_border] = 0.0
+        if rows.has_normals and system.dependence is not None:
+            # what a normal force follows may be 0 where it starts, and again where it ends
+            pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
+            size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)
         if not self.is_plain:

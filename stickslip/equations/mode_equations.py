@@ -96,7 +96,7 @@ class ModeEquations:
         self.is_driven = self.balance.is_driven
         self._place_regions()
         self._place_friction()
-        self._shares = self._place_shares() if self.at_level.size else None
+        self.shares = self._place_shares() if self.at_level.size else None
         self.watched_count = system.m + self.held.size + self.at_level.size + self.borders.size
         self.guards = GuardRows(self, self.open[:0], modes[:0])
         self._guard_rows: dict[bytes, GuardRows] = {}
@@ -398,9 +398,9 @@ class ModeEquations:
         first = size + m + self.held.size
         if self.held.size:
             parts.append((slice(size + m, first), balance.held_forces(forces, acceleration, rate)))
-        if self._shares is not None:
+        if self.shares is not None:
             inertia = system.inertia if forces.ndim == 1 else system.inertia[:, None]
-            own = self._shares @ (forces - inertia * acceleration)
+            own = self.shares @ (forces - inertia * acceleration)
             parts.append((slice(first, first + self.at_level.size), own))
         if borders is not None:
             parts.append(
@@ -508,9 +508,9 @@ class ModeEquations:
             z[:m] += system.abs_D @ system.drive_velocities(q)
         if self.held.size:
             z[m : m + self.held.size] = balance.force_magnitudes(forces)
-        if self._shares is not None:
+        if self.shares is not None:
             first = m + self.held.size
-            z[first : first + self.at_level.size] = abs(self._shares) @ forces
+            z[first : first + self.at_level.size] = abs(self.shares) @ forces
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
         return found

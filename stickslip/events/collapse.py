@@ -21,17 +21,18 @@ _SOME = 1e-9
 """Part of what adds up, or of the largest, below which a force or a rate is roundoff."""
 
 
-def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
-    """Return rows that give way, those of one loop after another, and the directions in which they move.
+def collapse(motion: Motion, guards: Guards) -> list[tuple[Indices, Array]]:
+    """Return for each loop that drives tear the rows that give way, and the directions in which they move.
 
-    None where no drives tear them. All rows that may hold are held in this motion.
+    All rows that may hold are held in this motion.
     """
     system, balance = motion.system, motion.equations.balance
     held = motion.equations.held
     found = _torn(motion)
     if found is None or balance.parting is None:
-        return None
+        return []
     torn, rate = found
+    give_way = []
     growing = balance.parting @ rate
     # the forces but for what drives that move apart add to them
     forces = motion.start.z[0, system.m : system.m + held.size]
@@ -49,8 +50,8 @@ def collapse(motion: Motion, guards: Guards) -> tuple[Indices, Array] | None:
         else:
             found_there = _first(rows, G, growing[own], push, limits)
         if found_there is not None:
-            return found_there
-    return None
+            give_way.append(found_there)
+    return give_way
 
 
 def pressed_together(motion: Motion) -> Indices:

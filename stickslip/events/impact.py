@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from stickslip.equations.balance import joined
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.events.nonnegative import nonnegative_least_squares
@@ -24,6 +25,9 @@ from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 SAME = 1e-12
 """Part of a speed by which velocities that are equal may differ."""
+
+_FEW = 50
+"""Rows up to which dense matrices tell faster which are joined."""
 
 _RANK = 1e-12
 _NO_DISTANCE = 1e-8
@@ -104,7 +108,7 @@ def _nearest(
     answer = balance.accelerations(push)
     gram = push.T @ answer
     # only rows that something joins to those that are too slow
-    label = scipy.sparse.csgraph.connected_components(np.abs(gram) > 0, directed=False)[1]
+    label = joined(gram if rows.size < _FEW else scipy.sparse.csr_array(gram))
     some = np.isin(label, label[short > least[rows]])
     rows, short, answer = rows[some], short[some], answer[:, some]
     impulse = _complementary(gram[np.ix_(some, some)], short, rows)
@@ -122,6 +126,8 @@ def _complementary(gram: Array, short: Array, rows: Indices) -> Array:
     stiff = size > 0
     if np.any(~stiff & (short > 0)):
         raise Jammed(rows[~stiff & (short > 0)])
+    if rows.size == 1:
+        return np.asarray(short / gram[0])
     size[~stiff] = 1.0
     unit, gap = gram / np.multiply.outer(size, size), short / size
     scale = float(np.abs(gap).max())

@@ -49,26 +49,71 @@ class Search:
         self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
-        self._tried: dict[bytes, None] = {}
+        # rows that bodies join, directly or by others, are a part: its modes are consistent whatever those of others
+        self._parts = [np.arange(system.m)]
+        self._part, self._part_of = np.zeros(system.m, dtype=np.intp), np.zeros(system.n, dtype=np.intp)
+        self._tried: set[tuple[int, bytes]] = set()
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
         return np.asarray(self._candidates | (self._labels == 0) & (labels != 0))
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
-        """Return the first consistent motion."""
-        while True:
-            if self._was_tried(trial):
-                # one by one ran in a circle: look at all that is shared together
-                trial = self._shared()
-                if self._was_tried(trial):
-                    return self._enumerate()
-            self._tried[trial.tobytes()] = None
-            motion, guards = self._build(trial)
+        """Return the first consistent motion, from modes in which all rows are held that may be."""
+        first, motion, guards = trial, *self._build(trial)
+        if motion.equations.balance.has_loops:
+            self._divide()
+        for part, rows in enumerate(self._parts):
+            self._tried.add((part, trial[rows].tobytes()))
+        for _ in range(_MOST_TRIALS):
             following = self._improved(trial, motion, guards)
             if following is None:
                 return self._held_where_they_stay(motion, guards)
-            trial = following
+            trial = self._new(first, trial, following)
+            motion, guards = self._build(trial)
+        raise Inconsistent((self._candidates & ~self._system.is_tie).nonzero()[0])
+
+    def _divide(self) -> None:
+        """Divide the rows into parts; only where rows lock the same motion does one act on all others of its part."""
+        system = self._system
+        rows = (self._candidates | system.is_stop).nonzero()[0]
+        self._part = np.full(system.m, -1)
+        self._part[rows] = number = np.unique(joined(system.G[rows]), return_inverse=True)[1]
+        row, body = system.G[rows].nonzero()
+        self._part_of[body] = number[row]
+        others = (self._part < 0).nonzero()[0]
+        self._part[others] = self._part.max(initial=-1) + 1 + np.arange(others.size)
+        order = np.argsort(self._part, kind="stable")
+        self._parts = np.split(order, np.flatnonzero(np.diff(self._part[order])) + 1)
+
+    def _changed(self, trial: Modes, following: Modes) -> list[int]:
+        """Return the parts in which modes differ."""
+        if len(self._parts) == 1:
+            return [0]
+        return [int(part) for part in np.unique(self._part[trial != following])]
+
+    def _was_tried(self, part: int, trial: Modes) -> bool:
+        return (part, trial[self._parts[part]].tobytes()) in self._tried
+
+    def _new(self, first: Modes, trial: Modes, following: Modes) -> Modes:
+        """Return the modes to try next: where releasing one row after another ran in a circle, shared ones."""
+        changed = self._changed(trial, following)
+        circling = [part for part in changed if self._was_tried(part, following)]
+        if circling:
+            following = self._shared(self._reset(following, first, circling), circling)
+            for part in circling:
+                if self._was_tried(part, following):
+                    following = self._enumerated(part, self._reset(following, first, [part]))
+        for part in changed:
+            self._tried.add((part, following[self._parts[part]].tobytes()))
+        return following
+
+    def _reset(self, trial: Modes, first: Modes, parts: list[int]) -> Modes:
+        """Return modes that are in some parts those of another trial."""
+        found = trial.copy()
+        for part in parts:
+            found[self._parts[part]] = first[self._parts[part]]
+        return found
 
     def _build(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the motion in some modes, its piecewise-linear functions in the regions that it goes into.
@@ -117,18 +162,26 @@ class Search:
             return again
         if not violated.any():
             return None
+        part, following = self._part[guards.row], trial.copy()
         over = (violated & ~guards.is_velocity).nonzero()[0]
-        following = trial.copy()
+        slow = (violated & guards.is_velocity).nonzero()[0]
+        following[guards.row[slow[~np.isin(part[slow], part[over])]]] = 0
         carrying = over[guards.direction[over] == 0]
         if carrying.size:
             # the share of a row that carries its level is within it again: it holds
             following[guards.row[carrying]] = 0
-            return following
+            over = over[~np.isin(part[over], part[carrying])]
         if not over.size:
-            following[guards.row[violated]] = 0
             return following
-        if (torn := collapse(motion, guards)) is not None:
-            return self._released(trial, motion, *torn)
+        torn: dict[int, tuple[Indices, Array]] = {}
+        for rows, side in collapse(motion, guards):
+            # one loop of a part after another
+            torn.setdefault(int(self._part[rows[0]]), (rows, side))
+        for rows, side in torn.values():
+            self._release(following, motion, rows, side)
+        over = over[~np.isin(part[over], list(torn))]
+        if not over.size:
+            return following
         ratio = self._ratios(motion, guards, over)
         first = over[self._farthest(motion, guards.row[over], ratio)]
         rows, side = guards.row[first], guards.direction[first]
@@ -136,8 +189,11 @@ class Search:
         if spared.any():
             # others can carry what is beyond their level
             following[rows[spared]] = _carrying(side[spared])
-            return following
-        return self._released(trial, motion, rows, side)
+            others = ~np.isin(self._part[rows], self._part[rows[spared]])
+            rows, side = rows[others], side[others]
+        if rows.size:
+            self._release(following, motion, rows, side)
+        return following
 
     def _closed_again(self, trial: Modes, motion: Motion, guards: Guards) -> Modes | None:
         """Return modes in which stops are closed that would pass their limit, None if there are none."""
@@ -168,44 +224,45 @@ class Search:
         Held rows share forces only with those that they are joined to by bodies: where there are no loops, each set of
         joined rows has a largest ratio of its own.
         """
-        equations = motion.equations
-        largest = np.full(rows.size, ratio.max())
-        if rows.size > 1 and not (equations.at_level.size or equations.balance.has_loops):
+        if rows.size == 1:
+            return np.ones(1, dtype=bool)
+        equations, number = motion.equations, self._part[rows]
+        if not (equations.at_level.size or equations.balance.has_loops):
             number = joined(self._system.G[equations.held])[np.searchsorted(equations.held, rows)]
-            each = np.zeros(number.max() + 1)
-            np.maximum.at(each, number, ratio)
-            largest = each[number]
-        return np.asarray(ratio >= largest * (1 - AT_LIMIT))
+        each = np.zeros(number.max() + 1)
+        np.maximum.at(each, number, ratio)
+        return np.asarray(ratio >= each[number] * (1 - AT_LIMIT))
 
-    def _released(self, trial: Modes, motion: Motion, rows: Indices, side: Array) -> Modes:
-        """Set rows moving that nothing can spare, and with them those that carry their level along the same motion.
+    def _release(self, following: Modes, motion: Motion, rows: Indices, side: Array) -> None:
+        """Set rows moving, in place, that nothing can spare, and with them those at their level along the same motion.
 
         Rows at a level that is turned against this motion would carry less: they hold again, and the others carry
         their level in their place.
         """
-        system, following = self._system, trial.copy()
-        top = ((trial == AT_HIGH) | (trial == AT_LOW)).nonzero()[0]
-        if top.size:
-            rest = motion.equations.is_held.copy()
-            rest[rows] = False
-            push = system.GT[:, rows] @ side
-            given = system.balance(rest).accelerations(push)
-            along = np.asarray(system.G[top] @ given)
-            along *= np.where(trial[top] == AT_HIGH, 1.0, -1.0)
-            # what others hold does not move along, but for roundoff
-            rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given)).max()
-            least = max(_ALONG * np.abs(along).max(), rough)
-            following[top] = 0
-            if np.any(along < -least):
-                following[top[along > least]] = trial[top[along > least]]
-                following[rows] = _carrying(side)
-                if following.tobytes() not in self._tried:
-                    return following
-            let_go = top[along > least]
-            following[top] = 0
-            following[let_go] = self._moving(let_go, np.where(trial[let_go] == AT_HIGH, 1, -1))
+        system, modes = self._system, motion.equations.modes
+        top = motion.equations.at_level
+        top = top[np.isin(self._part[top], self._part[rows])]
         following[rows] = self._moving(rows, side)
-        return following
+        if not top.size:
+            return
+        rest = motion.equations.is_held.copy()
+        rest[rows] = False
+        given = system.balance(rest).accelerations(system.GT[:, rows] @ side)
+        along = np.asarray(system.G[top] @ given)
+        along *= np.where(modes[top] == AT_HIGH, 1.0, -1.0)
+        # what others hold does not move along, but for roundoff
+        rough = ROUNDOFF * np.asarray(system.abs_G[top] @ np.abs(given))
+        for part in np.unique(self._part[top]).tolist():
+            own, mine = self._part[top] == part, self._part[rows] == part
+            least = max(_ALONG * np.abs(along[own]).max(), rough[own].max())
+            goes, against = top[own & (along > least)], bool((along[own] < -least).any())
+            following[top[own]] = 0
+            if against:
+                following[goes], following[rows[mine]] = modes[goes], _carrying(side[mine])
+                if not self._was_tried(part, following):
+                    continue
+            following[goes] = self._moving(goes, np.where(modes[goes] == AT_HIGH, 1, -1))
+            following[rows[mine]] = self._moving(rows[mine], side[mine])
 
     def _moving(self, rows: Indices, side: Array) -> Modes:
         """Return the modes of rows that are let go to the side to which they are pushed."""
@@ -221,35 +278,37 @@ class Search:
         if not balance.has_loops:
             return spared
         loop = balance.loop[np.searchsorted(held, rows)]
-        for number in np.unique(loop[loop >= 0]).tolist():
-            ties = (loop == number).nonzero()[0]
-            if self._can_spare(motion, rows[ties]):
-                spared[ties] = True
-                continue
-            for place in ties[np.argsort(slopes[ties], kind="stable")].tolist():
+        ties = (loop >= 0).nonzero()[0]
+        spared[ties] = self._can_spare(motion, rows[ties])
+        for number in np.unique(loop[ties[~spared[ties]]]).tolist():
+            own = (loop == number).nonzero()[0]
+            for place in own[np.argsort(slopes[own], kind="stable")].tolist():
                 spared[place] = True
-                spared[place] = self._can_spare(motion, rows[ties[spared[ties]]])
+                spared[place] = self._can_spare(motion, rows[own[spared[own]]]).all()
         return spared
 
-    def _can_spare(self, motion: Motion, rows: Indices) -> bool:
-        """Tell whether the other held rows hold all that is held when some rows carry what is their level only."""
-        balance = motion.equations.balance
+    def _can_spare(self, motion: Motion, rows: Indices) -> Mask:
+        """Tell of some rows whether others of their part hold all that is held when these carry their level only."""
+        system, balance = self._system, motion.equations.balance
         rest = motion.equations.is_held.copy()
         rest[rows] = False
-        others = self._system.balance(rest)
-        return others.dependent.size == balance.dependent.size and not self._parts(motion, others, rows)
+        others = system.balance(rest)
+        count = [
+            np.bincount(self._part_of[b.dependent], minlength=len(self._parts)) for b in (balance, others)
+        ]
+        part = self._part[rows]
+        torn = part[self._torn(motion, others, rows)]
+        return np.asarray((count[0] == count[1])[part] & ~np.isin(part, torn))
 
-    def _parts(self, motion: Motion, others: Balance, rows: Indices) -> bool:
-        """Tell whether drives that move apart part the ends of some rows when only others hold."""
-        system = self._system
-        if not system.drives:
-            return False
-        for q in motion.start.q:
-            rate = system.drive_accelerations(q)
-            led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
-            if np.abs(led).max() > _ALONG * np.abs(rate).max(initial=0.0):
-                return True
-        return False
+    def _torn(self, motion: Motion, others: Balance, rows: Indices) -> Mask:
+        """Tell of some rows whether drives that move apart part their ends when only others hold."""
+        system, found = self._system, np.zeros(rows.size, dtype=bool)
+        if system.drives:
+            for q in motion.start.q:
+                rate = system.drive_accelerations(q)
+                led = system.G[rows] @ (others.U @ rate) + system.D[rows] @ rate
+                found |= np.abs(led) > _ALONG * np.abs(rate).max(initial=0.0)
+        return found
 
     def _ratios(self, motion: Motion, guards: Guards, over: Indices) -> Array:
         """Return force to level for violated guards of held rows, by their rates where both are 0."""
@@ -267,17 +326,17 @@ class Search:
             found[place] = min(ratio, np.finfo(float).max)
         return found
 
-    def _was_tried(self, trial: Modes) -> bool:
-        return trial.tobytes() in self._tried or len(self._tried) > _MOST_TRIALS
+    def _shared(self, trial: Modes, parts: list[int]) -> Modes:
+        """Return modes in which the held rows of some parts share what they hold, or let go together.
 
-    def _shared(self) -> Modes:
-        """Return the modes in which the rows that were tried held at first share what they hold, or let go together."""
-        trial = np.frombuffer(next(iter(self._tried)), dtype=np.int8).copy()
-        found = share(*self._build(trial))
-        if found is not None:
-            rows, side = found.rows, found.side
-            trial[rows] = _carrying(side) if found.holds else self._moving(rows, side)
-        return trial
+        All rows of these parts are held in the trial that may share.
+        """
+        motion, guards, found = *self._build(trial), trial.copy()
+        for part in parts:
+            own = share(motion, guards, self._part == part)
+            if own is not None:
+                found[own.rows] = _carrying(own.side) if own.holds else self._moving(own.rows, own.side)
+        return found
 
     def _held_where_they_stay(self, motion: Motion, guards: Guards) -> tuple[Motion, Guards]:
         """Let rows that were released, but stay at rest now that others move, be held again if they can.
@@ -288,39 +347,59 @@ class Search:
             return motion, guards
         trial = motion.equations.modes.copy()
         trial[staying] = 0
-        seen = set[bytes]()
-        while trial.tobytes() not in seen:
-            seen.add(trial.tobytes())
+        seen, others = set[tuple[int, bytes]](), dict[int, Iterator[Modes]]()
+        while True:
             again = self._build(trial)
             following = self._improved(trial, *again)
             if following is None:
                 return again
-            if np.any((following != trial) & np.isin(following, (-1, 1, APART))):
-                # one more row would move
-                break
+            moves = _moves(trial, following)
+            for part in self._changed(trial, following):
+                own = self._parts[part]
+                key = part, following[own].tobytes()
+                if part in others or moves[own].any() or key in seen:
+                    found = next(others.setdefault(part, self._without(motion, staying, part)), None)
+                    if found is None:
+                        return motion, guards
+                    following[own] = found
+                seen.add(key)
             trial = following
-        return motion, guards
 
-    def _enumerate(self) -> tuple[Motion, Guards]:
-        """Try every combination where releasing one after another ran in a circle."""
-        rows = (self._candidates & ~self._system.is_tie).nonzero()[0]
+    def _without(self, motion: Motion, staying: Indices, part: int) -> Iterator[Modes]:
+        """Yield modes of a part where not all of its rows that stay at rest can be held: shared ones, then its own."""
+        modes, own = motion.equations.modes, self._parts[part]
+        trial = modes.copy()
+        trial[staying] = trial[motion.equations.at_level] = 0
+        shared = self._shared(trial, [part])
+        if not _moves(trial, shared).any():
+            yield shared[own]
+        yield modes[own]
+
+    def _enumerated(self, part: int, trial: Modes) -> Modes:
+        """Return consistent modes of a part where releasing one row after another ran in a circle: try all."""
+        system, own = self._system, self._parts[part]
+        rows = own[self._candidates[own] & ~system.is_tie[own]]
         if rows.size <= _ENUMERATED:
-            for trial in self._combinations(rows):
-                found = self._build(trial)
-                if not found[1].violated.any():
+            for found in self._combinations(rows, trial):
+                guards = self._build(found)[1]
+                if not guards.violated[self._part[guards.row] == part].any():
                     return found
         raise Inconsistent(rows)
 
-    def _combinations(self, rows: Indices) -> Iterator[Modes]:
-        base = np.frombuffer(next(iter(self._tried)), dtype=np.int8)
+    def _combinations(self, rows: Indices, trial: Modes) -> Iterator[Modes]:
         system = self._system
         choices = [
             (0, APART) if system.is_stop[j] else (0, -1) if system.is_one_way[j] else (0, 1, -1) for j in rows
         ]
         for values in sorted(product(*choices), key=np.count_nonzero):
-            trial = base.copy()
-            trial[rows] = values
-            yield trial
+            found = trial.copy()
+            found[rows] = values
+            yield found
+
+
+def _moves(trial: Modes, following: Modes) -> Mask:
+    """Tell which rows move in modes that follow, and did not before."""
+    return np.asarray((following != trial) & np.isin(following, (-1, 1, APART)))
 
 
 def _carrying(side: Array) -> Modes:

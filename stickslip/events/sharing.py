@@ -16,7 +16,7 @@ from stickslip.equations.guards import Guards
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
 from stickslip.events.nonnegative import nonnegative_least_squares
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array, Indices, Mask
 
 _SOON = 1e-6
 """How far ahead to look, as a part of the time in which a force changes by as much as it is."""
@@ -35,17 +35,19 @@ class Share:
     holds: bool
 
 
-def share(motion: Motion, guards: Guards) -> Share | None:
-    """Return how the held rows of a motion share what they hold just after its start, None where nothing is shared.
+def share(motion: Motion, guards: Guards, part: Mask) -> Share | None:
+    """Return how the held rows of a part share what they hold just after the start, None where nothing is shared.
 
-    All rows that may share are held in this motion.
+    All rows of the part that may share are held in this motion, and no others are joined to them.
     """
-    held, balance = motion.equations.held, motion.equations.balance
-    if not balance.has_loops:
+    equations = motion.equations
+    own = part[equations.held]
+    held = equations.held[own]
+    if not (equations.balance.loop[own] >= 0).any():
         return None
     scale = motion.system.largest_lever[held]
     self_stress = _null_space(dense(motion.system.G[held]) / scale[:, None])
-    limits = ((~guards.is_velocity) & (guards.direction != 0)).nonzero()[0]
+    limits = ((~guards.is_velocity) & (guards.direction != 0) & part[guards.row]).nonzero()[0]
     place = np.searchsorted(held, guards.row[limits])
     free = np.abs(self_stress[place]).max(axis=1, initial=0.0) > _SELF_STRESS
     limits, place = limits[free], place[free]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.equations.drives import Drives
-from stickslip.equations.mode_equations import OPEN
+from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, OPEN
 from stickslip.equations.path import Path
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.polynomials import shifted
@@ -28,8 +28,24 @@ T = TypeVar("T", bound=np.generic)
 _VALUES = 64_000
 """Values that are computed at once: memory stays near the processor."""
 
-_ARRAYS = ("starts", "labels", "ticks", "piece_of_tick")
+_ARRAYS = ("starts", "ticks", "piece_of_tick")
 """Fields of a patchwork that stand in files under their own names."""
+
+SHOWN = 10
+"""An open row stands as OPEN and so many times the mode that it shows."""
+
+
+def _known_and_shown() -> Modes:
+    """Return what the equations know, and what is shown, for all numbers that stand for modes, taken without sign."""
+    found = np.stack(2 * [np.arange(256, dtype=np.uint8).astype(np.int8)])
+    for shown in (-1, 0, 1):
+        found[:, (OPEN + SHOWN * shown) % 256] = OPEN, shown
+    # what carries its level is at rest
+    found[1, [AT_HIGH, AT_LOW]] = 0
+    return found
+
+
+_KNOWN_AND_SHOWN = _known_and_shown()
 
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
@@ -38,12 +54,11 @@ _IN_ENTRY = 3
 class Patches:
     """Collects what a run expands: at each tick some bodies and rows.
 
-    `unit` is the time in s by which the series are scaled; open rows keep their `labels`.
+    `unit` is the time in s by which the series are scaled.
     """
 
-    def __init__(self, system: System, t: float, unit: float, labels: Modes, drives: Drives) -> None:
-        self._system, self._unit, self._labels = system, unit, labels.copy()
-        self._drives = drives
+    def __init__(self, system: System, t: float, unit: float, drives: Drives) -> None:
+        self._system, self._unit, self._drives = system, unit, drives
         self.starts: list[float] = [t]
         self._ticks: list[float] = []
         self._piece: list[int] = []
@@ -79,7 +94,6 @@ class Patches:
             np.array(self.starts),
             stop,
             self._unit,
-            self._labels,
             self._drives,
             np.array(self._ticks),
             np.array(self._piece),
@@ -227,7 +241,6 @@ class Patchwork(PickledByFields):
     starts: Array  # (p,): when each piece begins: the start, and every event
     stop: float
     unit: float
-    labels: Modes = field(repr=False)
     drives: Drives = field(repr=False)
     ticks: Array = field(repr=False)
     piece_of_tick: Indices = field(repr=False)
@@ -337,9 +350,7 @@ class Patchwork(PickledByFields):
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
-        found = np.empty((2, *inner.shape), dtype=np.int8)
-        found[:] = inner
-        np.copyto(found[1], self.labels[rows, None], where=inner == OPEN, casting="unsafe")
+        found: Modes = _KNOWN_AND_SHOWN[:, inner.astype(np.uint8)]
         functions = self.system.piecewise
         if functions.count:
             own = functions.among(rows)

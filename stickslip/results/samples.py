@@ -369,8 +369,8 @@ class Samples(PickledByFields):
             np.multiply(sliding, self.normals, out=forces, where=inner == mode)
         if system.piecewise.count:
             self._push_back(forces)
+        self._act(forces)
         if not trajectory.is_patchwork:
-            self._act(forces)
             with one_thread(system):
                 self._hold(forces)
         return _for_reading(forces)

@@ -44,6 +44,7 @@ def span(t_span: Times, what: str = "simulate") -> tuple[float, float]:
     if not start < stop:
         remedy = "swap the two times" if start > stop else "give a later end"
         raise ValueError(f"{what}: t_span must run forward, got ({start:g}, {stop:g}); {remedy}")
+    finite(stop - start, f"{what}: the length of t_span")
     return start, stop
 
 

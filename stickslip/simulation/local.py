@@ -8,12 +8,13 @@ it, and only the bodies that it reaches are expanded anew.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.engines.due import Due
+from stickslip.engines.knots import Knots
 from stickslip.engines.parts import UNLED, Parts, Patch, distinct
 from stickslip.engines.progress import Interruption
 from stickslip.engines.work import Work
@@ -24,8 +25,8 @@ from stickslip.events.endings import arrives
 from stickslip.events.settle import Settled
 from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
-from stickslip.model.arrays import Array, Indices, Mask
-from stickslip.results.patchwork import Patches
+from stickslip.model.arrays import Array, Indices, Mask, Modes
+from stickslip.results.patchwork import SHOWN, Patches
 from stickslip.simulation.recorder import Recorder, cause_of
 
 _TIE = 1e-11
@@ -40,11 +41,20 @@ _FLUSH = 50
 """Entries for each state after which a run that keeps only outputs hands over what it has."""
 
 
+class Ending(NamedTuple):
+    """Where the whole scene is to be settled, and how the motion from there on is to be followed."""
+
+    situation: Situation
+    is_whole: bool  # as a whole
+    crossed: Indices  # borders of stops that have been found at 0
+
+
 class Local:
     """Follows the motion of a scene part by part.
 
     Where the recorder keeps only outputs, what is known is handed over as it comes, to be forgotten. `passed` is told
-    the time and the row of every event; it raises where time stands still.
+    the time and the row of every event; it raises where time stands still. What moves without friction may relax to
+    rest within the `margin`: there the whole scene is asked.
     """
 
     def __init__(
@@ -54,10 +64,13 @@ class Local:
         interruption: Interruption,
         recorder: Recorder,
         passed: Callable[[float, int], None],
+        margin: float,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
-        self._recorder, self._passed = recorder, passed
-        self.most_guards = self._held = self._most_held = self._closed = 0
+        self._knots = Knots(forest)
+        self._recorder, self._passed, self._margin = recorder, passed, margin
+        self.most_guards = self._held = self._most_held = self._armed = 0
+        self._opened, self._any_slick = _NONE, False
 
     def arrived(self, t: float) -> Mask:
         """Tell which open rows have come to rest at time `t`, where the whole scene is to be settled."""
@@ -72,37 +85,42 @@ class Local:
         return found
 
     def takes(self, now: Settled) -> bool:
-        """Tell whether a motion can be followed part by part: nothing waits at a limit or at rest for what comes."""
+        """Tell whether a motion can be followed part by part: nothing waits at a limit for what comes."""
         guards, motion = now.guards, now.motion
-        order = guards.order
+        order, equations = guards.order, motion.equations
         plain = (order == 0) | ((order == 1) & guards.is_velocity) | guards.is_border
-        if np.any((motion.equations.modes == OPEN) & (now.labels == 0)):
+        # impacts are kept with motions of the whole scene
+        if now.impact is not None or equations.rises_push or equations.balance.parting is not None:
             return False
         return bool(self._forest.takes(motion.stretch) and plain.all() and motion.horizon > 0)
 
-    def follow(self, now: Settled) -> tuple[Situation, bool]:
+    def follow(self, now: Settled) -> Ending | None:
         """Follow a motion and all its events to where the whole scene is to be settled.
 
-        Returns the situation there, and whether the motion from there on is to be followed as a whole.
+        Returns None where it is to be followed as a whole from its start on.
         """
         motion, guards = now.motion, now.guards
         self._now = now
-        parts = self._parts = Parts(self._forest, motion, now.labels, self._work)
-        self._due = Due(parts, self._work)
+        parts = self._parts = Parts(self._forest, self._knots, motion, now.labels, self._work)
+        self._due = due = Due(parts, self._work, self._margin)
         self._work.starts += 1
         everything = np.arange(self._forest.n)
-        self._held = int(np.count_nonzero(parts.mode == 0))
-        self._closed = int(np.count_nonzero((parts.mode != OPEN) & (parts.mode != APART)))
+        self._held = motion.equations.dependent.size
+        moving, held = np.abs(parts.mode) == 1, parts.mode == 0
+        self._armed = int(np.count_nonzero(moving) + np.count_nonzero(due.bounds[:, held]))
         self._begin(motion.t)
         started = guards.row[(guards.order == 1) & guards.is_velocity]
         self._expand(parts.patch(everything, motion.t), motion.y[: self._forest.n], motion.t, started)
-        if self._bad.size:
-            return self._ending(motion.t, _NONE, True)
+        slick = (due.near_rest > 0).nonzero()[0]
+        self._any_slick = bool(slick.size)
+        near_rest = (parts.label[slick] * parts.watched[slick, 0] <= due.near_rest[slick]).any()
+        if self._bad.size or self._opened.size or near_rest:
+            return None
         return self._loop()
 
     # -- the loop --------------------------------------------------------------------------------------------
 
-    def _loop(self) -> tuple[Situation, bool]:
+    def _loop(self) -> Ending:
         parts = self._parts
         due, is_root = self._due.when, self._due.is_root
         tie = _TIE * parts.unit
@@ -113,7 +131,7 @@ class Local:
                 if parts.end >= parts.stop:
                     return self._ending(parts.stop, _NONE, False)
                 self._renew(parts.end)
-                if self._bad.size:
+                if self._bad.size or self._opened.size:
                     return self._ending(parts.ended, self._bad, self._any_gap(self._bad))
                 continue
             if not is_root[j]:
@@ -126,6 +144,8 @@ class Local:
                     self._due.refine(k)
                 if rough.size:
                     continue
+            if self._any_slick and self._due.near_rest[near].any():
+                return self._ending(t, _NONE, True)
             if not (self._cross(near, t) if parts.mode[j] == APART else near.size == 1 and self._event(j, t)):
                 # what a gap at a border does is not to be asked here again at once
                 return self._ending(t, near, self._any_gap(near))
@@ -161,27 +181,31 @@ class Local:
         parts.started[rows], parts.started[started] = False, True
         self._enter_bodies(patch.bodies)
         self._enter_rows(np.concatenate([held, started]))
+        self._opened = unclear = _NONE
+        if parts.opens:
+            self._opened, unclear = self._due.opens_up(rows, t)
+            self._enter_rows(self._opened)
         live = parts.live_rows(patch, rows)
         if parts.end >= parts.stop and parts.bends(patch.bodies):
             parts.end = min(parts.stop, t + parts.unit)
         self._bad = self._due.look(rows, t, live)
+        if unclear.size:
+            self._bad = np.concatenate([self._bad, unclear])
 
     # -- one event -------------------------------------------------------------------------------------------
 
     def _event(self, j: int, t: float) -> bool:
         """Settle what one row at its limit changes, and go on; False where the whole scene is to be settled."""
         parts, forest = self._parts, self._forest
+        before = int(parts.mode[j])
+        if before == OPEN:
+            return self._turn_over(j, t)
+        if not forest.in_tree[j]:
+            return False
         groups = [int(parts.group[forest.child[j]])]
         if forest.parent[j] >= 0 and (other := int(parts.group[forest.parent[j]])) != groups[0]:
             groups.append(other)
-        before = int(parts.mode[j])
-        if before == OPEN:
-            return False
         reached = parts.reach(groups)
-        if parts.opens:
-            rows = parts.rows_at(reached)
-            if np.any((parts.mode[rows] == OPEN) & (parts.label[rows] == 0)):
-                return False
         patch = parts.patch(reached, t)
         since = float(parts.since[j])
         if before:
@@ -193,6 +217,18 @@ class Local:
             return False
         self._passed(t, j)
         self._change(t, tree, outcome, groups, patch, where, before)
+        return True
+
+    def _turn_over(self, j: int, t: float) -> bool:
+        """Let an open row go on as its velocity passes 0; nothing else feels that."""
+        was = int(self._parts.label[j])
+        if not self._due.turn_over(j, t):
+            return False
+        self._passed(t, j)
+        self._tick(t, True)
+        self._enter_rows(np.array([j]))
+        self._bad = _NONE
+        self._recorder.note(t, j, was, -was, "open")
         return True
 
     def _cross(self, rows: Indices, t: float) -> bool:
@@ -208,11 +244,12 @@ class Local:
     def _go_beyond(self, rows: Indices, t: float) -> None:
         """Let gaps go on beyond borders, and beyond others that they come to at once."""
         parts, gaps = self._parts, self._forest.gaps
-        before = parts.label[gaps]
+        before, opened = parts.label[gaps], list[int]()
         for _ in range(_MOST_AT_ONCE):
             groups = parts.pass_borders(rows, self._due.direction[rows])
             patch = parts.patch(parts.reach(groups.tolist()), t)
             self._expand(patch, patch.v, t, rows)
+            opened += self._opened.tolist()
             rows = self._due.at_once
             if not rows.size or self._bad.size:
                 break
@@ -220,9 +257,11 @@ class Local:
             self._bad = rows
         self._most_guards()
         changed = (parts.label[gaps] != before).nonzero()[0]
+        noted = [(j, 0, "open") for j in opened]
         for j, was in zip(gaps[changed].tolist(), before[changed].tolist(), strict=True):
-            now = int(parts.label[j])
-            self._recorder.note(t, j, was, now, "leaves" if now == OPEN else "touches")
+            noted.append((j, was, "leaves" if parts.label[j] == OPEN else "touches"))
+        for j, was, cause in sorted(noted):
+            self._recorder.note(t, j, was, int(parts.label[j]), cause)
 
     def _tree(self, j: int, groups: list[int], patch: Patch, before: int) -> tuple[Tree, Indices]:
         """Return the groups at both ends of a row as one tree, and where its bodies stand in the patch."""
@@ -288,15 +327,20 @@ class Local:
         self._expand(patch, v, t, which[mode[changed] != 0])
         were, are = old[changed].tolist(), mode[changed].tolist()
         self._held += are.count(0) - were.count(0)
+        self._armed += are.count(0) - were.count(0)
         self._most_held = max(self._most_held, self._held)
         self._most_guards()
-        for j, a, b in sorted(zip(which.tolist(), were, are, strict=True)):
-            self._recorder.note(t, j, a, b, cause_of(a, b, j == rows[0]))
+        noted = [
+            (j, a, b, cause_of(a, b, j == rows[0])) for j, a, b in zip(which.tolist(), were, are, strict=True)
+        ]
+        noted += [(j, 0, int(parts.label[j]), "open") for j in self._opened.tolist()]
+        for event in sorted(noted):
+            self._recorder.note(t, *event)
         if self._due.at_once.size and not self._bad.size:
             self._go_beyond(self._due.at_once, t)
 
     def _most_guards(self) -> None:
-        guards = self._closed + self._held + self._parts.elastic.guards - self._due.staying
+        guards = self._armed + self._parts.elastic.guards - self._due.staying
         self.most_guards = max(self.most_guards, guards)
 
     def _regroup(self, tree: Tree, outcome: Outcome, groups: list[int]) -> None:
@@ -321,13 +365,13 @@ class Local:
 
     def _begin(self, t: float) -> None:
         parts = self._parts
-        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.label, parts.drives)
+        self._patches = Patches(self._now.motion.system, t, parts.unit, parts.drives)
         self._most_held = self._held
         self._last = t
         self._patches.tick(t, False)
         rows = np.arange(self._forest.m)
         self._patches.rows(
-            rows, parts.row_origin.copy(), parts.mode.copy(), self._told(rows), np.zeros((rows.size, 0))
+            rows, parts.row_origin.copy(), self._inner(rows), self._told(rows), np.zeros((rows.size, 0))
         )
 
     def _tick(self, t: float, is_event: bool) -> None:
@@ -354,8 +398,18 @@ class Local:
     def _enter_rows(self, rows: NDArray[Any]) -> None:
         parts = self._parts
         self._patches.rows(
-            rows, parts.row_origin[rows], parts.mode[rows], self._told(rows), parts.watched[rows]
+            rows, parts.row_origin[rows], self._inner(rows), self._told(rows), parts.watched[rows]
         )
+
+    def _inner(self, rows: NDArray[Any]) -> Modes:
+        """Return the modes of rows as results have them: open ones with what they show."""
+        parts = self._parts
+        mode: Modes = parts.mode[rows]
+        if parts.any_top:
+            mode = np.where(parts.top[rows] != 0, parts.top[rows], mode)
+        if parts.opens:
+            mode = np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode)
+        return np.asarray(mode, dtype=np.int8)
 
     def _told(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""
@@ -369,11 +423,15 @@ class Local:
     def _any_gap(self, rows: Indices) -> bool:
         return bool((self._parts.mode[rows] == APART).any())
 
-    def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> tuple[Situation, bool]:
+    def _ending(self, t: float, fired_rows: Indices, is_whole: bool) -> Ending:
         """Hand over what is known, and say where the whole scene is to be settled."""
         parts, system = self._parts, self._now.motion.system
         self._recorder.keep_patchwork(self._patches.until(t), self._most_held)
         fired, touching = np.zeros(system.m, dtype=bool), np.zeros(system.m, dtype=bool)
+        crossed = [
+            int(parts.elastic.borders(parts.elastic.number[[j]])[0][self._due.direction[j]])
+            for j in fired_rows[(parts.mode[fired_rows] == APART) & system.is_stop[fired_rows]].tolist()
+        ]
         # borders of gaps are told by the state
         fired_rows = fired_rows[parts.mode[fired_rows] != APART]
         fired[fired_rows] = True
@@ -383,4 +441,5 @@ class Local:
         largest[: system.n] = np.maximum(largest[: system.n], parts.speed)
         since = np.where(parts.label == 0, parts.since, t)
         regions = parts.elastic.region.copy()
-        return Situation(t, y, parts.label.copy(), since, touching, fired, largest, regions), is_whole
+        situation = Situation(t, y, parts.label.copy(), since, touching, fired, largest, regions)
+        return Ending(situation, is_whole, np.array(crossed, dtype=np.intp))

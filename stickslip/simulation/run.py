@@ -29,7 +29,7 @@ from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
 from stickslip.simulation.borders import TOGETHER, Borders
-from stickslip.simulation.local import Local
+from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
 from stickslip.simulation.tolerances import Tolerances
 from stickslip.simulation.watching import Watch
@@ -63,7 +63,7 @@ class Run:
         self._interruption, self._watch = task.interruption, watch
         self._local: Local | None = None
         if forest is not None:
-            self._local = Local(forest, engine.work, task.interruption, recorder, self._passed)
+            self._local = Local(forest, engine.work, task.interruption, recorder, self._passed, wanted.margin)
         self.start, self.stop = span.start, span.stop
         self.t, self._wanted = self.start, wanted
         # the fastest that a solver has seen
@@ -122,8 +122,10 @@ class Run:
         assert now is not None
         self.most_guards = max(self.most_guards, now.guards.armed)
         if self._local is not None and not self._as_a_whole and self._local.takes(now):
-            self._advance_part_by_part(now, self._local)
-            return
+            end = self._local.follow(now)
+            if end is not None:
+                self._go_on_from_parts(now, self._local, end)
+                return
         self._as_a_whole = False
         path, relaxed = self._path(now)
         t = self._end(now.motion, path, relaxed)
@@ -174,10 +176,10 @@ class Run:
                 return path, at
         return path, t
 
-    def _advance_part_by_part(self, now: Settled, local: Local) -> None:
-        """Follow a motion and all events that can be settled where they are, up to one that cannot."""
+    def _go_on_from_parts(self, now: Settled, local: Local, ending: Ending) -> None:
+        """Settle the whole scene where what was followed part by part has come to."""
         motion = now.motion
-        end, self._as_a_whole = local.follow(now)
+        end, self._as_a_whole, crossed = ending
         assert end.labels is not None
         self.most_guards = max(self.most_guards, local.most_guards)
         t, before, hit = end.t, end.labels, bool(end.fired.any())
@@ -187,12 +189,12 @@ class Run:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
-        none = np.empty(0, dtype=np.intp)
-        jump = jumped(motion, self.loads, path, t, before, none, self._wanted.rebound, True)
+        jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, True)
         stops = local.arrived(t)
-        touching = end.touching | ((before == 0) & ~jump.parted) | stops
+        touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
-        self._settle_all(end._replace(y=jump.y, labels=labels, touching=touching), before, [], jump)
+        situation = end._replace(y=jump.y, labels=labels, touching=touching, sides=jump.sides, arrived=stops)
+        self._settle_all(situation, before, [], jump)
 
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""

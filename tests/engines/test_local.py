@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy
+from machines import machine
 
 from stickslip import (
     GROUND,
@@ -27,16 +28,21 @@ from stickslip import (
     Stop,
     load,
     piecewise_linear,
+    position,
     simulate,
     sine,
+    velocity,
 )
 from stickslip.engines import parts
+from stickslip.equations import forest
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
 from stickslip.simulation import simulate as module
+from validation.against_oracles import difference
+from validation.machine_scenes import FAMILIES
 
 
 def both(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> tuple[Result, Result]:
@@ -571,4 +577,105 @@ def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None
         return Forest.why_not(system, system.loads(0.0, 1.0))
 
     assert why_not(Gap("g", "b", "d", upper=1.0, stiffness=2.0)) is None
-    assert "gaps or contacts" in str(why_not(Stop("s", "b", GROUND, upper=1.0)))
+    # one body is all of this scene; it may be one of many
+    stop = Stop("s", "b", GROUND, upper=1.0)
+    assert "too many of its bodies" in str(why_not(stop))
+    assert why_not(stop, *(Body(f"more {i}", inertia=1.0) for i in range(9))) is None
+
+
+def with_followers(scene: Scene, seed: int) -> Scene:
+    """Return a scene with forces that follow other bodies, which do not feel them."""
+    rng = np.random.default_rng(seed + 3000)
+    names = [body.name for body in scene.bodies]
+    forces = []
+    for name in names:
+        if rng.random() < 0.5:
+            quantity = velocity if rng.random() < 0.5 else position
+            forces.append(Force(name, float(rng.uniform(-0.8, 0.8)) * quantity(str(rng.choice(names)))))
+    return Scene(*scene.elements, *forces)
+
+
+@pytest.mark.parametrize(
+    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
+)
+def test_forests_with_forces_that_follow_others_move_alike(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    all_in_knots(monkeypatch)
+    scene, stop = random_forest(seed)
+    both(monkeypatch, with_followers(scene, seed), stop)
+
+
+def test_a_force_follows_a_body_that_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A block let go after s = t - 1 = 0 gains ``v = (s + s^2) / 2``, another that it leads the integral of that."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, DryFriction(1.0, 0.5), normal=1.0),
+        Force("a", piecewise_linear([0.0, 2.0], [0.0, 2.0])),
+        Body("b", inertia=1.0),
+        Force("b", 1.0 * velocity("a")),
+    )
+    found = part_by_part(monkeypatch, scene, 2.0, t_eval=[1.5, 2.0])
+    s = np.array([0.5, 1.0])
+    np.testing.assert_allclose(found.velocity("a"), (s + s**2) / 2, rtol=1e-12)
+    np.testing.assert_allclose(found.velocity("b"), s**2 / 4 + s**3 / 6, rtol=1e-12)
+
+
+def with_machines(scene: Scene, seed: int) -> Scene:
+    """Return a scene with machines beside its bodies: ties, levers, stops, clutches and loops, each on springs."""
+    rng = np.random.default_rng(seed + 2000)
+    elements, names = list(scene.elements), [body.name for body in scene.bodies]
+    for k in range(int(rng.integers(1, 4))):
+        family = str(rng.choice(["radii", "ties", "clutches", "gaps", "stops", "machines"]))
+        own = machine(family, int(rng.integers(1000)), f"k{k} ")
+        elements += own
+        bodies = [one.name for one in own if isinstance(one, Body) and one.inertia]
+        for _ in range(int(rng.integers(1, 4))):
+            ends = str(rng.choice(bodies)), str(rng.choice(names))
+            elements.append(
+                Spring(*ends, stiffness=float(rng.uniform(0.5, 6.0)), damping=float(rng.choice([0.0, 0.2])))
+            )
+    if rng.random() < 0.3:
+        slick = DryFriction(0.0, 0.0)
+        elements.append(Contact("slick", str(rng.choice(names)), "belt", slick, normal=2.0))
+    return Scene(*elements)
+
+
+def all_in_knots(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0)
+
+
+JAMMED = 50
+"""Seed of a machine in which a drive presses stops and a clutch together: no motion is possible."""
+
+AS_SLOW_AS_ROUNDOFF = 16
+"""Seed with which a stop is hit at a velocity of 1e-12: whether that is an impact or a touch is roundoff."""
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [
+        seed if seed < 4 else pytest.param(seed, marks=pytest.mark.slow)
+        for seed in range(60)
+        if seed not in (JAMMED, AS_SLOW_AS_ROUNDOFF)
+    ],
+)
+def test_forests_with_machines_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    all_in_knots(monkeypatch)
+    scene, stop = random_forest(seed)
+    scene = shaken(scene, seed) if seed % 3 == 0 else scene
+    both(monkeypatch, with_machines(with_gaps(scene, seed) if seed % 4 == 0 else scene, seed), stop)
+
+
+LEAVES_SMOOTHLY = 125
+"""Number of a machine with a stop that opens with neither velocity nor acceleration."""
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_machines_followed_part_by_part_do_as_their_oracle(
+    family: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    all_in_knots(monkeypatch)
+    monkeypatch.setattr(module, "_MANY", 1)
+    for number in (1, 2, 3, 4, LEAVES_SMOOTHLY):
+        assert difference(family, "auto", number) < 1e-9

@@ -483,3 +483,22 @@ def test_with_loose_tolerances_a_slow_crossing_is_one() -> None:
     exact = simulate(scene, span, t_eval=t).y[:5]
     found = simulate(scene, span, t_eval=t, rtol=1e-3, atol=1e-5, formulation="multiplier").y[:5]
     assert np.abs(found - exact).max() < 1e-2 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+def test_a_contact_that_a_velocity_presses_from_0_on_closes_while_it_slides(method: str) -> None:
+    """A cam swings as ``v = -sin t``; from t = pi on it presses a block of 5 m/s, ``v = 5 - mu (1 + cos t)``.
+
+    What presses is 0 at the start, and again where it begins to press: its size is what it was between.
+    """
+    scene = Scene(
+        Body("cam", inertia=1.0, position=1.0),
+        Spring("cam", GROUND, stiffness=1.0),
+        Body("block", inertia=1.0, velocity=5.0),
+        Contact("dry", "block", GROUND, DryFriction(0.4, 0.2), normal=1.0 * velocity("cam")),
+    )
+    t = np.array([3.0, 3.2, 4.0, 6.0])
+    found = simulate(scene, (0.0, 6.2), t_eval=t, method=method, rtol=1e-10, atol=1e-12)
+    right = np.where(t < math.pi, 5.0, 5.0 - 0.2 * (1.0 + np.cos(t)))
+    np.testing.assert_allclose(found.velocity("block"), right, rtol=0, atol=1e-8)
+    assert not found.events

@@ -40,7 +40,7 @@ def shared(ends: Ends, levels: Any, pushes: np.ndarray, radii: Any = None) -> Sh
         equations_in(modes, system), loads.after(0.0), 0.0, np.zeros(system.size), np.zeros(system.m)
     )
     none = np.zeros(system.m, dtype=bool)
-    return share(motion, Guards(motion, modes, none, none))
+    return share(motion, Guards(motion, modes, none, none), np.ones(modes.size, dtype=bool))
 
 
 def network(seed: int) -> tuple[Ends, np.ndarray, np.ndarray, np.ndarray]:

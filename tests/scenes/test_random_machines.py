@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from random import Random
 
 import numpy as np
 import pytest
+from machines import machine
 
+from stickslip import Result, Scene, simulate
 from validation.against_oracles import OF_MACHINES, difference, truth
 from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
@@ -104,6 +107,42 @@ def test_formulations_agree(group: str) -> None:
 def test_scenes_that_differed(number: int) -> None:
     """A clutch beside a loop counted as at rest while it turned; roundoff between two loops was taken for a force."""
     assert difference("clutches", "auto", number) < 1e-11
+
+
+def test_rows_that_share_are_at_rest_however_the_search_came_there() -> None:
+    """A contact at its level beside two clutches was let go one by one, and came to rest at velocity 0 again."""
+    assert difference("machines", "auto", 228) < 1e-11
+
+
+def told(result: Result, prefix: str) -> list[tuple[str, float, int, int]]:
+    events = [e for e in result.events if e.contact.startswith(prefix)]
+    return sorted((e.contact, e.t, int(e.before), int(e.after)) for e in events)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_machines_side_by_side_move_as_each_alone(seed: int) -> None:
+    draw = Random(seed)
+    families = [draw.choice(["radii", "ties", "clutches", "gaps", "opening"]) for _ in range(6)]
+    parts = [machine(family, draw.randrange(1000), f"{k} ") for k, family in enumerate(families)]
+    together = simulate(Scene(*[one for part in parts for one in part]), (0.0, 2.0))
+    count = 0
+    for k, part in enumerate(parts):
+        right, found = told(simulate(Scene(*part), (0.0, 2.0)), f"{k} "), told(together, f"{k} ")
+        assert [(name, before, after) for name, _, before, after in found] == [
+            (name, before, after) for name, _, before, after in right
+        ]
+        np.testing.assert_allclose([e[1] for e in found], [e[1] for e in right], rtol=0, atol=1e-10)
+        count += len(right)
+    assert count == len(together.events) > 10
+
+
+def test_what_drives_tear_leaves_loops_alone_that_no_drive_is_at() -> None:
+    """Roundoff of the forces that share loops of the clutches was taken for a drive that tears them, too."""
+    torn, others = machine("radii", 859596, "a "), machine("clutches", 341547, "b ")
+    together, alone = simulate(Scene(*others, *torn), (0.0, 2.0)), simulate(Scene(*torn), (0.0, 2.0))
+    found, right = told(together, "a "), told(alone, "a ")
+    assert [e[0] for e in found] == [e[0] for e in right]
+    np.testing.assert_allclose([e[1] for e in found], [e[1] for e in right], rtol=0, atol=1e-10)
 
 
 def test_where_ties_lock_everything_forces_are_roundoff_of_the_loads() -> None:

@@ -1,0 +1,80 @@
+"""Knots of a scene that is followed part by part: bodies that rows join in other ways than by trees of contacts.
+
+Their modes stay as long as the scene is followed: between events a knot is linear in the forces on its bodies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from stickslip.equations.balance import Balance
+from stickslip.equations.forest import Forest
+from stickslip.equations.matrices import dense
+from stickslip.equations.mode_equations import ModeEquations
+from stickslip.model.arrays import Array, Indices
+
+
+class Knot:
+    """The equations of one knot in the modes in which a motion begins.
+
+    Attributes
+    ----------
+    bodies, held, top : array of int
+        Its bodies, its held rows, and those that carry their level.
+    mobility : array (k, k)
+        Accelerations from the forces on the bodies.
+    led : array (k, d)
+        Accelerations from those of the drives.
+    """
+
+    def __init__(self, equations: ModeEquations, bodies: Indices, rows: Indices) -> None:
+        system = equations.system
+        self.bodies = bodies
+        self.held, self.top = np.intersect1d(rows, equations.held), np.intersect1d(rows, equations.at_level)
+        G, D = dense(system.G[self.held])[:, bodies], dense(system.D[self.held])
+        self._balance = balance = Balance(system.inertia[bodies], G, D)
+        nothing = np.zeros((bodies.size, system.drives))
+        self.mobility = balance.accelerations(np.eye(bodies.size))
+        self.led = balance.accelerations(nothing, np.eye(system.drives))
+        self._shares = np.empty((0, bodies.size))
+        if equations.shares is not None:
+            places = equations.at_level.searchsorted(self.top)
+            self._shares = dense(equations.shares[places])[:, bodies]
+
+    def consistent(self, v: Array, u: Array) -> Array:
+        """Return velocities that satisfy the held rows to the last bit; series of these, or values."""
+        return self._balance.consistent(v, u)
+
+    def forces(self, rest: Array) -> Array:
+        """Return the forces of held rows, then what rows at their level would carry, from what is left of others."""
+        held = self._balance.held_forces(rest, np.zeros(rest.shape))
+        return np.concatenate([held, self._shares @ rest])
+
+
+class Knots:
+    """The knots of a scene; each is remembered as it was last, for an event changes few."""
+
+    def __init__(self, forest: Forest) -> None:
+        self._bodies = forest.knots
+        self._rows = [(forest.knot_of_row == k).nonzero()[0] for k in range(len(forest.knots))]
+        self._latest: dict[int, tuple[bytes, Knot]] = {}
+        self.rows = np.concatenate(self._rows) if self._rows else np.empty(0, dtype=np.intp)
+
+    def at(self, equations: ModeEquations) -> list[Knot]:
+        """Return all in the modes of a motion."""
+        found = []
+        for k, (bodies, rows) in enumerate(zip(self._bodies, self._rows, strict=True)):
+            modes = equations.modes[rows].tobytes()
+            latest = self._latest.get(k)
+            if latest is None or latest[0] != modes:
+                latest = self._latest[k] = modes, Knot(equations, bodies, rows)
+            found.append(latest[1])
+        return found
+
+
+def friction_on(equations: ModeEquations, rows: Indices) -> scipy.sparse.csr_array:
+    """Return the forces on the bodies from the inputs by the friction of some rows, moving or at their level."""
+    system = equations.system
+    pulls = scipy.sparse.csr_array(system.GT)[:, rows]
+    return -(pulls @ scipy.sparse.csr_array(equations.friction)[rows, : system.inputs])
