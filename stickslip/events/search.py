@@ -52,7 +52,7 @@ class Search:
         # rows that bodies join, directly or by others, are a part: its modes are consistent whatever those of others
         self._parts = [np.arange(system.m)]
         self._part, self._part_of = np.zeros(system.m, dtype=np.intp), np.zeros(system.n, dtype=np.intp)
-        self._tried: set[tuple[int, bytes]] = set()
+        self._tried: list[Modes] = []
 
     def at_rest(self, labels: Modes) -> Mask:
         """Tell which rows start from rest: those that are tried held, and open ones that will leave it."""
@@ -60,16 +60,15 @@ class Search:
 
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion, from modes in which all rows are held that may be."""
-        first, motion, guards = trial, *self._build(trial)
+        motion, guards = self._build(trial)
         if motion.equations.balance.has_loops:
             self._divide()
-        for part, rows in enumerate(self._parts):
-            self._tried.add((part, trial[rows].tobytes()))
-        for _ in range(_MOST_TRIALS):
+        while len(self._tried) < _MOST_TRIALS:
+            self._tried.append(trial)
             following = self._improved(trial, motion, guards)
             if following is None:
                 return self._held_where_they_stay(motion, guards)
-            trial = self._new(first, trial, following)
+            trial = self._new(following)
             motion, guards = self._build(trial)
         raise Inconsistent((self._candidates & ~self._system.is_tie).nonzero()[0])
 
@@ -92,21 +91,26 @@ class Search:
             return [0]
         return [int(part) for part in np.unique(self._part[trial != following])]
 
-    def _was_tried(self, part: int, trial: Modes) -> bool:
-        return (part, trial[self._parts[part]].tobytes()) in self._tried
+    def _new(self, following: Modes) -> Modes:
+        """Return the modes to try next: where releasing one row after another ran in a circle, shared ones.
 
-    def _new(self, first: Modes, trial: Modes, following: Modes) -> Modes:
-        """Return the modes to try next: where releasing one row after another ran in a circle, shared ones."""
-        changed = self._changed(trial, following)
-        circling = [part for part in changed if self._was_tried(part, following)]
-        if circling:
-            following = self._shared(self._reset(following, first, circling), circling)
+        In the first trial all rows are held that may be. The parts that circle are those that have changed since.
+        """
+        if (since := self._place(following)) is None:
+            return following
+        turns, first = np.array(self._tried[since:]), self._tried[0]
+        every = range(len(self._parts))
+        circling = [part for part in every if (turns[:, (own := self._parts[part])] != following[own]).any()]
+        circling = circling or list(every)
+        following = self._shared(self._reset(following, first, circling), circling)
+        if self._place(following) is not None:
             for part in circling:
-                if self._was_tried(part, following):
-                    following = self._enumerated(part, self._reset(following, first, [part]))
-        for part in changed:
-            self._tried.add((part, following[self._parts[part]].tobytes()))
+                following = self._enumerated(part, self._reset(following, first, [part]))
         return following
+
+    def _place(self, trial: Modes) -> int | None:
+        """Return the place of modes among those tried before, None if they are new."""
+        return next((k for k, one in enumerate(self._tried) if (one == trial).all()), None)
 
     def _reset(self, trial: Modes, first: Modes, parts: list[int]) -> Modes:
         """Return modes that are in some parts those of another trial."""
@@ -259,7 +263,8 @@ class Search:
             following[top[own]] = 0
             if against:
                 following[goes], following[rows[mine]] = modes[goes], _carrying(side[mine])
-                if not self._was_tried(part, following):
+                rows_of_part = self._parts[part]
+                if not any((trial[rows_of_part] == following[rows_of_part]).all() for trial in self._tried):
                     continue
             following[goes] = self._moving(goes, np.where(modes[goes] == AT_HIGH, 1, -1))
             following[rows[mine]] = self._moving(rows[mine], side[mine])

@@ -15,6 +15,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Drive,
     DryFriction,
     Force,
     Result,
@@ -25,6 +26,8 @@ from stickslip import (
     simulate,
     sine,
 )
+from stickslip.equations import forest
+from stickslip.results.patchwork import Patchwork
 
 FORMULATIONS = ("contact-force", "merged", "multiplier")
 LAW = DryFriction(0.3, 0.2)
@@ -262,3 +265,41 @@ def test_rows_in_a_ring_that_come_to_their_levels_together(formulation: str) -> 
     np.testing.assert_allclose(result.force("other"), joint, rtol=0, atol=1e-7)
     np.testing.assert_allclose(result.force("floor"), 8.0 - joint, rtol=0, atol=1e-7)
     assert np.abs(result.y).max() == 0.0
+
+
+@pytest.mark.parametrize("part_by_part", [False, True])
+def test_many_blocks_on_two_contacts_each_move_as_on_one(
+    part_by_part: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two contacts of one law share what a block needs up to ``mu (N_1 + N_2)``: as one contact with that normal force.
+
+    All of them rest at the start, so all places where rows lock the same motion are searched at once.
+    """
+    draw = random.Random(3)
+    plain: list[Any] = [Drive("plate", velocity=0.1)]
+    law, double, single = DryFriction(0.5, 0.35), list[Contact](), list[Contact]()
+    for i in range(60):
+        name, own, more = f"b{i}", 1.0 + 0.2 * draw.random(), 0.3 + 0.3 * draw.random()
+        plain += [
+            Body(name, inertia=1.0, position=0.1 * draw.random()),
+            Spring(name, "plate", stiffness=2.0),
+        ]
+        if i:
+            plain.append(Spring(f"b{i - 1}", name, stiffness=8.0))
+        is_double = i % 4 == 0
+        single.append(Contact(f"c{i}", name, GROUND, law, normal=own + is_double * more))
+        double.append(Contact(f"c{i}", name, GROUND, law, normal=own))
+        if is_double:
+            double.append(Contact(f"d{i}", name, GROUND, law, normal=more))
+    monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0 if part_by_part else 0.0)
+    found = simulate(Scene(*plain, *double), (0.0, 8.0))
+    right = simulate(Scene(*plain, *single), (0.0, 8.0))
+
+    def of_first(result: Result) -> list[tuple[str, int, int]]:
+        return sorted((e.contact, int(e.before), int(e.after)) for e in result.events if e.contact[0] == "c")
+
+    assert of_first(found) == of_first(right)
+    assert len(right.events) > 60
+    y = right.sample(found.t).y
+    np.testing.assert_allclose(found.y, y, rtol=0, atol=1e-10 * np.abs(y).max())
+    assert any(isinstance(part, Patchwork) for part in found.trajectory.parts) == part_by_part
