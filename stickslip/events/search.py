@@ -49,7 +49,7 @@ class Search:
         self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
         none = np.zeros(system.m, dtype=np.int8)
         self._sides = none if now.sides is None else now.sides.copy()
-        # rows that bodies join, directly or by others, are a part: its modes are consistent whatever those of others
+        # rows that bodies join, directly or by others, are a part: its forces accelerate no bodies of another
         self._parts = [np.arange(system.m)]
         self._part, self._part_of = np.zeros(system.m, dtype=np.intp), np.zeros(system.n, dtype=np.intp)
         self._tried: list[Modes] = []
@@ -99,9 +99,9 @@ class Search:
         if (since := self._place(following)) is None:
             return following
         turns, first = np.array(self._tried[since:]), self._tried[0]
-        every = range(len(self._parts))
-        circling = [part for part in every if (turns[:, (own := self._parts[part])] != following[own]).any()]
-        circling = circling or list(every)
+        parts = list(enumerate(self._parts))
+        circling = [part for part, own in parts if (turns[:, own] != following[own]).any()]
+        circling = circling or list(range(len(parts)))
         following = self._shared(self._reset(following, first, circling), circling)
         if self._place(following) is not None:
             for part in circling:
