@@ -327,4 +327,7 @@ def test_a_block_cut_off_as_it_comes_to_rest_does_not_slide_back(options: dict[s
         (event,) = join(parts).events
         assert (event.before, event.after) == (1, 0)
         assert event.t == pytest.approx(rest.t, abs=2e-8)
-        assert parts[1].velocity("m").min() == parts[1].velocity("m")[-1] == 0.0
+        v = parts[1].velocity("m")
+        # between points polynomials have roundoff
+        assert v[-1] == 0.0
+        assert v.min() >= -1e-15 * abs(v[0])

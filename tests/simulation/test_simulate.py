@@ -433,7 +433,8 @@ def test_outputs_at_requested_times_agree_with_the_whole_result(kind: str) -> No
     lean = simulate(scene, (0.0, stop), t_eval=wanted, dense_output=False)
     np.testing.assert_array_equal(dense.t, wanted)
     np.testing.assert_array_equal(lean.t, wanted)
-    np.testing.assert_array_equal(dense.y, lean.y)
+    # each processor adds products in an order of its own
+    np.testing.assert_allclose(dense.y, lean.y, rtol=1e-15, atol=1e-15)
     np.testing.assert_allclose(dense.y, whole(wanted), rtol=0, atol=1e-11)
     assert times(dense) == times(lean) == times(whole)
     at_points = whole(whole.t)
@@ -445,7 +446,8 @@ def test_outputs_at_requested_times_agree_with_the_whole_result(kind: str) -> No
             a, b = getattr(dense, quantity)(name), getattr(lean, quantity)(name)
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12, err_msg=f"{name} {quantity}")
     for body in scene.bodies:
-        np.testing.assert_array_equal(dense.velocity(body.name), lean.velocity(body.name))
+        a, b = dense.velocity(body.name), lean.velocity(body.name)
+        np.testing.assert_allclose(a, b, rtol=1e-15, atol=1e-15)
         everywhere = simulate(scene, (0.0, stop), t_eval=np.union1d(wanted, whole.t)).position(body.name)
         np.testing.assert_allclose(
             dense.position(body.name),
