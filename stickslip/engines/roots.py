@@ -17,6 +17,9 @@ _ROUNDOFF = 2e-15
 _STEPS = 50.0
 """In so many steps the roundoff of a quantity adds up."""
 
+_FEW = 64
+"""Polynomials up to which it takes no longer to look at all Bernstein coefficients than at some."""
+
 
 @lru_cache(maxsize=64)
 def _to_bernstein(order: int) -> Array:
@@ -36,59 +39,81 @@ def _halves(order: int) -> tuple[Array, Array]:
     return left, left[::-1, ::-1].copy()
 
 
-def may_vanish(coefficients: Array) -> Indices:
+def may_vanish(coefficients: Array) -> tuple[Indices, Array]:
     """Return the columns of power coefficients (rows by order) that may have a root in (0, 1].
 
-    A polynomial is not below its smallest Bernstein coefficient, nor below its first coefficient less the sizes of
-    the others.
+    Their Bernstein coefficients come second, a column each: a polynomial is not below its smallest one, nor below its
+    first coefficient less the sizes of the others.
     """
+    to_bernstein = _to_bernstein(coefficients.shape[0] - 1)
+    if coefficients.shape[1] <= _FEW:
+        bernstein = to_bernstein @ coefficients
+        close: Indices = (bernstein.min(axis=0) <= 0).nonzero()[0]
+        return close, bernstein[:, close]
     reach = np.abs(coefficients[1:]).sum(axis=0)
-    close: Indices = (coefficients[0] <= reach).nonzero()[0]
-    if not close.size:
-        return close
-    bernstein = _to_bernstein(coefficients.shape[0] - 1) @ coefficients[:, close]
-    return np.asarray(close[bernstein.min(axis=0) <= 0])
+    close = (coefficients[0] <= reach).nonzero()[0]
+    bernstein = to_bernstein @ coefficients[:, close]
+    some = bernstein.min(axis=0) <= 0
+    return close[some], bernstein[:, some]
 
 
-def first_root(coefficients: Array, floor: float = 0.0, guess: float | None = None) -> float | None:
+def first_root(
+    coefficients: Array, floor: float = 0.0, bernstein: Array | None = None, guess: float | None = None
+) -> float | None:
     """Return where in (0, 1] a polynomial, positive at 0, first becomes negative, None where it does not.
 
     Bernstein coefficients of one sign exclude a root, exactly one change of sign isolates one (Descartes); anything
     else is halved. A polynomial that only touches 0, to roundoff of its terms and of `floor`, has no root; nor where
     it dips below by what the roundoff of `floor` adds up to in many steps, and comes back. A `guess` of the root only
-    saves time.
+    saves time, and so do the `bernstein` coefficients.
     """
-    found, first = _first(coefficients, floor, guess), 0.0
+    c = coefficients.tolist()
+    found = _first(c, _in_bernstein(coefficients, bernstein), _noise(c, floor), guess)
+    first = 0.0
     while found is not None and floor:
-        back = _back(coefficients, found, _STEPS * _ROUNDOFF * floor)
+        back = _back(c, found, _STEPS * _ROUNDOFF * floor)
         if back is None:
             break
         first = back
         rest = _from(coefficients, first)
-        found = _first(rest, floor)
+        found = _first(rest.tolist(), _in_bernstein(rest, None), _noise(rest.tolist(), floor), None)
         found = None if found is None else first + found * (1 - first)
     return found
 
 
-def first_touch(coefficients: Array, floor: float) -> tuple[float | None, bool]:
+def first_touch(
+    coefficients: Array, floor: float, bernstein: Array | None = None
+) -> tuple[float | None, bool]:
     """Return where in (0, 1] a polynomial first becomes negative or touches 0, and whether it only touches.
 
     It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
     """
-    near = _STEPS * _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
-    lowered = coefficients.copy()
+    lowered = coefficients.tolist()
+    noise, bernstein = _noise(lowered, floor), _in_bernstein(coefficients, bernstein)
+    near = _STEPS * noise
     lowered[0] -= near
-    root = 0.0 if lowered[0] <= 0 else _first(lowered, floor)
-    turn = None if root is None else _turn(lowered, root, 2 * near)
+    root = 0.0 if lowered[0] <= 0 else _first(lowered, bernstein - near, noise, None)
+    if root is None:
+        return None, False
+    turn = _turn(lowered, root, 2 * near)
     if turn is not None:
         return min(turn, 1.0), True
-    return (None if root is None else first_root(coefficients, floor, root)), False
+    return first_root(coefficients, floor, bernstein, root), False
 
 
-def _turn(coefficients: Array, root: float, depth: float) -> float | None:
+def _in_bernstein(coefficients: Array, known: Array | None) -> Array:
+    return _to_bernstein(coefficients.size - 1) @ coefficients if known is None else known
+
+
+def _noise(c: list[float], floor: float) -> float:
+    """Return the roundoff of the terms of a polynomial and of its floor."""
+    return _ROUNDOFF * max(sum(map(abs, c)), floor)
+
+
+def _turn(c: list[float], root: float, depth: float) -> float | None:
     """Return where a polynomial that has a root turns beyond it, None where it goes below `-depth` or on."""
     value = slope = half = 0.0
-    for a in coefficients[::-1].tolist():
+    for a in c[::-1]:
         half = half * root + slope
         slope = slope * root + value
         value = value * root + a
@@ -96,13 +121,13 @@ def _turn(coefficients: Array, root: float, depth: float) -> float | None:
     return root - slope / bend if slope < 0 < bend and slope * slope <= 2 * bend * depth else None
 
 
-def _back(coefficients: Array, root: float, touch: float) -> float | None:
+def _back(c: list[float], root: float, touch: float) -> float | None:
     """Return where a polynomial that has a root is positive again, None where it goes below `-touch` or stays."""
-    turn = _turn(coefficients, root, touch)
+    turn = _turn(c, root, touch)
     if turn is None:
         return None
     back = root + 3 * (turn - root)
-    return back if back < 1 and np.polynomial.polynomial.polyval(back, coefficients) > 0 else None
+    return back if back < 1 and np.polynomial.polynomial.polyval(back, c) > 0 else None
 
 
 def _from(coefficients: Array, first: float) -> Array:
@@ -111,28 +136,26 @@ def _from(coefficients: Array, first: float) -> Array:
     return np.pad(shifted, (0, coefficients.size - shifted.size))
 
 
-def _first(coefficients: Array, floor: float, guess: float | None = None) -> float | None:
-    order = coefficients.size - 1
-    left, right = _halves(order)
-    # each part is a map of the coefficients of a wider one: most parts behind the first root are never asked for
-    stack = [(_to_bernstein(order), coefficients, 0.0, 1.0, 0)]
-    noise = _ROUNDOFF * max(float(np.abs(coefficients).sum()), floor)
+def _first(c: list[float], bernstein: Array, noise: float, guess: float | None) -> float | None:
+    # each half is a map of what it is a half of: most of those behind the first root are never asked for
+    stack: list[tuple[Array | None, Array, float, float, int]] = [(None, bernstein, 0.0, 1.0, 0)]
     while stack:
-        part, of, low, high, depth = stack.pop()
-        b = part @ of
+        half, of, low, high, depth = stack.pop()
+        b = of if half is None else half @ of
         values = b.tolist()
         if min(values) >= -noise:
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             if guess is None:
                 guess = low + (high - low) * values[0] / (values[0] - values[-1])
-            return _bracketed(coefficients.tolist(), low, high, guess)
+            return _bracketed(c, low, high, guess)
         if values[0] < -noise and depth:
             return low
         if depth >= _DEEPEST:
             if values[-1] < -noise:
                 return high
             continue
+        left, right = _halves(b.size - 1)
         middle = 0.5 * (low + high)
         stack.append((right, b, middle, high, depth + 1))
         stack.append((left, b, low, middle, depth + 1))

@@ -24,18 +24,19 @@ from stickslip.equations.taylor import ORDER
 from stickslip.model.arrays import Array, Indices
 
 _REMAINDER = 1e-17
-_TO_LAST = np.arange(ORDER - 1.0, 0.0, -1.0)
-"""How many orders there are from each one to the last but one."""
+"""What is left out of a step, as a part of its largest term."""
+
+_LAST = ORDER - 1
+"""The first of the two orders that tell what is left out."""
 
 _AT_ONCE, _AT_MOST = 50_000, 1e9
 """Steps after which what was followed is handed over, and how many of them a motion may need at that pace."""
 
-_LOG_REMAINDER = math.log(_REMAINDER)
-_NOTHING, _NONE = 1e-250, 1e-267
-"""Sizes below which a term counts as 0, and which 0 then has beside it."""
+_NOTHING = 1e-267
+"""What is left out, and too small to count."""
 
-_BY_CHANCE = 1e-3
-"""Part of what a guard becomes below which its value at the start may be small by chance."""
+_LEADING = 4
+"""Terms of which one is mostly the largest beside what is left out."""
 
 _WORTH = 0.3
 _GROWTH = 4.0
@@ -45,16 +46,18 @@ _LISTED = 5
 
 
 class _Step(NamedTuple):
-    """Power coefficients of the states over a step of length `h`, and where in (0, 1] a guard has its first root.
+    """Power coefficients over a step of length `h`, and where in (0, 1] a guard has its first root.
 
-    `touched` is the row whose relative velocity only touches 0 there.
+    `terms` are those of states, watched quantities and, where they are known at once, guards side by side; `touched` is
+    the row whose relative velocity only touches 0 there.
     """
 
-    coefficients: Array
+    terms: Array
     h: float
     root: float | None
     guard: int = -1
     touched: int | None = None
+    frozen: bool = False
 
 
 class Series:
@@ -68,29 +71,35 @@ class Series:
     def advance(self, motion: Motion, guards: Guards, horizon: float) -> Path:
         """Follow a motion to its first event or to local time `horizon`, whichever comes first."""
         self.work.starts += 1
-        watched = (guards.order < NEVER).nonzero()[0]
+        size = motion.y.size
         ends = [0.0]
         pieces: list[Array] = []
-        tau, y, hit, touched = 0.0, motion.y, False, None
+        tau, y, hit, touched, watched = 0.0, motion.y, False, None, None
         while tau < horizon and not hit and touched is None and not self._interruption.pressed:
             longest = min(horizon - tau, self._max_step)
             step = None
             bends = motion.is_rising(tau) or motion.stretch.has_waves
             # where springs and dampers act, a first step tells whether the motion is a long one
             if bends and (pieces or motion.is_polynomial) and motion.may_be_bounded:
-                step = self._past_bounds(motion, guards, watched, tau, y, longest)
+                step = self._past_bounds(motion, guards, tau, y, longest)
             if step is None:
-                step = self._step(motion, guards, watched, tau, y, longest, False)
+                step = self._step(motion, guards, tau, y, longest, False)
             touched = step.touched
             hit = step.root is not None and touched is None
-            s, c = 1.0 if step.root is None else step.root, step.coefficients
-            if s != 1.0:
-                c = c * (s ** np.arange(c.shape[0]))[:, None]
+            s = 1.0 if step.root is None else step.root
+            terms = step.terms if s == 1.0 else step.terms * (s ** np.arange(step.terms.shape[0]))[:, None]
+            # row by row: what is equal stays equal to the bit
+            end, c = terms.sum(axis=0), terms[:, :size].copy()
             tau = horizon if s == 1.0 and step.h >= horizon - tau else tau + s * step.h
-            before, y = y, motion.exact(tau, c.sum(axis=0))
+            before, y = y, motion.exact(tau, end[:size])
             if not np.abs(y).max(initial=0.0) < BEYOND:
-                raise grows(Path(np.array(ends), _padded(pieces, y.size), before, False))
+                raise grows(Path(np.array(ends), _padded(pieces, size), before, False))
+            if hit and not step.frozen and end.size > size + motion.equations.watched_count:
+                watched = end[size:]
             self.work.steps += 1
+            if motion.stretch.is_straight and not np.count_nonzero(c[-1]):
+                # a motion that is a short polynomial is kept as one
+                c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
             pieces.append(c)
             ends.append(tau)
             if motion.has_left(tau, y):
@@ -98,7 +107,7 @@ class Series:
             if len(pieces) == _AT_ONCE:
                 # nobody need keep a long motion whole: it goes on from here
                 break
-        path = Path(np.array(ends), _padded(pieces, motion.y.size), y, hit, touched=touched)
+        path = Path(np.array(ends), _padded(pieces, size), y, hit, touched=touched, watched=watched)
         if len(pieces) == _AT_ONCE and tau * _AT_MOST < _AT_ONCE * horizon:
             raise SolverFailure(
                 f"the last {_AT_ONCE} steps took {tau:.3g} s of {horizon:.3g} s: the end is out of reach",
@@ -108,7 +117,7 @@ class Series:
         return path
 
     def _past_bounds(
-        self, motion: Motion, guards: Guards, watched: Indices, tau: float, y: Array, longest: float
+        self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float
     ) -> _Step | None:
         """Return a step on which no guard comes to 0, whatever levels rise and sines push meanwhile.
 
@@ -119,10 +128,8 @@ class Series:
         if tau == 0 and motion.stretch.has_waves and not guards.is_plain:
             # a guard that leaves 0 is told from it by what the sine does
             return None
-        step = self._step(motion, guards, watched, tau, y, longest, True)
-        if step.root is None:
-            return step
-        if guards.is_followed_frozen(step.guard):
+        step = self._step(motion, guards, tau, y, longest, True)
+        if step.root is None or guards.is_followed_frozen(step.guard):
             # what rises or swings does not change this guard
             return step
         if step.touched is not None:
@@ -130,18 +137,11 @@ class Series:
         if step.root * step.h < _WORTH * max(motion.shortest_dwell, motion.stretch.longest_period):
             return None
         # up to there no guard is 0
-        powers = np.arange(step.coefficients.shape[0])
-        return _Step(step.coefficients * (step.root**powers)[:, None], step.root * step.h, None)
+        weights = step.root ** np.arange(step.terms.shape[0])
+        return step._replace(terms=step.terms * weights[:, None], h=step.root * step.h, root=None)
 
     def _step(
-        self,
-        motion: Motion,
-        guards: Guards,
-        watched: Indices,
-        tau: float,
-        y: Array,
-        longest: float,
-        frozen: bool,
+        self, motion: Motion, guards: Guards, tau: float, y: Array, longest: float, frozen: bool
     ) -> _Step:
         """Expand the motion at local time `tau`, and look for the first root of a guard within reach."""
         straight = motion.is_straight and not motion.is_rising(tau)
@@ -153,9 +153,9 @@ class Series:
         else:
             scale = longest if polynomial or math.isinf(self._guess) else min(longest, self._guess)
             h, expansion = scale, motion.expand(tau, y, order, scale, frozen)
-        g = guards.series(expansion)
+        terms, g = expansion.whole, guards.series(expansion)
         if frozen and motion.stretch.has_waves:
-            g[0] -= guards.allowance
+            g = np.concatenate([g[:1] - guards.allowance, g[1:]])
         if not polynomial:
             h = scale * self._reach(expansion.y, g, guards)
             if h < longest:
@@ -165,23 +165,15 @@ class Series:
                 # a step that ends with the motion says nothing about longer ones
                 self._guess = _GROWTH * h
         self.work.rate_calls += order
-        root, touched, guard, c = None, None, -1, expansion.y
-        if watched.size < guards.size:
-            g = g[:, watched]
         if h != scale:
             stretched = ((h / scale) ** np.arange(order + 1))[:, None]
-            g, c = g * stretched, c * stretched
-        if watched.size:
-            if tau == 0 and not guards.is_plain:
-                g = _divided(g, guards.order[watched])
-            self._note_speed(motion, y)
-            root, which, touches = self._first(g, motion, guards, watched)
-            guard = int(watched[which])
-            touched = int(guards.row[guard]) if touches else None
-        if motion.stretch.is_straight and not np.count_nonzero(c[-1]):
-            # a motion that is a short polynomial is kept as one
-            c = c[: int(np.flatnonzero(c.any(axis=1)).max(initial=0)) + 1]
-        return _Step(c, h, root, guard, touched)
+            terms, g = terms * stretched, g * stretched
+        speed = np.abs(y[: motion.system.n])
+        self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
+        if not guards.is_plain:
+            g = _divided(g, guards.order if tau == 0 else np.where(guards.order == NEVER, NEVER, 0))
+        root, guard, touches = self._first(g, motion, guards)
+        return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None, frozen)
 
     @staticmethod
     def _reach(y: Array, g: Array, guards: Guards) -> float:
@@ -190,62 +182,70 @@ class Series:
         The last two terms are compared with the largest one over the step; at most the step of the coefficients.
         """
         rows = guards.rows
-        terms = np.abs(np.concatenate([y, g[:, rows.by_kind]], axis=1))
-        if rows.others.size:
-            own, scale = slice(-rows.others.size, None), guards.value_scale[rows.others]
-            largest = terms[:, own].max(axis=0)
-            if np.count_nonzero(scale < _BY_CHANCE * largest):
-                # a force that is 0 by chance is no scale: what adds up in it is
-                scale = np.maximum(scale, guards.majorant[0, rows.others])
-            terms[:, own] /= np.where(scale > 0, scale, np.maximum(largest, _TINY))
-        sizes = np.maximum.reduceat(terms, rows.kinds, axis=1).T
-        if rows.others.size:
-            sizes[-1, 0] = max(sizes[-1, 0], 1.0)
-        if rows.velocities.size:
-            # a drive may turn while no state does
-            of_guards = sizes[-2 if rows.others.size else -1]
-            of_guards[0] = max(of_guards[0], sizes[0, 0])
-        last = ORDER - 1
-        terms = np.log(np.maximum(sizes[:, :last], _NOTHING))
-        terms -= np.log(np.maximum(sizes[:, last:].max(axis=1), _NONE))[:, None] - _LOG_REMAINDER
-        # s^last times the last terms is the remainder of s^k times the term k
-        terms /= _TO_LAST
-        return math.exp(min(terms.max(axis=1).min(), 0.0))
+        terms = np.abs(np.concatenate([y, g], axis=1))
+        scale = guards.step_scale
+        if scale.size:
+            own = terms[:, y.shape[1] :][:, rows.forces]
+            own /= scale if min(scale.tolist()) > 0 else _measures(own, scale)
+        firsts, kinds = rows.kinds
+        sizes = np.maximum.reduceat(terms, firsts, axis=1).T.tolist()
+        reach = 1.0
+        for kind, size in zip(kinds, sizes, strict=True):
+            left = max(size[_LAST:])
+            if left < _NOTHING:
+                continue
+            largest = size[0]
+            if kind == "force":
+                largest = max(largest, 1.0)
+            elif kind == "velocity":
+                # a drive may turn while no state does
+                largest = max(largest, sizes[0][0])
+            # s^LAST times the last terms is the remainder of s^k times the term k
+            found = 0.0
+            for k, term in enumerate([largest, *size[1:_LAST]]):
+                found = max(found, (term / left * _REMAINDER) ** (1.0 / (_LAST - k)))
+                if k >= _LEADING and found:
+                    break
+            reach = min(reach, found)
+        return reach
 
-    def _note_speed(self, motion: Motion, y: Array) -> None:
-        speed = np.abs(y[: motion.system.n])
-        self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
+    def _floor(self, motion: Motion, guards: Guards, i: int) -> float:
+        """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start."""
+        if guards.is_velocity[i]:
+            return float((motion.system.abs_G[[guards.row[i]]] @ self._speed)[0])
+        return float(guards.value_scale[i])
 
-    def _floor(self, motion: Motion, guards: Guards, some: Indices) -> Array:
-        """Return what some guards have the roundoff of: the largest speeds so far, or forces at the start."""
-        found, moving = guards.value_scale[some], guards.is_velocity[some]
-        if np.count_nonzero(moving):
-            found[moving] = (motion.system.abs_G @ self._speed)[guards.row[some[moving]]]
-        return found
-
-    def _first(
-        self, g: Array, motion: Motion, guards: Guards, watched: Indices
-    ) -> tuple[float | None, int, bool]:
-        """Return the first root in (0, 1] of any column of power coefficients, its column, and if it only touches 0."""
-        close = may_vanish(g)
+    def _first(self, g: Array, motion: Motion, guards: Guards) -> tuple[float | None, int, bool]:
+        """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""
+        close, bernstein = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
         found: float | None = None
         which, touches_only = -1, False
         if not close.size:
             return None, which, touches_only
-        some = watched[close]
-        floors, touches = self._floor(motion, guards, some), guards.stick_at_touch[some]
-        for i, floor, may_stick in zip(close.tolist(), floors.tolist(), touches.tolist(), strict=True):
-            c = g[:, i]
+        may_stick = guards.stick_at_touch
+        columns = list(zip(close.tolist(), bernstein.T, strict=True))
+        if len(columns) > 1:
+            # the one first that seems to come first: of others only what comes before is of interest
+            columns.sort(
+                key=lambda one: float(one[1][0] - one[1][-1]) / (float(one[1][0]) or 1.0), reverse=True
+            )
+        for i, b in columns:
+            c, own = g[:, i], b
             if found is not None:
-                # only what comes before is of interest
-                c = c * found ** np.arange(c.size)
-            root, only = first_touch(c, floor) if may_stick else (first_root(c, floor), False)
+                c, own = c * found ** np.arange(c.size), None
+            floor = self._floor(motion, guards, i)
+            root, only = first_touch(c, floor, own) if may_stick[i] else (first_root(c, floor, own), False)
             self.work.guards_isolated += 1
             if root is not None:
                 found = root if found is None else found * root
                 which, touches_only = i, only
         return found, which, touches_only
+
+
+def _measures(terms: Array, scale: Array) -> Array:
+    """Return in what terms are measured: their scales, or their largest ones where these are 0."""
+    return np.where(scale > 0, scale, np.maximum(terms.max(axis=0), _TINY))
 
 
 def _padded(pieces: list[Array], size: int) -> Array:
@@ -260,10 +260,13 @@ def _padded(pieces: list[Array], size: int) -> Array:
 
 
 def _divided(g: Array, order: Indices) -> Array:
-    """Return polynomials with their zeros at the start divided out."""
+    """Return polynomials with their zeros at the start divided out; those that stay 0 are constants."""
     g = g.copy()
     for k in set(order[order > 0].tolist()):
         columns = (order == k).nonzero()[0]
+        if k == NEVER:
+            g[:, columns] = np.eye(g.shape[0], 1)
+            continue
         g[: g.shape[0] - k, columns] = g[k:, columns]
         g[g.shape[0] - k :, columns] = 0.0
     return g

@@ -87,7 +87,7 @@ class Balance:
         """Whether the velocity of any body depends on those of drives."""
         return bool(abs(self.U_dependent).sum() > 0)
 
-    @property
+    @cached_property
     def has_loops(self) -> bool:
         """Whether the forces of some rows are not unique."""
         return bool(self.loop.max(initial=-1) >= 0)
@@ -160,15 +160,22 @@ class Balance:
 
     def consistent(self, v: Array, u: Array) -> Array:
         """Return velocities with dependent ones written through T, the independent ones as they are."""
-        return self.T @ v + self.U @ u
+        led: Array = self.T @ v
+        return led + self.U @ u if self.is_driven else led
 
     def project(self, v: Array, u: Array) -> Array:
         """Return velocities that satisfy the held rows exactly, momentum conserved (MODEL rule 7)."""
         if not self.count:
             return v
         off = v - self.consistent(v, u)
-        push = (self._TT if self._is_sparse else self.T.T) @ (self._inertia * off)
-        return self.consistent(v + self._reduced @ push, u)
+        if self._is_sparse:
+            return self.consistent(v + self._reduced @ (self._TT @ (self._inertia * off)), u)
+        return self.consistent(v + self._shared @ off, u)
+
+    @cached_property
+    def _shared(self) -> Array:
+        """How independent velocities share what dependent ones lose, of a small scene."""
+        return np.asarray(self._reduced @ (self.T.T * self._inertia))
 
     def accelerations(self, forces: Array, drives: Array | None = None) -> Array:
         """Return accelerations of all bodies from all other forces on them, and from the drives' accelerations."""

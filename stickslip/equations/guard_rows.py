@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from stickslip.equations.loads import Waves
 from stickslip.equations.matrices import scaled
 from stickslip.equations.piecewise import Regions
 from stickslip.equations.system import System
@@ -121,7 +122,7 @@ class GuardRows:
         self.may_stick[: slip.size] = system.holds_more[side[slip], slip]
         """Velocities of contacts that hold more at rest than in motion."""
         self.has_normals = bool(pressed.size)
-        self._sizes: dict[int, Array | None] = {}
+        self._sizes: dict[tuple[int, Waves], Array | None] = {}
 
     @cached_property
     def is_dwelling(self) -> Mask:
@@ -133,23 +134,19 @@ class GuardRows:
         """The guards that are velocities."""
         return np.asarray(self.is_velocity.nonzero()[0])
 
-    @cached_property
-    def others(self) -> Indices:
-        """The guards that are none."""
-        return np.asarray((~self.is_velocity).nonzero()[0])
+    @property
+    def forces(self) -> slice:
+        """Where the guards stand that are no velocities, where no law has a pre-slip velocity."""
+        return slice(self.slips, self.size - self.loose)
 
     @cached_property
-    def by_kind(self) -> Indices:
-        """All guards, those that are velocities first."""
-        return np.concatenate([self.velocities, self.others])
-
-    @cached_property
-    def kinds(self) -> Indices:
-        """Where these begin side by side: velocities, other states, guards of velocities, other guards."""
-        system = self.equations.system
-        sizes = [system.n, system.size - system.n, self.velocities.size, self.others.size]
-        ends = np.cumsum([0, *sizes])[:-1]
-        return np.asarray(ends[np.array(sizes) > 0])
+    def kinds(self) -> tuple[Indices, list[str]]:
+        """Where in states and guards side by side each kind begins, and which it is."""
+        system, own = self.equations.system, self.forces
+        ends = [system.n, system.size, *(system.size + k for k in (own.start, own.stop, self.size))]
+        named = zip([0, *ends], ends, ["state", "state", "velocity", "force", "velocity"], strict=False)
+        some = [(first, kind) for first, last, kind in named if last > first]
+        return np.array([first for first, _ in some]), [kind for _, kind in some]
 
     @cached_property
     def by_state(self) -> Any:
@@ -179,30 +176,33 @@ class GuardRows:
         found[self.rising] -= self.rise[:, None] * q[self.dwell]
         return np.asarray(found)
 
-    def sizes(self, order: int) -> Array | None:
+    def sizes(self, order: int, waves: Waves) -> Array | None:
         """Return the map to what adds up in the Taylor coefficients of the guards, order by order; None if large.
 
-        It takes absolute values of the states and of the coefficients of the inputs, one order after another.
+        It takes what adds up in states, inputs, their slopes, dwells and theirs, and the amplitudes of sines
+        (`Inputs.adding_up`).
         """
-        if order not in self._sizes:
-            equations = self.equations
-            system = equations.system
-            size, width = system.size, system.inputs_and_dwells
-            columns = size + (order + 1) * width
-            found = None
+        key = order, waves
+        if key not in self._sizes:
+            equations, entries = self.equations, np.array(waves[0], dtype=np.intp)
+            system, turns = equations.system, np.abs(np.array(waves[1]))
+            parts = [system.size, *2 * [system.inputs], *2 * [system.dwelling.size], entries.size]
+            columns, found = sum(parts), None
             # it takes a product for each order
             if is_quickly_made(system, columns, order * self.size * (order + 1)):
-                y, watched = np.eye(size, columns), []
-                given = [np.eye(width, columns, size + k * width) for k in range(order + 1)]
-                for k, q in enumerate(given):
-                    rate, z = equations.magnitudes(y, q)
-                    watched.append(z)
-                    y = rate / (k + 1)
-                side_by_side = self.majorants(np.hstack(watched), np.hstack(given))
-                in_orders = side_by_side.reshape(self.size, order + 1, columns).transpose(1, 0, 2)
-                found = in_orders.reshape(-1, columns)
-            self._sizes[order] = found
-        return self._sizes[order]
+                y, q, slope, dwell, dwell_slope, sines = np.split(np.eye(columns), np.cumsum(parts)[:-1])
+                fall, sizes = 1.0 / system.dwell[system.dwelling, None], []
+                for k in range(order + 1):
+                    given = np.concatenate([q, dwell])
+                    np.add.at(given, entries, sines)
+                    rate, z = equations.magnitudes(y, given)
+                    sizes.append(self.majorants(z, given))
+                    y, q, slope = rate / (k + 1), slope / (k + 1), np.zeros_like(slope)
+                    dwell, dwell_slope = (fall * dwell + dwell_slope) / (k + 1), fall * dwell_slope / (k + 1)
+                    sines = turns[:, None] * sines / (k + 1)
+                found = np.concatenate(sizes)
+            self._sizes[key] = found
+        return self._sizes[key]
 
     def majorants(self, z: Array, q: Array) -> Array:
         """Return what adds up in the guards, from what does in watched quantities and inputs (or columns of them)."""

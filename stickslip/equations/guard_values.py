@@ -22,6 +22,8 @@ class GuardValues:
 
     Attributes
     ----------
+    first : array (orders, guards)
+        Taylor coefficients at the start, orders 0 and 1 at least.
     row : array of int
         The row of each guard, -1 where it is the border of a region.
     is_border : array of bool
@@ -44,6 +46,8 @@ class GuardValues:
             within = (speed <= -(1 + _AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
             self._constant[slips] = np.where(self.rests[slips] | within, 0.0, rows.threshold)
             self._has_constant = bool(self._constant.any())
+        # Taylor coefficients of the guards at the start, orders 0 and 1 at least
+        self.first = self.series(motion.first)
         # functions of the state act on forces; of the others only normal forces may read them
         self._wanted: Collection[int] | None = None
         if not rows.reads_forces and motion.dependence is not None:
@@ -65,13 +69,8 @@ class GuardValues:
         """Return the Taylor coefficients of the guards as they are, one row per order."""
         rows = self.rows
         if expansion.g is not None:
-            g = expansion.g
-            if rows.loose:
-                own = slice(-rows.loose, None)
-                g = np.concatenate([g, expansion.z[:, rows.source[own]] * rows.turn[own]], axis=1)
-            if self._has_constant:
-                g = np.concatenate([g[:1] + self._constant, g[1:]])
-            return g
+            g = self.completed(expansion.g, expansion.z)
+            return np.concatenate([g[:1] + self._constant, g[1:]]) if self._has_constant else g
         g = rows.turn * expansion.z[:, rows.source]
         if rows.has_levels:
             g += rows.mu * expansion.q[:, rows.row]
@@ -81,12 +80,15 @@ class GuardValues:
             g[0] += self._constant
         return g
 
-    @cached_property
-    def first(self) -> Array:
-        """Taylor coefficients of the guards at the start, orders 0 and 1 at least."""
-        return self.start if self.motion.is_linear else self.series(self.motion.first)
+    def completed(self, g: Array, z: Array) -> Array:
+        """Return guards of the modes with those of open rows that show a mode, from what is watched."""
+        rows = self.rows
+        if not rows.loose:
+            return g
+        own = slice(-rows.loose, None)
+        return np.concatenate([g, z[..., rows.source[own]] * rows.turn[own]], axis=-1)
 
     @cached_property
     def start(self) -> Array:
         """Taylor coefficients of the guards at the start, orders 0 to 2."""
-        return self.series(self.motion.start)
+        return self.first if self.motion.is_linear else self.series(self.motion.start)

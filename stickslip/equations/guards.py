@@ -37,21 +37,28 @@ class Guards(GuardsAtStart):
         Where a motion starts from rest, or contacts only begin to be pressed, that is 0 at the start.
         """
         motion, rows, tau = self.motion, self.rows, float(path.taus[-1])
-        q = motion.inputs(tau, path.last)
-        z, system = motion.watched(tau, path.last, q), motion.system
-        g, force = self.raw(z, q), rows.turn * z[rows.source]
+        system, y = motion.system, path.last
+        if path.watched is None:
+            q = motion.inputs(tau, y)
+            z = motion.watched(tau, y, q)
+            g = self.raw(z, q)
+        else:
+            z, g = np.split(path.watched, [motion.equations.watched_count])
+            g = self.completed(g, z) + self._constant
+        force = rows.turn * z[rows.source]
         size = np.abs(force) + np.abs(g - force)
-        speeds = system.abs_G @ path.largest[: system.n]
-        if system.drives:
-            speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(q))
         some = rows.velocities
-        # what a solver has begun to move a moment ago has no speed yet
-        size[some] = np.maximum(speeds[self.row[some]], self.velocity_uncertainty)
+        if some.size:
+            speeds = system.abs_G @ path.largest[: system.n]
+            if system.drives:
+                speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(motion.loads(tau)))
+            # what a solver has begun to move a moment ago has no speed yet
+            size[some] = np.maximum(speeds[self.row[some]], self.velocity_uncertainty)
         if rows.has_borders:
             size[self.is_border] = 0.0
         if rows.has_normals and system.dependence is not None:
             # what a normal force follows may be 0 where it starts, and again where it ends
-            pressed = system.dependence.normal_sizes(np.abs(q), path.largest)
+            pressed = system.dependence.normal_sizes(np.abs(motion.inputs(tau, y)), path.largest)
             size[self.is_normal] = pressed[self.row[self.is_normal]]
         start = self.majorant[0] + np.abs(self._constant) if self._has_constant else self.majorant[0]
         g = self._divided(g, tau)

@@ -36,6 +36,7 @@ _TIME = 1e-15
 _DIFFERENCED = 1e-6
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
 _HIGHEST = 8
+_ORDERS = np.arange(1.0, _HIGHEST + 2)[:, None]
 _NO_ROWS = np.empty(0, dtype=np.intp)
 
 
@@ -93,9 +94,8 @@ class GuardsAtStart(GuardValues):
         near: Array | float = 0.0
         soon = _NEAR_IN_TIME * (abs(self.motion.t) + self.motion.horizon)
         if rows.has_forces:
-            near = rows.is_force * (
-                soon * np.abs(self.first[1]) + _NEAR * self.force_scale[rows.is_force].max()
-            )
+            largest = max((rows.is_force * self.force_scale).tolist())
+            near = rows.is_force * (soon * np.abs(self.first[1]) + _NEAR * largest)
         if self._has_constant:
             near = near + _NEAR * self._constant
         if rows.has_borders:
@@ -112,13 +112,13 @@ class GuardsAtStart(GuardValues):
     def _look_closer(self, close: list[int], fired: Mask) -> None:
         """Tell of guards near 0 whether they are 0, and how these leave it."""
         motion = self.motion
-        has_fired, of_stop = self._at_limit(fired)
         for i in close:
             passes_0 = self.is_velocity[i] and not self._constant[i]
+            has_fired, of_stop = self._at_limit(i, fired)
             if passes_0:
-                found = self._roundoff_of_velocity(i, has_fired[i]) if self.rests[i] else None
+                found = self._roundoff_of_velocity(i, has_fired) if self.rests[i] else None
             else:
-                found = self._roundoff_of_level(i, has_fired[i], of_stop[i])
+                found = self._roundoff_of_level(i, has_fired, of_stop)
             if found is None:
                 self.violated[i] = self.first[0, i] < (-self.velocity_uncertainty if passes_0 else 0.0)
                 continue
@@ -131,20 +131,17 @@ class GuardsAtStart(GuardValues):
             else:
                 self.order[i], self.is_plain = order, False
                 moves = self.is_velocity[i] and not motion.is_linear and not self._never[i]
-                self.lets_go[i] = has_fired[i] and moves and order == NEVER
+                self.lets_go[i] = has_fired and moves and order == NEVER
 
-    def _at_limit(self, fired: Mask) -> tuple[Mask, Mask]:
-        """Return the guards of rows that have been found at their limit, and those of stops."""
-        has_fired, of_stop = np.append(fired, False)[self.row], np.zeros(self.size, dtype=bool)
-        if self.rows.has_borders:
-            functions = self.motion.system.piecewise
-            owner = functions.owner[self.motion.equations.borders]
-            of_stop[self.is_border] = functions.is_stop[owner]
-            # a stop that was closed is at its limit, too, as the solver or roundoff has left it
-            has_fired[self.is_border] = (
-                functions.is_stop[owner] & (fired | self.at_rest)[functions.row[owner]]
-            )
-        return has_fired, of_stop
+    def _at_limit(self, i: int, fired: Mask) -> tuple[bool, bool]:
+        """Tell whether the row of a guard has been found at its limit, and whether the guard bounds a stop."""
+        if not self.is_border[i]:
+            return bool(fired[self.row[i]]), False
+        functions = self.motion.system.piecewise
+        owner = functions.owner[self.motion.equations.borders[np.count_nonzero(self.is_border[:i])]]
+        of_stop, row = bool(functions.is_stop[owner]), functions.row[owner]
+        # a stop that was closed is at its limit, too, as the solver or roundoff has left it
+        return of_stop and bool(fired[row] or self.at_rest[row]), of_stop
 
     def _roundoff_of_velocity(self, i: int, has_fired: bool) -> tuple[list[float], float]:
         """Return within what the first two derivatives of a velocity that is 0 are roundoff, and 0."""
@@ -213,11 +210,11 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def _never(self) -> Mask:
         """Guards of rows that cannot move because held rows lock the same motion."""
-        never = np.zeros(self.size, dtype=bool)
-        if self.motion.equations.held.size:
-            rows = self.rests.nonzero()[0]
-            never[rows] = self.motion.equations.locked(self.row[rows])
-        return never
+        found: Mask = self.rests.copy()
+        equations, some = self.motion.equations, self.row[self.rests]
+        # in a large scene few rows are asked for
+        found[found] = equations.locked(some) if equations.system.sparse else equations.always_locked[some]
+        return found
 
     @property
     def stays_zero(self) -> Indices:
@@ -239,7 +236,7 @@ class GuardsAtStart(GuardValues):
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
         found = self._with_time(self._adds_up)
-        if (found > 2 * self._adds_up[:-1]).any():
+        if np.count_nonzero(found > 2 * self._adds_up[:-1]):
             found = np.minimum(found, self._with_time(self._adds_up, self._changes))
         return found
 
@@ -273,6 +270,12 @@ class GuardsAtStart(GuardValues):
             return self.force_scale
         return np.where(self.is_border, self.majorant[0], self.force_scale)
 
+    @property
+    def step_scale(self) -> Array:
+        """For each guard that is no velocity what it compares at the start, or what adds up in that if it is more."""
+        own = self.rows.forces
+        return np.maximum(self.value_scale[own], self.majorant[0, own])
+
     @cached_property
     def force_scale(self) -> Array:
         """The same for guards of forces; without meaning for others."""
@@ -286,6 +289,5 @@ def with_time(sizes: Array, changes: Array, t: float) -> Array:
 
     It is one of all that `changes`; the highest order is left out.
     """
-    late = _TIME / ROUNDOFF * abs(t)
-    orders = np.arange(1.0, sizes.shape[0])[:, None]
-    return np.asarray(sizes[:-1] + late * orders * changes[1:])
+    late = _TIME / ROUNDOFF * abs(t) * _ORDERS[: sizes.shape[0] - 1]
+    return np.asarray(sizes[:-1] + late * changes[1:])

@@ -49,9 +49,9 @@ class Inputs:
         equations = self.equations
         if not equations.dependent.size:
             return y
-        y = np.array(y)
+        y = y.copy()
         if not equations.is_driven:
-            return equations.consistent(y, np.empty(0))
+            return equations.consistent(y, _NO_NUMBERS)
         return equations.consistent(y, self.system.drive_velocities(self.loads(tau)))
 
     @property
@@ -196,16 +196,15 @@ class Inputs:
 
     def _place_rising(self) -> None:
         """Find the rows whose static coefficient is still rising, and the places of their dwells."""
-        places = self.equations.resting_dwells
-        rows = self.system.dwelling[places]
-        rate = 1.0 / self.system.dwell[rows]
+        equations = self.equations
+        places, rows, rate = equations.resting_dwells, equations.resting_rows, equations.resting_rates
         age = (self.t - self.since[rows]) * rate
         young = age < DWELL_OVER
-        if not young.all():
+        if np.count_nonzero(young) < young.size:
             places, rows, rate, age = places[young], rows[young], rate[young], age[young]
         self._rising, self._rising_rows, self._rate, self._age = places, rows, rate, age
         if places.size:
-            self._over = float(((DWELL_OVER - age) / rate).max())
+            self._over = max(((DWELL_OVER - age) / rate).tolist())
 
     def is_rising(self, tau: float) -> bool:
         """Tell whether a static coefficient still rises at local time `tau`."""
@@ -295,32 +294,45 @@ class Inputs:
 
     def _extended(self, tau: float, y: Array) -> Array:
         """Return states, inputs, their slopes, dwells and their slopes at local time `tau` without sines."""
-        stretch, size, inputs = self.stretch, self.system.size, self.system.inputs
+        q, slope = self.stretch.line(self.t + tau), self.stretch.slope
         count = self.system.dwelling.size
-        x = np.zeros(size + 2 * inputs + 2 * count)
-        x[:size] = y
-        q, slope = x[size : size + inputs], x[size + inputs : size + 2 * inputs]
-        np.multiply(stretch.slope, self.t + tau - stretch.start, out=q)
-        q += stretch.value
-        slope[:] = stretch.slope
+        if not count:
+            return np.concatenate([y, q, slope])
+        dwells = np.zeros(2 * count)
         if tau < self._over:
-            rows = self._rising_rows
-            age = self._age + self._rate * tau
-            factor = np.exp(-age) if tau == 0 else np.where(age < DWELL_OVER, np.exp(-age), 0.0)
-            dwells = x[size + 2 * inputs :].reshape(2, count)
-            dwells[0, self._rising] = factor * q[rows]
-            dwells[1, self._rising] = factor * slope[rows]
-        return x
+            rows, places = self._rising_rows, self._rising
+            age = self._age + self._rate * tau if tau else self._age
+            factor = np.exp(-age)
+            if tau:
+                factor[age >= DWELL_OVER] = 0.0
+            dwells[places] = factor * q[rows]
+            dwells[places + count] = factor * slope[rows]
+        return np.concatenate([y, q, slope, dwells])
 
     @cached_property
+    def _at_start_extended(self) -> Array:
+        return self._extended(0.0, self.y)
+
+    @cached_property
+    def adding_up(self) -> Array:
+        """What adds up in states, inputs, dwells and their slopes at the start, and in sines."""
+        stretch, size = self.stretch, self.system.size
+        found = np.abs(self._at_start_extended)
+        if not stretch.is_steady:
+            value = np.abs((self.t - stretch.start) * stretch.slope)
+            value += np.abs(stretch.value)
+            found[size : size + value.size] = value
+        return np.concatenate([found, np.abs(stretch.sines.amplitude)]) if stretch.has_waves else found
+
+    @property
     def _rises_with_state(self) -> bool:
         """Whether a level rises whose normal force depends on the state."""
         return self.dependence is not None and self._rises_among(self.dependence.rows)
 
-    @cached_property
+    @property
     def _rises_with_waves(self) -> bool:
         """Whether a level rises to whose normal force sines are added."""
-        return self._rises_among(self.stretch.waves[0])
+        return self.stretch.has_waves and self._rises_among(self.stretch.waves[0])
 
     def _rises_among(self, rows: Indices | tuple[int, ...]) -> bool:
         """Tell whether a static coefficient of one of these rows still rises at the start."""

@@ -21,6 +21,8 @@ from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, S
 Waves = tuple[tuple[int, ...], tuple[float, ...]]
 """The entries to which sines are added, and how fast these turn in rad/s."""
 
+NO_WAVES: Waves = ((), ())
+
 TableRegions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
 
@@ -179,13 +181,17 @@ class Stretch:
 
     def at(self, t: float) -> Array:
         """Return the inputs at `t`; functions count with their left limit at the end of the stretch."""
-        q = self.value + (t - self.start) * self.slope
+        q = self.line(t)
         if not self.is_straight:
             if self.has_waves:
                 np.add.at(q, self.sines.entry, self.sines.at(t))
             for i, function in self._functions:
                 q[i] += function(min(t, self._before_stop))
         return q
+
+    def line(self, t: float) -> Array:
+        """Return the straight part of the inputs at `t`."""
+        return self.value + (t - self.start) * self.slope
 
     @property
     def terms(self) -> int:
@@ -194,7 +200,7 @@ class Stretch:
 
     def enter_columns(self, columns: Columns, q: Array, t: float) -> None:
         """Enter the inputs, whose local time runs from `t`, as sums over columns."""
-        q[:, 0] = self.value + (t - self.start) * self.slope
+        q[:, 0] = self.line(t)
         q[:, 1] = self.slope
         if self.has_waves:
             sines = self.sines
@@ -250,7 +256,7 @@ class Stretch:
         Without `waves`, sines count nothing either.
         """
         found = np.zeros((order + 1, self.value.size))
-        found[0] = self.value + (t - self.start) * self.slope
+        found[0] = self.line(t)
         found[1:2] = scale * self.slope
         if self.has_waves and waves:
             np.add.at(found.T, self.sines.entry, self.sines.taylor(t, order, scale).T)

@@ -74,6 +74,8 @@ class ModeEquations:
     ----------
     held, slip, pre, open, free, at_level : array of int
         Rows that are held, slip, are in pre-slip, carry no force, have no modes, or carry their level.
+    sticks_at_zero : array of int
+        Rows that slip and stick where they come to rest.
     pressed, velocity_dependent, elastic : array of int
         Rows whose normal force depends on the state, whose force depends on velocity, and gaps.
     bristle_places : array of int
@@ -84,6 +86,8 @@ class ModeEquations:
         Friction that is linear in the inputs.
     is_assembled : bool
         Whether the maps are put together as matrices; else they are applied step by step.
+    is_small : bool
+        Whether one matrix may give all Taylor coefficients of a linear motion.
     """
 
     def __init__(self, system: System, modes: Modes, regions: Regions) -> None:
@@ -101,12 +105,11 @@ class ModeEquations:
         self.guards = GuardRows(self, self.open[:0], modes[:0])
         self._guard_rows: dict[bytes, GuardRows] = {}
         self._quantities = system.size + self.watched_count + self.guards.size
+        self.is_small = is_small(system, self._quantities, 0)
         self._maps: dict[tuple[bool, TableRegions, Waves], TaylorMap] = {}
         # a series and a solver apply the maps of states many times, those of inputs only a solver does; part by part
         # equal and opposite forces cancel exactly
-        self._responds_at_once = not system.sparse and (
-            self.velocity_dependent.size > 0 or is_small(system, self._quantities, 0)
-        )
+        self._responds_at_once = not system.sparse and (self.velocity_dependent.size > 0 or self.is_small)
         self.is_assembled = not system.sparse or (
             (self.velocity_dependent.size > 0 or system.has_couplings)
             and self.balance.reach <= _NEAR * system.n
@@ -120,11 +123,14 @@ class ModeEquations:
         at_level, slips = (modes == AT_HIGH) | (modes == AT_LOW), np.abs(modes) == 1
         self.is_held = (modes == 0) & system.hard
         self.held, self.slip = self.is_held.nonzero()[0], slips.nonzero()[0]
+        self.sticks_at_zero = (slips & system.hard).nonzero()[0]
         self.pre = ((modes == 0) & system.laws.has_slip_state).nonzero()[0]
         self.open, self.free = (modes == OPEN).nonzero()[0], (modes == FREE).nonzero()[0]
         self.at_level = at_level.nonzero()[0]
         self.pressed = (system.pressed & system.alive).nonzero()[0]
         self.resting_dwells = ((modes == 0) | at_level)[system.dwelling].nonzero()[0]
+        self.resting_rows = system.dwelling[self.resting_dwells]
+        self.resting_rates = 1.0 / system.dwell[self.resting_rows]
         # a row that carries its level pushes with it: where that rises, the motion follows
         self.rises_push = bool(system.dwelling.size and system.rise[:, self.at_level].any())
 
@@ -138,6 +144,7 @@ class ModeEquations:
             [system.bristle_state[j] for j in rows[self.law.bristles]], dtype=np.intp
         )
         self._alone: dict[int, VelocityDependentForces] = {}
+        self._mobility: dict[int, float] = {}
 
     # -- piecewise-linear functions --------------------------------------------------------------------------
 
@@ -194,8 +201,10 @@ class ModeEquations:
 
     def guard_rows(self, labels: Modes) -> GuardRows:
         """Return the guards where rows show these labels: open ones that show a mode are watched, too."""
+        if not self.open.size:
+            return self.guards
         signs = labels[self.open]
-        if not signs.any():
+        if not np.count_nonzero(signs):
             return self.guards
         found = self._guard_rows.get(key := signs.tobytes())
         if found is None:
@@ -234,6 +243,11 @@ class ModeEquations:
         if not but_by_drives:
             left = np.maximum(left, row_maxima(G @ balance.U + D))
         return np.asarray(left <= _LOCKED * system.largest_lever[rows])
+
+    @cached_property
+    def always_locked(self) -> Mask:
+        """All rows that cannot move because held rows lock the same motion."""
+        return self.locked(slice(None))
 
     # -- the maps --------------------------------------------------------------------------------------------
 
@@ -417,8 +431,11 @@ class ModeEquations:
 
     def mobility(self, row: int) -> float:
         """Return the relative acceleration of a row by a force of 1 N or N m along it."""
-        pull = dense(self.system.G[[row]])[0]
-        return float(pull @ self.balance.accelerations(pull))
+        found = self._mobility.get(row)
+        if found is None:
+            pull = dense(self.system.G[[row]])[0]
+            found = self._mobility[row] = float(pull @ self.balance.accelerations(pull))
+        return found
 
     def friction_of(self, row: int, w: float, normal: float, rested: float, y: Array) -> float:
         """Return the friction force of one row, 0 where it is held; `rested` is its age in s if it rests."""

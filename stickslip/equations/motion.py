@@ -12,7 +12,7 @@ import scipy
 from stickslip.equations.floats import Sums, rates_of, smallest_of
 from stickslip.equations.guard_rows import GuardRows
 from stickslip.equations.inputs import Inputs, Linked
-from stickslip.equations.loads import Stretch
+from stickslip.equations.loads import NO_WAVES, Stretch
 from stickslip.equations.matrices import assembled, dense
 from stickslip.equations.mode_equations import ModeEquations
 from stickslip.equations.path import Path
@@ -27,7 +27,7 @@ class Expansion:
     constants, where they are told at once.
     """
 
-    __slots__ = ("_q", "g", "y", "z")
+    __slots__ = ("_q", "_whole", "g", "y", "z")
 
     def __init__(
         self,
@@ -35,8 +35,22 @@ class Expansion:
         q: Array | Callable[[], Array],
         z: Array,
         g: Array | None = None,
+        whole: Array | None = None,
     ) -> None:
-        self.y, self._q, self.z, self.g = y, q, z, g
+        self.y, self._q, self.z, self.g, self._whole = y, q, z, g, whole
+
+    @classmethod
+    def of(cls, whole: Array, size: int, watched: int, q: Array | Callable[[], Array]) -> Expansion:
+        """Return an expansion from its coefficients side by side: so many states, what is watched, and guards."""
+        last = size + watched
+        g = whole[:, last:] if whole.shape[1] > last else None
+        return cls(whole[:, :size], q, whole[:, size:last], g, whole)
+
+    @property
+    def whole(self) -> Array:
+        """States, watched quantities and these guards side by side, of a linear motion."""
+        assert self._whole is not None
+        return self._whole
 
     @property
     def q(self) -> Array:
@@ -72,8 +86,10 @@ class Motion(Inputs):
             self.dependence is None or self.dependence.is_linear_in(self.table_regions)
         )
         self.is_linear = not (self.has_law or self.has_functions)
-        self._at_start: tuple[TaylorMap, Array] | None = None
         self.is_polynomial = self.is_linear and self.dependence is None and not equations.feeds_back
+        self._at_start: tuple[TaylorMap, Array] | None = None
+        if self.is_linear and equations.is_small:
+            self.first = self.start = self.expand(0.0, y, 2)
 
     # -- rates -----------------------------------------------------------------------------------------------
 
@@ -372,17 +388,21 @@ class Motion(Inputs):
         equations, system = self.equations, self.system
         size = system.size
         swings = self.stretch.has_waves and not (frozen and self.waves_rest)
-        if not (self._rises_with_state or (swings and self._rises_with_waves)):
+        if equations.is_small and not (self._rises_with_state or (swings and self._rises_with_waves)):
             taylor = equations.taylor(
-                order, frozen, self.table_regions, self.stretch.waves if swings else ((), ())
+                order, frozen, self.table_regions, self.stretch.waves if swings else NO_WAVES
             )
             if taylor is not None and taylor.reaches(scale):
-                y, z, g = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
-                return Expansion(y, lambda: self._all_series(tau, y, scale, frozen), z, g)
+                found = taylor.over(self._derivatives(taylor, tau, y, swings), scale, order)
+                own = found[:, :size]
+                return Expansion.of(
+                    found, size, equations.watched_count, lambda: self._all_series(tau, own, scale, frozen)
+                )
         linked = Linked(self, tau, order, scale, frozen) if self.dependence is not None else None
         q = self._input_series(tau, order, scale, frozen) if linked is None else linked.q
         loads = q if linked is None else linked.loads
-        ys, zs = np.zeros((order + 1, size)), np.zeros((order + 1, equations.watched_count))
+        whole = np.zeros((order + 1, size + equations.watched_count))
+        ys, zs = whole[:, :size], whole[:, size:]
         ys[0] = y
         finite = False
         act = np.full(order + 1, linked is not None) | q.any(axis=1)
@@ -403,14 +423,14 @@ class Motion(Inputs):
             if equations.dependent.size:
                 equations.consistent(following, system.drive_velocities(loads[k + 1]))
             finite = linked is None and not following.any()
-        return Expansion(ys, q, zs)
+        return Expansion.of(whole, size, equations.watched_count, q)
 
     def _derivatives(self, taylor: TaylorMap, tau: float, y: Array, swings: bool) -> Array:
         """Return from what all Taylor coefficients follow at local time `tau`; those at the start are kept."""
         at_start = tau == 0 and y is self.y
         if at_start and self._at_start is not None and self._at_start[0] is taylor:
             return self._at_start[1]
-        x = self._extended(tau, y)
+        x = self._at_start_extended if at_start else self._extended(tau, y)
         if swings:
             x = np.concatenate([x, self.stretch.swings(self.t + tau)])
         found = taylor.derivatives(x)
@@ -437,11 +457,12 @@ class Motion(Inputs):
 
     def guard_magnitudes(self, rows: GuardRows, order: int) -> Array:
         """Return the same of guards, an order per row."""
-        sizes = None if self.dependence is not None else rows.sizes(order)
+        sizes = None
+        if not (self.dependence is not None or self.stretch.has_functions or self._rises_with_waves):
+            sizes = rows.sizes(order, self.stretch.waves)
         if sizes is None:
             return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
-        x = np.concatenate([np.abs(self.y), self._input_magnitudes(order).ravel()])
-        found: Array = (sizes @ x).reshape(order + 1, -1)
+        found: Array = (sizes @ self.adding_up).reshape(order + 1, -1)
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------

@@ -31,6 +31,8 @@ class Path:
     hit: bool  # whether a guard came to 0 at the end
     is_chebyshev: bool = False  # whether ``p_j(s) = T_j(2 s - 1)``; ``s^j`` if not
     touched: int | None = None  # the row whose relative velocity touches 0 at the end, None for none
+    # what is watched at the end, and guards but for constants, where an engine knows them
+    watched: Array | None = None
 
     @property
     def has_event(self) -> bool:
@@ -83,7 +85,7 @@ class Path:
     def until(self, count: int) -> Path:
         """Return the first `count` steps."""
         if count >= self.coefficients.shape[0]:
-            return replace(self, hit=False, touched=None)
+            return replace(self, hit=False, touched=None, watched=None)
         last = self.points[count]
         return Path(self.taus[: count + 1], self.coefficients[:count], last, False, self.is_chebyshev)
 

@@ -65,7 +65,6 @@ class TaylorMap:
         waves: Waves,
     ) -> None:
         size, inputs, dwelling = system.size, system.inputs, system.dwelling
-        self._size, self._watched = size, size + watched
         entries, turns = (np.array(x, dtype=kind) for x, kind in zip(waves, (np.intp, float), strict=True))
         sizes = [size, inputs, inputs, dwelling.size, dwelling.size, entries.size, entries.size]
         x = np.eye(sum(sizes))
@@ -114,11 +113,11 @@ class TaylorMap:
         found: Array = (self._matrix @ x).reshape(self.order + 1, -1)
         return found
 
-    def over(self, derivatives: Array, scale: float, order: int) -> tuple[Array, Array, Array]:
-        """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards, a row per order."""
+    def over(self, derivatives: Array, scale: float, order: int) -> Array:
+        """Return the coefficients ``scale^k f^(k) / k!`` of states, watched quantities and guards side by side."""
         count = order + 1
-        found = derivatives[:count] * ((self._pace * scale) ** self._orders[:count])[:, None]
-        return found[:, : self._size], found[:, self._size : self._watched], found[:, self._watched :]
+        found: Array = derivatives[:count] * ((self._pace * scale) ** self._orders[:count])[:, None]
+        return found
 
 
 def _terms(N: Array, order: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,6 @@ class AtLimit(NamedTuple):
     touching: Mask  # (m,): rows whose relative velocity has come to 0
     fired: Mask  # (m,): rows whose guard has
     crossed: Indices  # borders of regions
-    # where no other guard is near 0: the row that sticks or lets go, and in which direction it is pushed, 0 if it moved
-    alone: tuple[int, int] | None
 
 
 class Jump(NamedTuple):
@@ -51,11 +49,40 @@ class Jump(NamedTuple):
     impact: Struck | None  # what impulses did; None for none
 
 
+def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
+    """Return the row that sticks or lets go where no other guard is near 0, and in which direction it is pushed.
+
+    That is 0 for one that moved. None where more has to be looked at.
+    """
+    if not path.hit or path.touched is not None:
+        return None
+    values, part = _at_end(guards, path)
+    near, uncertain = part <= _ALONE, guards.velocity_uncertainty
+    if uncertain:
+        near |= guards.is_velocity & (values <= uncertain)
+    if np.count_nonzero(near) != 1:
+        return None
+    i = int(near.argmax())
+    if uncertain and i in guards.passing and not _has_passed(values[i], guards.leeway[i]):
+        return None
+    return guards.of_friction(i)
+
+
+def _at_end(guards: Guards, path: Path) -> tuple[Array, Array]:
+    """Return the guards at the end of a path, and as parts of their scales."""
+    values, size = guards.at_end(path)
+    return values, values / np.where(size > _NOTHING, size, 1.0)
+
+
+def _has_passed(velocity: Any, leeway: Any) -> Any:
+    """Tell whether a velocity has passed 0: one beyond it by no more than the solver's errors has not."""
+    return (velocity >= (FULLY - 1) * leeway) | (velocity <= -FULLY * leeway)
+
+
 def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]) -> AtLimit:
     """Return what has just come to its limit."""
     m, crossed = motion.system.m, np.empty(0, dtype=np.intp)
     touching, fired = np.zeros((2, m), dtype=bool)
-    alone = None
     # where a table ends at once, the sign of what has just begun to move is roundoff
     touching[guards.still_at_rest(float(path.taus[-1]))] = True
     if relaxed_ones:
@@ -64,23 +91,15 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         touching[path.touched] = fired[path.touched] = True
     if path.hit:
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
-        values, size = guards.at_end(path)
-        part = values / np.where(size > _NOTHING, size, 1.0)
+        values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
         if guards.velocity_uncertainty:
-            # a velocity that is beyond 0 by no more than the solver's errors has not passed it
-            velocities, leeway = values[guards.passing], guards.leeway[guards.passing]
-            at[guards.passing] &= (velocities >= (FULLY - 1) * leeway) | (velocities <= -FULLY * leeway)
+            at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
         # where a normal force ends it is not the row that has come to its limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
         touching[guards.row[at & guards.is_velocity]] = True
         crossed = motion.equations.borders[at[guards.is_border]]
-        near = part <= _ALONE
-        if guards.velocity_uncertainty:
-            near |= guards.is_velocity & (values <= guards.velocity_uncertainty)
-        if np.count_nonzero(near) == 1 and (near & at).any() and path.touched is None and not relaxed_ones:
-            alone = guards.of_friction(int(near.argmax()))
-    return AtLimit(touching, fired, crossed, alone)
+    return AtLimit(touching, fired, crossed)
 
 
 def at_stops(

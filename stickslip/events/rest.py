@@ -23,8 +23,11 @@ def until_rest(motion: Motion, path: Path, uncertain: float, margin: float) -> t
 
     `uncertain` are a solver's errors of velocities, and `margin` is that inside which a row may have relaxed.
     """
-    rows = motion.equations.slip[motion.system.hard[motion.equations.slip]]
+    rows = motion.equations.sticks_at_zero
     if not (rows.size and (uncertain or margin > 0)) or path.taus.size < 2:
+        return path, []
+    if not uncertain and path.has_event and path.taus.size == 2:
+        # what relaxes is seen to fall from one point to the next, without an event
         return path, []
     points = path.points.T
     w = _signed(motion, path.taus, points, rows)

@@ -187,7 +187,7 @@ def _settled(
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= rough)
         if slow.any():
-            shown = np.where(slow & motion.equations.locked(slice(None)), 0, shown).astype(np.int8)
+            shown = np.where(slow & motion.equations.always_locked, 0, shown).astype(np.int8)
         # the sign of what has died away is a solver's error
         watched = np.where(died, 0, shown).astype(np.int8)
         if np.any(watched[is_open] != labels[is_open]):

@@ -16,6 +16,7 @@ from stickslip.equations.path import Path
 from stickslip.events.endings import (
     AtLimit,
     Jump,
+    alone_at_limit,
     arrived,
     at_limit,
     at_stops,
@@ -216,15 +217,16 @@ class Run:
             return
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
-        at = at_limit(motion, now.guards, path, relaxed)
-        if at.alone is not None and t < motion.stretch.stop and self._keeps_regions(now, path.last, t):
+        alone = None if relaxed or t >= motion.stretch.stop else alone_at_limit(now.guards, path)
+        if alone is not None and self._keeps_regions(now, path.last, t):
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
-            following = with_one(now, t, path.last, since, *at.alone, uncertain)
+            following = with_one(now, t, path.last, since, *alone, uncertain)
             if following is not None:
-                self.now, j = following, at.alone[0]
+                self.now, j = following, alone[0]
                 if following.labels[j] != before[j]:
                     self._note(t, j, int(before[j]), True, False, None)
                 return
+        at = at_limit(motion, now.guards, path, relaxed)
         situation, jump = self._situation(now, path, t, before, since, at, blocks)
         self._settle_all(situation, before, relaxed, jump)
 
