@@ -43,7 +43,8 @@ class Guards(GuardsAtStart):
             z = motion.watched(tau, y, q)
             g = self.raw(z, q)
         else:
-            z, g = np.split(path.watched, [motion.equations.watched_count])
+            count = motion.equations.watched_count
+            z, g = path.watched[:count], path.watched[count:]
             g = self.completed(g, z) + self._constant
         force = rows.turn * z[rows.source]
         size = np.abs(force) + np.abs(g - force)

@@ -248,6 +248,8 @@ class Stretch:
         if self._is_stepped:
             return self.rate(t)[:count]
         later = t + INSIDE * (self.stop - t)
+        if self.is_straight:
+            return self.line(later)[:count]
         return np.asarray(self.sampled(np.array([later]), slice(count))[:, 0])
 
     def taylor(self, t: float, order: int, scale: float = 1.0, waves: bool = True) -> Array:

@@ -204,8 +204,8 @@ def arrived(motion: Motion, path: Path, labels: Modes, uncertain: float) -> Mask
     system, n, tau = motion.system, motion.system.n, float(path.taus[-1])
     if not motion.equations.open.size:
         return np.zeros(system.m, dtype=bool)
-    q = motion.loads(tau)
-    rate, speeds = system.G @ motion.rate(tau, path.last)[:n], system.abs_G @ path.largest[:n]
+    q = motion.inputs(tau, path.last)
+    rate, speeds = system.G @ motion.both(tau, path.last, q)[:n], system.abs_G @ path.largest[:n]
     if system.drives:
         acceleration = system.drive_accelerations(q)
         reached = np.abs(system.drive_velocities(q)) + np.abs(acceleration) * (motion.t + tau)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, with_time
-from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, OPEN
+from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
@@ -43,8 +43,11 @@ def label(
     if np.count_nonzero(is_open & may_rest):
         sign = np.zeros(w.size, dtype=np.int8) if before is None else before
         named, died = _to_come(motion, named, w, resting, may_rest & (sign == 0), sign, crossed, uncertainty)
-    shown = np.where(is_open, named, np.where((modes == AT_HIGH) | (modes == AT_LOW), 0, modes))
-    return np.where(modes == FREE, motion.system.sign_of(w), shown).astype(np.int8), died & is_open
+    shown = np.where(is_open, named, modes).astype(np.int8)
+    shown[equations.at_level] = 0
+    if equations.free.size:
+        shown[equations.free] = motion.system.sign_of(w)[equations.free]
+    return shown, died & is_open
 
 
 def _to_come(

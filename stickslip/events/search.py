@@ -47,11 +47,7 @@ class Search:
         self._system, self._stretch, self._now, self._y = system, stretch, now, now.y
         self._labels, self._candidates, self._regions = labels, candidates, regions
         self._at_level, self._velocity_uncertainty = now.at_level(system), velocity_uncertainty
-        none = np.zeros(system.m, dtype=np.int8)
-        self._sides = none if now.sides is None else now.sides.copy()
-        # rows that bodies join, directly or by others, are a part: its forces accelerate no bodies of another
-        self._parts = [np.arange(system.m)]
-        self._part, self._part_of = np.zeros(system.m, dtype=np.intp), np.zeros(system.n, dtype=np.intp)
+        self._sides = np.zeros(system.m, dtype=np.int8) if now.sides is None else now.sides.copy()
         self._tried: list[Modes] = []
 
     def at_rest(self, labels: Modes) -> Mask:
@@ -61,6 +57,11 @@ class Search:
     def run(self, trial: Modes) -> tuple[Motion, Guards]:
         """Return the first consistent motion, from modes in which all rows are held that may be."""
         motion, guards = self._build(trial)
+        if guards.is_plain and not np.count_nonzero(guards.violated):
+            return motion, guards
+        # rows that bodies join, directly or by others, are a part: its forces accelerate no bodies of another
+        self._parts = [np.arange(self._system.m)]
+        self._part, self._part_of = (np.zeros(k, dtype=np.intp) for k in (self._system.m, self._system.n))
         if motion.equations.balance.has_loops:
             self._divide()
         while len(self._tried) < _MOST_TRIALS:

@@ -44,9 +44,10 @@ def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Arra
     q = stretch.at(t)
     if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
         return False
-    slip = motion.equations.slip
+    if not _closed(system, stretch, t, q).all():
+        return False
     w, rough = _relative(system, y, largest, t, q)
-    return bool(_closed(system, stretch, t, q).all() and (np.abs(w) > rough)[slip].all())
+    return bool((np.abs(w) > rough)[motion.equations.slip].all())
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
@@ -186,11 +187,11 @@ def _settled(
     if is_open.size:
         # what held rows lock is at rest, open or not
         slow = (shown != 0) & (motion.equations.modes == OPEN) & (np.abs(w) <= rough)
-        if slow.any():
+        if np.count_nonzero(slow):
             shown = np.where(slow & motion.equations.always_locked, 0, shown).astype(np.int8)
         # the sign of what has died away is a solver's error
         watched = np.where(died, 0, shown).astype(np.int8)
-        if np.any(watched[is_open] != labels[is_open]):
+        if np.count_nonzero(watched[is_open] != labels[is_open]):
             guards = Guards(motion, watched, search.at_rest(watched), now.at_level(system), beyond)
     if system.piecewise.count:
         shown = system.piecewise.shown(shown, motion.equations.regions)
