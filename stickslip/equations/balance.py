@@ -203,21 +203,23 @@ class Balance:
             found = found + self.parting @ drives
         return found
 
-    def force_magnitudes(self, forces: Array) -> Array:
-        """Return what adds up in the held forces, from absolute values of the forces on the bodies."""
-        spread = self.acceleration_magnitudes(forces)
-        rest = forces + _rows(self._inertia, forces) * spread
-        found: Array = self._sizes[0] @ rest[self.dependent]
-        for rows, tree in self._large:
-            found[rows] = tree.magnitude(rest)
-        return found
+    def magnitudes(self, forces: Array, drives: Array) -> tuple[Array, Array]:
+        """Return what adds up in accelerations and in held forces.
 
-    def acceleration_magnitudes(self, forces: Array) -> Array:
-        """Return what adds up in the accelerations, from absolute values of the forces on the bodies."""
-        found: Array = forces
+        It follows from absolute values of the forces on the bodies and of the accelerations of drives.
+        """
+        inertia = _rows(self._inertia, forces)
+        led = abs(self.U) @ drives if self.is_driven else None
+        acceleration: Array = forces if led is None else forces + inertia * led
         for factor in reversed(self._sizes[1:]):
-            found = factor @ found
-        return found
+            acceleration = factor @ acceleration
+        if led is not None:
+            acceleration = acceleration + led
+        rest = forces + inertia * acceleration
+        held: Array = self._sizes[0] @ rest[self.dependent]
+        for rows, tree in self._large:
+            held[rows] = tree.magnitude(rest)
+        return acceleration, held if self.parting is None else held + abs(self.parting) @ drives
 
     @cached_property
     def _sizes(self) -> tuple[Any, ...]:

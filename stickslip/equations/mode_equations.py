@@ -511,10 +511,7 @@ class ModeEquations:
         forces = abs_C @ y + abs_Q @ q[: system.inputs] + system.abs_GT @ (largest * q[:m])
         found = np.zeros((size + self.watched_count, *q.shape[1:]))
         rate, z = found[:size], found[size:]
-        rate[:n] = balance.acceleration_magnitudes(forces)
-        if self.is_driven:
-            drives = q[system.first_acceleration : system.inputs - 1]
-            rate[self.dependent] += abs(self.U_dependent) @ drives
+        rate[:n], z[m : m + self.held.size] = balance.magnitudes(forces, system.drive_accelerations(q))
         rate[system.moved_state] = y[system.moved]
         rate[system.carried_state] = system.drive_velocities(q)[system.carried]
         if size > system.first_block:
@@ -523,11 +520,10 @@ class ModeEquations:
         z[:m] = system.abs_G @ y[:n]
         if system.drives:
             z[:m] += system.abs_D @ system.drive_velocities(q)
-        if self.held.size:
-            z[m : m + self.held.size] = balance.force_magnitudes(forces)
         if self.shares is not None:
             first = m + self.held.size
-            z[first : first + self.at_level.size] = abs(self.shares) @ forces
+            inertia = system.inertia if q.ndim == 1 else system.inertia[:, None]
+            z[first : first + self.at_level.size] = abs(self.shares) @ (forces + inertia * rate[:n])
         if self.borders.size:
             z[-self.borders.size :] = self.border_magnitudes(y, q)
         return found

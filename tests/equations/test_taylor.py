@@ -89,6 +89,22 @@ def test_the_map_is_the_recursion(
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-14 * np.abs(b).max())
 
 
+@pytest.mark.parametrize("made", [pulled, swung])
+@pytest.mark.parametrize("modes", [[1, -1], [0, 1], [1, 0], [0, 0]])
+def test_what_adds_up_in_guards_is_what_the_recursion_adds_up(
+    made: Callable[[], Scene], modes: list[int]
+) -> None:
+    """But for dwells: the product knows how far these are, the recursion takes them as if they had just begun."""
+    motion, guards = motion_of(made(), modes)
+    found = motion.guard_magnitudes(guards.rows, 5)
+    expected = np.array([guards.rows.majorants(z, q) for q, z in motion.magnitudes(5)])
+    rising = motion.is_rising(0.0)
+    assert (found <= expected * (1 + 1e-12)).all() and (rising or (found >= expected * (1 - 1e-12)).all())
+    # nothing is larger than what adds up in it
+    series = guards.series(motion.expand(0.0, motion.y, 5))
+    assert (np.abs(series) <= found * (1 + 1e-12) + 1e-300).all()
+
+
 def test_an_oscillator_has_the_series_of_the_cosine() -> None:
     scene = Scene(Body("a", inertia=1e-6), Spring("a", GROUND, stiffness=1e8))
     system = System(scene)

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, Stop, piecewise_linear, simulate
+from stickslip import (
+    GROUND,
+    Body,
+    Contact,
+    Drive,
+    DryFriction,
+    Force,
+    Scene,
+    Spring,
+    Stop,
+    piecewise_linear,
+    simulate,
+)
 from stickslip.equations.guards import Guards
 from stickslip.equations.mode_equations import equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.equations.system import System
-from stickslip.events.endings import at_limit
+from stickslip.events.endings import alone_at_limit, at_limit
 
 UNCERTAIN = 1e-6
 
@@ -44,6 +57,48 @@ def test_what_is_beyond_0_by_errors_only_has_not_passed_it(beyond: float, has_pa
     motion, guards, path = ending(0.0, 0.3, -beyond)
     at = at_limit(motion, guards, path, [])
     assert at.touching.tolist() == at.fired.tolist() == [True, False, has_passed]
+    # two are near 0: none is alone there
+    assert alone_at_limit(guards, path) is None
+
+
+@pytest.mark.parametrize(
+    ("beyond", "alone"), [(0.0, (1, 0)), (5e-10, (1, 0)), (5e-7, None), (9.999e-7, (1, 0)), (2e-6, (1, 0))]
+)
+def test_the_only_row_near_0_is_alone_there_once_it_has_passed_it(
+    beyond: float, alone: tuple[int, int] | None
+) -> None:
+    _, guards, path = ending(0.5, -beyond, 0.3)
+    assert alone_at_limit(guards, path) == alone
+    assert alone_at_limit(guards, replace(path, hit=False)) is None
+
+
+def test_guards_at_the_end_of_a_series_are_those_of_the_state_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The series hands them over; a dwell, a spring, a drive, an open contact that shows a mode, and a stop."""
+    scene = Scene(
+        Drive("belt", velocity=0.5),
+        Body("a", inertia=1.0),
+        Body("b", inertia=2.0, velocity=0.5),
+        Contact("lower", "a", "belt", DryFriction(0.9, 0.3, dwell=0.4), normal=3.0),
+        Contact("upper", "b", "a", DryFriction(0.5, 0.2), normal=piecewise_linear([0, 1, 3], [-1, -1, 1])),
+        Stop("wall", "b", GROUND, upper=0.5, restitution=0.5),
+        Spring("a", GROUND, stiffness=10.0, damping=0.1),
+        Spring("b", GROUND, stiffness=6.0, rest=0.2),
+    )
+    seen = 0
+    at_end = Guards.at_end
+
+    def both(guards: Guards, path: Path) -> Any:
+        nonlocal seen
+        found = at_end(guards, path)
+        if path.watched is not None:
+            seen += 1
+            for ours, direct in zip(found, at_end(guards, replace(path, watched=None)), strict=True):
+                np.testing.assert_allclose(ours, direct, rtol=1e-9, atol=1e-12)
+        return found
+
+    monkeypatch.setattr(Guards, "at_end", both)
+    simulate(scene, (0.0, 9.0))
+    assert seen >= 7
 
 
 @pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "multiplier"}])
