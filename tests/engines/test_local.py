@@ -492,6 +492,7 @@ def buffers(damping: float) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.2, 3.0])
 def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, damping: float) -> None:
     """Each quantity by name is that of the scene followed as a whole, also where names are read one by one."""

@@ -13,6 +13,7 @@ def oscillator(stiffness: float = 1.0) -> Scene:
     return Scene(Body("a", inertia=1.0, velocity=1.0), Spring("a", GROUND, stiffness=stiffness))
 
 
+@pytest.mark.slow
 def test_times_of_many_steps_add_up_without_roundoff() -> None:
     result = simulate(oscillator(), (0.0, 20000.0), t_eval=[20000.0], method="series")
     assert result.velocity("a")[-1] == pytest.approx(math.cos(20000.0), abs=1e-12)

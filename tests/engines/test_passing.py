@@ -397,6 +397,7 @@ def test_a_light_block_that_is_pulled_slowly_sticks_again(formulation: str) -> N
     assert np.all(result.relative_velocity("ground") * result.mode("ground") > -1e-8)
 
 
+@pytest.mark.slow
 def test_a_force_that_is_0_at_the_start_is_no_measure_for_others() -> None:
     """A level that has risen to 3 parts in 10,000 is met to roundoff beside a one-way contact whose force begins at 0.
 

@@ -7,6 +7,7 @@ import pytest
 from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Scene, Spring, simulate, sine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("formulation", ["contact-force", "multiplier"])
 def test_a_velocity_that_touches_0_in_every_period(formulation: str) -> None:
     """Once loose the body comes nearly to rest 700 times a second: the solver went to the end each time."""

@@ -267,6 +267,7 @@ def test_rows_in_a_ring_that_come_to_their_levels_together(formulation: str) -> 
     assert np.abs(result.y).max() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part_by_part", [False, True])
 def test_many_blocks_on_two_contacts_each_move_as_on_one(
     part_by_part: bool, monkeypatch: pytest.MonkeyPatch

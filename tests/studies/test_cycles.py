@@ -476,6 +476,7 @@ def test_points_between_which_nothing_changes_are_a_constant_load() -> None:
     assert abs(cycle.period - BELT_PERIOD) < 1e-10
 
 
+@pytest.mark.slow
 def test_hunting_of_a_sticking_valve() -> None:
     """A valve stem with stiction in the level control of a tank: jumps of 0.36 m/s, then micrometres a second.
 

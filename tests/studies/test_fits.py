@@ -210,6 +210,7 @@ def coasted(t: np.ndarray, speed: float) -> np.ndarray:
     return np.asarray((speed + 0.5) * np.exp(-t / 2.0) - 0.5)
 
 
+@pytest.mark.slow
 def test_several_records_determine_what_one_does_not() -> None:
     """A short record at one speed hardly tells drag from friction; two speeds do."""
     names, t = {"dampers[0].damping": (0.1, 2.0), "brake.normal": (0.1, 2.0)}, np.linspace(0.01, 0.2, 20)

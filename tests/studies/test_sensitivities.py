@@ -446,6 +446,7 @@ def carried_to_a_wall(friction: float, force: float, distance: float) -> tuple[f
     return rest, distance - a * (1 - rest) ** 2 / 2, -a * (1 - rest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["auto", "BDF"])
 def test_a_cart_and_its_load_that_strike_a_wall_ever_more_softly(method: Any) -> None:
     """The friction between them comes to rest in the instant of an impact, as far as numbers can tell."""
@@ -608,6 +609,7 @@ def block(*others: Any, velocity: float = 0.0, static: float = 0.2) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("damping", "frequency"), [(300.0, 0.01), (600.0, 0.005)])
 def test_what_comes_to_rest_slowly_does_not_graze(damping: float, frequency: float) -> None:
     """A stem on a strong spring and damper follows a slow force, and turns where its steady motion does.
