@@ -50,6 +50,7 @@ class Nearby:
             for one in directions
         ]
         self.count = len(self.directions)
+        self._beside: tuple[Motion | None, dict[int, list[tuple[float, Motion]]]] = None, {}
         # of what changes in each direction
         self.sizes = np.array([one.size for one in self.directions])
         # along the way: what starts from 0 is not small
@@ -94,6 +95,14 @@ class Nearby:
 
     def near(self, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         """Return the motions of the scenes near by in direction `k`, in the modes of a motion and from its state."""
+        if self._beside[0] is not motion:
+            # those of the last one are asked for again and again
+            self._beside = motion, {}
+        if k not in self._beside[1]:
+            self._beside[1][k] = self._made_near(motion, k)
+        return self._beside[1][k]
+
+    def _made_near(self, motion: Motion, k: int) -> list[tuple[float, Motion]]:
         found = []
         for weight, system, loads in self.near_ones[k]:
             equations = equations_in(motion.equations.modes, system, motion.equations.regions)

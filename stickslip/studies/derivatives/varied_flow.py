@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from stickslip.equations.matrices import dense
 from stickslip.equations.motion import Motion
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
 
 _ORDER = 20
 _REMAINDER = 1e-16
-_STAGES, _JOINED, _SPLIT = 8, 16, 4
-"""Stages of a collocation, over so many steps of the solver; over a part of them where that is too far."""
+_STAGES, _JOINED = 8, 16
+"""Stages of a collocation, over so many steps of the solver at most."""
+
+_AT_ONCE = 8
+"""Collocations for which what drives S is computed together."""
+
+_GROWTH, _LEAST = 4.0, 1e-9
+"""How many times as many steps the next may join, and roughness that is none."""
 
 _LAST = 1e-8
 """Part of its size that the last coefficient of a polynomial may have."""
@@ -88,32 +93,33 @@ def _reach(c: Array) -> float:
 def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: Array) -> tuple[Array, Array]:
     """Follow ``S' = f_y S + f_p`` along a computed path, by Radau's collocation over several of its steps at once.
 
-    Steps are joined as long as S is a polynomial there: its last coefficient tells.
+    As many steps are joined as leave S a polynomial there: its last coefficient tells.
     """
     path, size, count = piece.kept_path, nearby.system.size, nearby.count
     nodes = _radau()[0]
     ends, found = [0.0], []
-
-    def follow(edges: Indices, S: Array) -> Array:
-        """Follow S over the solver's steps from edge to edge, and return it at the last one."""
+    first, last, joined = 0, path.taus.size - 1, _JOINED
+    while first < last:
+        edges = np.unique(np.minimum(first + joined * np.arange(_AT_ONCE + 1), last))
         begins, lengths = path.taus[edges[:-1]], np.diff(path.taus[edges])
         taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
         y, still = motion.exact(taus, path.at(taus).T), np.zeros((size, taus.size, count))
         forcing = nearby.slopes(Motion.rate, motion, since, taus, y, still)
         forcing = np.moveaxis(forcing.reshape(size, lengths.size, nodes.size, count), 0, 2)
-        for i, (first, last) in enumerate(pairwise(edges)):
+        roughest = 0.0
+        for i, end in enumerate(edges[1:].tolist()):
             at = slice(i * nodes.size, (i + 1) * nodes.size)
             c, following = _collocation(motion, float(lengths[i]), taus[at], y[:, at], forcing[i], S)
-            if last - first > 1 and _is_rough(c):
-                S = follow(np.unique(np.linspace(first, last, _SPLIT + 1).astype(int)), S)
-                continue
-            S = following
-            ends.append(float(path.taus[last]))
+            rough = _roughness(c)
+            roughest = max(roughest, rough)
+            if rough > 1.0 and end - first > 1:
+                break
+            first, S = end, following
+            ends.append(float(path.taus[end]))
             found.append(c)
-        return S
-
-    last = path.taus.size - 1
-    follow(np.append(np.arange(0, last, _JOINED), last), S)
+        # the last coefficient grows with the length to the power of its order
+        factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / _STAGES)
+        joined = min(max(int(joined * min(factor, _GROWTH)), 1), _JOINED)
     return np.array(ends), np.array(found)
 
 
@@ -135,10 +141,10 @@ def _collocation(
     return np.einsum("pj,jsk->psk", to_powers, np.concatenate([S[None], stage])), stage[-1]
 
 
-def _is_rough(c: Array) -> bool:
-    """Tell whether a polynomial of S leaves out what the next power would add."""
-    sizes = np.nan_to_num(np.abs(c)).max(axis=0)
-    return bool(np.any(np.nan_to_num(np.abs(c[-1])) > _LAST * np.maximum(sizes, _TINY)))
+def _roughness(c: Array) -> float:
+    """Return the last coefficient of a polynomial of S over what it may be; it is about what is left out."""
+    sizes = np.nan_to_num(np.abs(c))
+    return float((sizes[-1] / (_LAST * np.maximum(sizes.max(axis=0), _TINY))).max(initial=0.0))
 
 
 @lru_cache(maxsize=1)
