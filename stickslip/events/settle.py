@@ -32,30 +32,39 @@ class Settled:
     impact: Struck | None = None  # with which the motion began; None for none
 
 
-def only_bends(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> bool:
-    """Tell whether modes may go on at a break of loads: all rows are pressed, no velocity jumps, and none is 0 by now.
+def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> Modes | None:
+    """Return the modes after a break of loads where no row at rest has to be asked; None where more may change.
+
+    Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that no
+    longer is goes on without friction. Held rows stay held.
 
     `now` is the motion up to `t`, `stretch` the loads from there on; `largest` bounds the sizes of the states on the
     way.
     """
     motion, system = now.motion, now.motion.system
     if t < motion.stretch.stop or system.has_stops or system.sampled or system.dependence is not None:
-        return False
+        return None
     q = stretch.at(t)
     if system.drives and (system.drive_velocities(q) != system.drive_velocities(motion.stretch.at(t))).any():
-        return False
-    if not _closed(system, stretch, t, q).all():
-        return False
-    w, rough = _relative(system, y, largest, t, q)
-    return bool((np.abs(w) > rough)[motion.equations.slip].all())
-
-
-def carried_on(now: Settled, stretch: Stretch, t: float, y: Array) -> Settled | None:
-    """Return what goes on in the same modes after a sample or a break, None where these may not hold."""
-    motion = now.motion
-    if motion.equations.modes.max(initial=0) >= OPEN:
         return None
-    following = Motion(motion.equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
+    modes, closed = motion.equations.modes, _closed(system, stretch, t, q)
+    changes = (modes == OPEN) == closed
+    moves = (np.abs(modes) == 1) | (modes == OPEN) | changes
+    w, rough = _relative(system, y, largest, t, q)
+    if np.count_nonzero(moves & (np.abs(w) <= np.maximum(rough, now.guards.velocity_uncertainty))):
+        return None
+    if not np.count_nonzero(changes):
+        return modes
+    if np.count_nonzero(changes & ~system.hard):
+        return None
+    return np.where(changes, np.where(closed, now.labels, OPEN), modes).astype(np.int8)
+
+
+def carried_on(now: Settled, stretch: Stretch, t: float, y: Array, modes: Modes) -> Settled | None:
+    """Return what goes on after a sample or a break in some modes, None where these may not hold; rows show the same."""
+    motion = now.motion
+    equations = equations_in(modes, motion.system, motion.equations.regions)
+    following = Motion(equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
     none = np.zeros(now.labels.size, dtype=bool)
     guards = Guards(following, now.labels, none, none, now.guards.velocity_uncertainty)
     if guards.violated.any() or guards.misjudged.size or not guards.is_plain:

@@ -25,7 +25,7 @@ from stickslip.events.endings import (
 )
 from stickslip.events.impact import Struck, struck
 from stickslip.events.rest import until_rest
-from stickslip.events.settle import Settled, carried_on, only_bends, settle, with_one
+from stickslip.events.settle import Settled, carried_on, modes_after_break, settle, with_one
 from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
@@ -211,7 +211,7 @@ class Run:
             return
         self.restarts += 1
         blocks = self._blocks_at_end(motion, path, t)
-        following = None if path.has_event or relaxed else self._as_before(now, path, t, blocks)
+        following = None if path.has_event or relaxed else self._carried_on(now, path, t, blocks)
         if following is not None:
             self.now = following
             return
@@ -230,18 +230,20 @@ class Run:
         situation, jump = self._situation(now, path, t, before, since, at, blocks)
         self._settle_all(situation, before, relaxed, jump)
 
-    def _as_before(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
-        """Return what goes on in the same modes at the end of a path without an event, None where others may follow."""
-        stretch = now.motion.stretch
+    def _carried_on(self, now: Settled, path: Path, t: float, blocks: Array) -> Settled | None:
+        """Return what goes on at the end of a path without an event, None where rows have to be settled."""
+        after, modes = self.loads.after(t), now.motion.equations.modes
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
-        paused = t < stretch.stop
-        after = self.loads.after(t)
-        if not (paused or self.loads.goes_on(t) or only_bends(now, after, t, path.last, path.largest)):
+        if t < now.motion.stretch.stop or self.loads.goes_on(t):
+            following = modes if modes.max(initial=0) < OPEN else None
+        else:
+            following = modes_after_break(now, after, t, path.last, path.largest)
+        if following is None:
             return None
         y = np.concatenate([path.last[: self.system.first_block], blocks])
         if self._borders is not None:
             self._borders.place(y, t)
-        return carried_on(now, self.loads.after(t), t, y)
+        return carried_on(now, self.loads.after(t), t, y, following)
 
     def _keeps_regions(self, now: Settled, y: Array, t: float) -> bool:
         """Tell whether all tables stay in their regions where a motion ends."""
