@@ -35,8 +35,8 @@ class Settled:
 def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, largest: Array) -> Modes | None:
     """Return the modes after a break of loads where no row at rest has to be asked; None where more may change.
 
-    Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that no
-    longer is goes on without friction. Held rows stay held.
+    Velocities do not jump, and what slips or is open moves: a contact that is pressed from now on slips, and one that
+    no longer is goes on without friction. Held rows stay held.
 
     `now` is the motion up to `t`, `stretch` the loads from there on; `largest` bounds the sizes of the states on the
     way.
@@ -61,7 +61,10 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array, modes: Modes) -> Settled | None:
-    """Return what goes on after a sample or a break in some modes, None where these may not hold; rows show the same."""
+    """Return what goes on after a sample or a break in some modes, None where these may not hold.
+
+    Rows show what they showed.
+    """
     motion = now.motion
     equations = equations_in(modes, motion.system, motion.equations.regions)
     following = Motion(equations, stretch, t, motion.exact(t - motion.t, y), motion.since)
