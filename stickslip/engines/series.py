@@ -97,7 +97,7 @@ class Series:
             if hit and not step.frozen and end.size > size + motion.equations.watched_count:
                 watched = end[size:]
             self.work.steps += 1
-            if motion.stretch.is_straight and not np.count_nonzero(c[-1]):
+            if len(c) == ORDER + 1 and motion.stretch.is_straight and not np.count_nonzero(c[-1]):
                 # a motion that is a short polynomial is kept as one
                 c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
             pieces.append(c)

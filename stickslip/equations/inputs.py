@@ -40,6 +40,7 @@ class Inputs:
         self.is_straight, self.rises_push = stretch.is_straight, equations.rises_push
         self._rising = self._rising_rows = _NO_ROWS
         self._over = -math.inf
+        self._x: Array | None = None
         self._age = self._rate = _NO_NUMBERS
         if equations.resting_dwells.size:
             self._place_rising()
@@ -309,15 +310,10 @@ class Inputs:
             dwells[places + count] = factor * slope[rows]
         return np.concatenate([y, q, slope, dwells])
 
-    @cached_property
-    def _at_start_extended(self) -> Array:
-        return self._extended(0.0, self.y)
-
-    @cached_property
     def adding_up(self) -> Array:
-        """What adds up in states, inputs, dwells and their slopes at the start, and in sines."""
+        """Return what adds up in states, inputs, dwells and their slopes at the start, and in sines."""
         stretch, size = self.stretch, self.system.size
-        found = np.abs(self._at_start_extended)
+        found = np.abs(self._extended(0.0, self.y) if self._x is None else self._x)
         if not stretch.is_steady:
             value = np.abs((self.t - stretch.start) * stretch.slope)
             value += np.abs(stretch.value)

@@ -430,12 +430,10 @@ class Motion(Inputs):
         at_start = tau == 0 and y is self.y
         if at_start and self._at_start is not None and self._at_start[0] is taylor:
             return self._at_start[1]
-        x = self._at_start_extended if at_start else self._extended(tau, y)
-        if swings:
-            x = np.concatenate([x, self.stretch.swings(self.t + tau)])
-        found = taylor.derivatives(x)
+        x = self._extended(tau, y)
+        found = taylor.derivatives(np.concatenate([x, self.stretch.swings(self.t + tau)]) if swings else x)
         if at_start:
-            self._at_start = taylor, found
+            self._at_start, self._x = (taylor, found), x
         return found
 
     def magnitudes(self, order: int, from_rates: bool = False) -> list[tuple[Array, Array]]:
@@ -462,7 +460,7 @@ class Motion(Inputs):
             sizes = rows.sizes(order, self.stretch.waves)
         if sizes is None:
             return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
-        found: Array = (sizes @ self.adding_up).reshape(order + 1, -1)
+        found: Array = (sizes @ self.adding_up()).reshape(order + 1, -1)
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------

@@ -104,7 +104,8 @@ def with_one(
     if direction:
         y = motion.exact(t - motion.t, y)
     else:
-        y = _project(system, y, system.drive_velocities(motion.stretch.at(t)), held)
+        u = system.drive_velocities(motion.stretch.at(t)) if system.drives else y[:0]
+        y = _project(system, y, u, held)
     modes, labels, at_level = equations.modes.copy(), now.labels.copy(), np.zeros(system.m, dtype=bool)
     at_level[row] = direction != 0
     while True:

@@ -17,7 +17,6 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array
 from stickslip.model.checks import every_digit, finite, flag, in_order, numbers
 from stickslip.model.laws.base import Use
-from stickslip.model.quantities import as_expression
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
 from stickslip.simulation.tolerances import largest_value
@@ -104,10 +103,9 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
     """Refuse contacts in which their laws do not work."""
     free = {body.name for body in scene.bodies}
     for contact in scene.contacts:
-        ends, pressed = (contact.a, contact.b), as_expression(contact.normal)
-        # what the motion presses is only known as it goes
-        normal = None if pressed.terms else pressed.signal
-        contact.law.check_use(Use(contact.label, ends, free.issuperset(ends), normal, start, stop))
+        ends = contact.a, contact.b
+        use = Use(contact.label, ends, free.issuperset(ends), contact.normal, start, stop)
+        contact.law.check_use(use)
 
 
 def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.model.arrays import Array
-from stickslip.model.signals import Signal
+from stickslip.model.quantities import as_expression
+from stickslip.model.signals import Load, Signal
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,16 @@ class Use:
     ends: tuple[str, str]
     both_move: bool
     """Whether both ends are bodies, not the ground or a drive."""
-    normal: Signal | None
-    """The normal force in N, None where it depends on the motion."""
+    load: Load
+    """The normal force in N as it was given."""
     start: float
     stop: float
+
+    @property
+    def normal(self) -> Signal | None:
+        """The normal force in N, None where it depends on the motion: that is only known as it goes."""
+        pressed = as_expression(self.load)
+        return None if pressed.terms else pressed.signal
 
 
 class Kernel:
