@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,9 @@ from stickslip.simulation.simulate import simulate
 
 _AHEAD = 1e-6
 """Time in s that is simulated to find the modes."""
+
+_ROUNDOFF = 1e2 * np.finfo(float).eps
+"""Error of a matrix as a part of its size."""
 
 _AT_CORNER = 1e-9
 """Part of its size within which a quantity is at a corner of a force."""
@@ -62,21 +66,37 @@ class LinearModel:
     @property
     def eigenvalues(self) -> Complex:
         """Eigenvalues of A in 1/s, the least stable first."""
-        found = np.linalg.eigvals(self.A).astype(complex) if self.A.size else np.zeros(0, dtype=complex)
-        return np.asarray(found[np.lexsort((found.imag, -found.real))])
+        return self._spectrum[0]
 
     @property
     def frequencies(self) -> Array:
         """Angular frequencies in rad/s of the oscillating eigenvalues, each once, in the order of these."""
-        found = self.eigenvalues.imag
-        return np.asarray(found[found > 1e-9 * max(float(np.abs(found).max(initial=0.0)), 1e-300)])
+        found, rough = self._spectrum
+        return np.asarray(found.imag[found.imag > rough])
 
     @property
     def stable(self) -> bool:
-        """Whether no deviation grows: no eigenvalue has a positive real part, but for the roundoff of a double one."""
-        found = self.eigenvalues
-        size = float(np.abs(found).max(initial=0.0))
-        return bool(np.all(found.real <= 1e-7 * size))
+        """Whether no deviation grows: no eigenvalue has a positive real part, but for its roundoff."""
+        found, rough = self._spectrum
+        return bool(np.all(found.real <= rough))
+
+    @cached_property
+    def _spectrum(self) -> tuple[Complex, Array]:
+        """The eigenvalues, and within what each is roundoff: an error e of A moves it by ``e / |y^H x|``.
+
+        x and y are its right and its left eigenvector, of length 1; those of a double one are nearly orthogonal (Golub
+        and Van Loan 2013, section 7.2.2).
+        """
+        if not self.A.size:
+            return np.zeros(0, dtype=complex), np.zeros(0)
+        # in units of the states in which rows and columns are of the same size
+        balanced, _ = scipy.linalg.matrix_balance(self.A, permute=False)
+        found, left, right = scipy.linalg.eig(balanced, left=True, right=True)
+        error = _ROUNDOFF * float(np.linalg.norm(balanced))
+        across = np.abs(np.sum(left.conj() * right, axis=0))
+        rough = error / np.maximum(across, _ROUNDOFF ** (2 / 3))
+        order = np.lexsort((found.imag, -found.real))
+        return np.asarray(found[order], dtype=complex), np.asarray(rough[order])
 
     def select(
         self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None

@@ -64,11 +64,7 @@ class Parameter:
 
     def unit(self, scene: Scene) -> str:
         """Return the SI unit, as far as the name tells it; an empty text for a pure number."""
-        own = units(scene, scene.elements[self.place])
-        fields = [step for step in self.steps if isinstance(step, str)]
-        last = fields[-1] if fields else ""
-        if last in _OF_LOADS:
-            last = next((field for field in fields if field in _LOADS), "")
+        own, last = units(scene, scene.elements[self.place]), self.field
         known = {
             **dict.fromkeys(("dwell", "rested", "times", "period"), "s"),
             "frequency": "1/s",
@@ -79,6 +75,23 @@ class Parameter:
             "stribeck_velocity": own.velocity,
         }
         return known.get(last) or str(getattr(own, last, ""))
+
+    @property
+    def field(self) -> str:
+        """The field that it is a number of; of the value of a load, what the load is."""
+        fields = [step for step in self.steps if isinstance(step, str)]
+        last = fields[-1] if fields else ""
+        return next((field for field in fields if field in _LOADS), "") if last in _OF_LOADS else last
+
+    def beside(self, scene: Scene) -> tuple[float, ...]:
+        """Return how far the entries before and after it are, where it is one of a sequence of numbers."""
+        if not self.steps or not isinstance(place := self.steps[-1], int):
+            return ()
+        entries: Any = scene.elements[self.place]
+        for step in self.steps[:-1]:
+            entries = _inside(entries, step, self.name, "parameter")
+        others = (entries[k] for k in (place - 1, place + 1) if 0 <= k < len(entries))
+        return tuple(abs(other - self.value) for other in others)
 
     def at(self, scene: Scene) -> Parameter:
         """Return the parameter as it is in another scene of the same elements."""

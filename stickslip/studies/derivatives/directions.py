@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -16,6 +18,12 @@ from stickslip.studies.parameters import Parameter
 PART = 1e-3
 """Step of a difference as a part of what changes."""
 
+_TURN = 5.0
+"""By so many rad a sine may be turned at the most by a change of its frequency as large as what changes."""
+
+_LEAST = 1e-2
+"""Part of what a number is added to that counts as its size where it is smaller."""
+
 _FINE_PART = 1e-5
 """The same where forces bend at rest: near by, a contact that has just begun to slip may slip the other way."""
 
@@ -23,6 +31,8 @@ CENTRAL = ((-1.0, -8 / 12), (1.0, 8 / 12), (-2.0, 1 / 12), (2.0, -1 / 12))
 _ONE_SIDED = ((0.0, -25 / 12), (1.0, 4.0), (2.0, -3.0), (3.0, 4 / 3), (4.0, -0.25))
 MIRRORED = tuple((-offset, -weight) for offset, weight in _ONE_SIDED)
 """Offsets and weights of derivatives of fourth order, so ordered that what is constant adds up to 0 exactly."""
+
+_STENCILS = CENTRAL, _ONE_SIDED, MIRRORED
 
 
 @dataclass(frozen=True)
@@ -45,12 +55,14 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     """
     nominal = trajectory.system
     bends = any(one.velocity_dependent for one in nominal.laws.characters)
-    h = (_FINE_PART if bends else PART) * (abs(parameter.value) or 1.0)
+    part, natural = _FINE_PART if bends else PART, _size(scene, parameter, trajectory)
+    sizes = dict.fromkeys([natural, abs(parameter.value) or natural])
     refused: Exception | None = None
     differs = False
     near: list[tuple[float, System, Loads]] = []
-    for stencil in (CENTRAL, _ONE_SIDED, MIRRORED):
-        near = []
+    # other numbers may keep it nearer to its own value than what it is added to is large
+    for size, stencil in product(sizes, _STENCILS):
+        h, near = part * size, []
         try:
             for offset, weight in stencil:
                 system = System(parameter.set(scene, parameter.value + offset * h))
@@ -74,7 +86,42 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
     since = sum((weight * (trajectory.span.start - times) for weight, times in rested), np.zeros(nominal.m))
     near_ones = () if parameter.only_at_start else tuple(near)
-    return Direction(parameter.name, near_ones, y, since, abs(parameter.value) or 1.0)
+    return Direction(parameter.name, near_ones, y, since, size)
+
+
+def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:
+    """Return the size of a change of a parameter: over a small part of it, what follows is as good as straight."""
+    field, size = parameter.field, abs(parameter.value)
+    if field == "phase":
+        return 1.0
+    if field == "frequency":
+        latest = max(map(abs, trajectory.span[:2]))
+        return min(size or math.inf, _TURN / (2 * math.pi * latest))
+    if field == "times":
+        # a break keeps its place among the others
+        return min((distance for distance in parameter.beside(scene) if distance > 0), default=size or 1.0)
+    return max(size, _LEAST * _beside(field, trajectory)) or 1.0
+
+
+def _beside(field: str, trajectory: Trajectory) -> float:
+    """Return the size of what a number is added to: a length, a velocity, a force or what relates these."""
+    system, pieces = trajectory.system, trajectory.pieces
+    y = np.max([piece.kept_path.largest for piece in pieces], axis=0)
+    numbers = np.arange(len(pieces)).repeat(2)
+    taus = np.array([tau for piece in pieces for tau in (0.0, piece.end)])
+    q = np.abs(trajectory.loads_at(numbers, taus)).max(axis=1)
+    velocity = max(y[: system.n].max(initial=0.0), system.drive_velocities(q).max(initial=0.0))
+    length = y[system.n : system.first_bristle].max(initial=0.0) or velocity * taus.sum()
+    pressed = system.abs_GT @ (system.largest_coefficient * q[: system.m])
+    force = (system.abs_C @ y + system.abs_Q @ q + pressed).max(initial=0.0)
+    known = {
+        **dict.fromkeys(("rest", "upper", "lower", "position"), length),
+        "velocity": velocity,
+        **dict.fromkeys(("normal", "signal"), force),
+        "stiffness": force / length if length else 0.0,
+        "damping": force / velocity if velocity else 0.0,
+    }
+    return float(known.get(field, 0.0))
 
 
 def _alike(nominal: System, other: System) -> bool:
