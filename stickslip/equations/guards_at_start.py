@@ -167,6 +167,9 @@ class GuardsAtStart(GuardValues):
         elif of_stop and not has_fired:
             # in flight it is not at its limit, however low it flies: there it rebounds
             reach = STRETCH_ROUNDOFF * majorant[0, i]
+        else:
+            # a level that rises within what is uncertain of the time is no larger than it is for that
+            reach = min(reach, max(_AS_FIRED * self.scale[i], ROUNDOFF * self._adds_up[0, i]))
         if not abs(coefficients[0, i]) <= reach:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]

@@ -108,6 +108,16 @@ def check_laws(scene: Scene, start: float, stop: float) -> None:
         contact.law.check_use(use)
 
 
+def check_dwells(system: System, start: float, stop: float) -> None:
+    """Refuse dwell times that are below the roundoff of the time."""
+    least = 4 * np.finfo(float).eps * max(abs(start), abs(stop))
+    for j in ((system.dwell > 0) & (system.dwell < least)).nonzero()[0].tolist():
+        raise ValueError(
+            f"contact {system.rows[j].name!r}: a dwell time of {system.dwell[j]:g} s cannot be told at times of "
+            f"{max(abs(start), abs(stop)):g} s; give 0, or at least {least:.1g} s"
+        )
+
+
 def check_ties(system: System, loads: Loads, start: float, stop: float) -> None:
     """Refuse start velocities that ties or one-way clutches exclude, and drives that ties join to each other."""
     rigid = system.is_tie | system.is_one_way

@@ -189,7 +189,8 @@ def linearize(scene: Scene, *, t: float = 0.0) -> LinearModel:
     t = finite(t, "linearize: t")
     probes = [Force(body.name, 0.0) for body in scene.bodies]
     probed = Scene(*scene.elements, *probes, motion=scene.motion)
-    result = simulate(probed, (t, t + _AHEAD), max_step=_AHEAD)
+    ahead = max(_AHEAD, 1e3 * float(np.spacing(abs(t))))
+    result = simulate(probed, (t, t + ahead), max_step=ahead)
     trajectory = result.trajectory
     motion, system = trajectory.motion(0), trajectory.system
     if system.sampled:

@@ -108,9 +108,12 @@ def named_parameters(scene: Scene, names: Iterable[str], what: str) -> list[Para
     if not given:
         raise ValueError(f"{what}: parameters is empty; name at least one, such as 'wheel.inertia'")
     found = [_named(scene, name, what) for name in given]
-    for k, name in enumerate(one.name for one in found):
-        if name in given[:k]:
-            raise ValueError(f"{what}: parameter {name!r} stands twice; leave one out")
+    places = [(one.place, one.steps) for one in found]
+    for k, one in enumerate(found):
+        if places[k] in places[:k]:
+            other = found[places.index(places[k])].name
+            said = "stands twice" if other == one.name else f"is {other!r} by another name"
+            raise ValueError(f"{what}: parameter {one.name!r} {said}; leave one out")
     return found
 
 

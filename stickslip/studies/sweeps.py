@@ -93,6 +93,8 @@ def sweep(
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
         raise ValueError(f"sweep: workers must be a whole number >= 1, got {workers!r}")
 
+    if save is not None and not Path(save).absolute().parent.is_dir():
+        raise ValueError(f"sweep: save: there is no folder {str(Path(save).parent)!r}; make it first")
     log = None if save is None else SweepLog(Path(save), parameters)
     _check_takes(function, parameters)
     done: dict[Index, Values | str] = {} if log is None else log.load()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -46,6 +46,8 @@ class Direction:
     y: Array  # (size,): how the state changes at the start, before held velocities are made equal
     since: Array  # (m,): how the times change at which rows became held
     size: float = 1.0  # of what changes: derivatives times it have the size of what they are derivatives of
+    # (n + drives,): how the positions of bodies and drives change at the start; empty where states alone do
+    positions: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, what: str) -> Direction:
@@ -85,8 +87,14 @@ def along_parameter(scene: Scene, parameter: Parameter, trajectory: Trajectory, 
     y = sum((weight * system.at_start() for weight, system, _ in near), np.zeros(nominal.size))
     rested = [(weight, np.array([row.rested for row in system.rows])) for weight, system, _ in near]
     since = sum((weight * (trajectory.span.start - times) for weight, times in rested), np.zeros(nominal.m))
+    placed = [(weight, np.array(_positions(system.scene))) for weight, system, _ in near]
+    positions = sum((weight * at for weight, at in placed), np.zeros(nominal.n + nominal.drives))
     near_ones = () if parameter.only_at_start else tuple(near)
-    return Direction(parameter.name, near_ones, y, since, size)
+    return Direction(parameter.name, near_ones, y, since, size, positions)
+
+
+def _positions(scene: Scene) -> list[float]:
+    return [one.position for one in (*scene.bodies, *scene.drives)]
 
 
 def _size(scene: Scene, parameter: Parameter, trajectory: Trajectory) -> float:

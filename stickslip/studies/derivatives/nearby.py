@@ -118,23 +118,20 @@ class Nearby:
 
         Quantities that are linear in the state have no longest step: the longer it is, the less is roundoff.
         """
-        part = max(
-            float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0)),
-            float(np.abs(since).max(initial=0.0)) / self._dwell,
-        )
-        if part == 0:
-            return []
-        bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
-        h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
-        shifts = bool(since.any()) and bool(self.system.dwelling.size or motion.has_law)
         found = []
-        for offset, weight in CENTRAL:
-            moved = motion
-            if shifts:
-                moved = Motion(
-                    motion.equations, motion.stretch, motion.t, motion.y, motion.since + offset * h * since
-                )
-            found.append((weight / h, moved, y + offset * h * S))
+        part = float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0))
+        if part > 0:
+            bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
+            h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
+            found += [(weight / h, motion, y + offset * h * S) for offset, weight in CENTRAL]
+        # a dwell time may be short beside all that moves
+        part = float(np.abs(since).max(initial=0.0)) / self._dwell
+        if part > 0 and (self.system.dwelling.size or motion.has_law):
+            h = _FINE / part
+            for offset, weight in CENTRAL:
+                ages = motion.since + offset * h * since
+                moved = Motion(motion.equations, motion.stretch, motion.t, motion.y, ages)
+                found.append((weight / h, moved, y))
         return found
 
     def slopes(

@@ -143,8 +143,8 @@ class Sensitivities:
             return np.zeros((at.size, len(self.parameters)))
         if i in system.position_state:
             return np.asarray(self.variation.states(at)[system.position_state[i]])
-        start = [float(name == f"{body}.position") for name in self.parameters]
-        return np.asarray(integral(self.variation, _velocity_of(i), at)[0] + np.array(start))
+        start = np.array([one.positions[i] for one in self.variation.directions])
+        return np.asarray(integral(self.variation, _velocity_of(i), at)[0] + start)
 
     def __str__(self) -> str:
         """Return the derivatives of the event times as a table."""

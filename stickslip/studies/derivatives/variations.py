@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.engines import METHODS
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
 from stickslip.events.endings import at_limit, at_stops
@@ -51,9 +52,20 @@ def simulated(scene: Scene, t_span: arguments.Times, **options: Any) -> Result:
     Raises
     ------
     ValueError, TypeError, SimulationError
-        As `simulate` does.
+        As `simulate` does, and where a method takes fixed steps: their motion has no derivatives.
     """
     span = arguments.span(t_span)
+    method = options.get("method")
+    if isinstance(method, str) and method in METHODS and METHODS[method].takes_steps:
+        others = [
+            name
+            for name, known in METHODS.items()
+            if not known.takes_steps and "contact-force" in known.formulations
+        ]
+        raise ValueError(
+            f"method {method!r} changes modes at the ends of its steps, and its motion has no derivatives; "
+            f"use 'auto' or {' or '.join(map(repr, others))}"
+        )
     return simulate(scene, span, max_step=span[1] - span[0], **options)
 
 

@@ -19,6 +19,9 @@ def integral(variation: Variation, quantity: Quantity, times: Array) -> Array:
     ``d/dp int f dt = int df/dp dt + sum (f- - f+) dt_event/dp``; the quantity has a line for each integral.
     """
     trajectory = variation.trajectory
+    if not times.size:
+        lines = quantity(variation.motion_of(0), np.zeros(1), trajectory.pieces[0].y[:, None]).shape[0]
+        return np.zeros((lines, 0, variation.count))
     place = trajectory.places(times)
     local = trajectory.local(place, times)
     parts: list[Array] = []

@@ -101,7 +101,9 @@ def fit(
     ends = _searched(problem, firsts)
     if not ends:
         problem.simulate(firsts[0])
-        raise ValueError("fit: none of the starts can be simulated; look at the scene and the bounds")
+        raise ValueError(
+            f"fit: no values beside the starts can be simulated: {problem.refusal}; look at the scene and the bounds"
+        )
     polished = _least(problem, ends[0][0], 1.0, _STEPS, 1e-12)
     return problem.fitted((polished or ends[0])[0], tuple(ends))
 
@@ -199,14 +201,25 @@ def _searched(problem: Problem, firsts: list[Array]) -> list[tuple[Array, float]
 def _least(
     problem: Problem, first: Array, part: float, steps: int, tolerance: float
 ) -> tuple[Array, float] | None:
-    """Return where least squares of a part of the data lead, and the cost there; None for a start that fails."""
+    """Return where least squares of a part of the data lead, and the cost there; None for a start that fails.
+
+    That is one that cannot be simulated, or beside which nothing can that was tried.
+    """
     from scipy.optimize import least_squares
 
-    if np.any(problem.residuals(first, part) == REFUSED):
-        return None
+    tried: list[bool] = []
+
+    def residuals(x: Array) -> Array:
+        found = problem.residuals(x, part)
+        tried.append(not np.any(found == REFUSED))
+        return found
+
     inside = np.clip(first, *problem.bounds)
+    residuals(inside)
+    if not tried[0]:
+        return None
     found = least_squares(
-        lambda x: problem.residuals(x, part),
+        residuals,
         inside,
         lambda x: problem.slopes(x, part),
         bounds=problem.bounds,
@@ -216,4 +229,7 @@ def _least(
         ftol=tolerance,
         gtol=1e-15,
     )
+    # the first is tried twice
+    if len(tried) > 2 and not any(tried[2:]):
+        return None
     return found.x, float(found.cost)

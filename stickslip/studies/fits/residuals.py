@@ -41,6 +41,8 @@ class Run:
         self._own, self._parameters, self._options = list(parameters), list(parameters.values()), options
         self._stop = max(float(one.t[-1]) for one in measured)
         self._last: tuple[bytes, float, Result] | None = None
+        self.refusal: Exception | None = None
+        """Why the last values could not be simulated that could not."""
 
     def _at(self, x: Array) -> list[Parameter]:
         """Return the parameters; a Coulomb coefficient beyond a static one that is not fitted takes it along."""
@@ -87,7 +89,8 @@ class Run:
         some = self._within(part)
         try:
             result = self._result(x, part)
-        except (ValueError, SimulationError):
+        except (ValueError, SimulationError) as error:
+            self.refusal = error
             return np.full(sum(one.t.size for one, _ in some), REFUSED)
         return np.concatenate([np.empty(0), *((one.read(result) - one.values) * w for one, w in some)])
 
@@ -116,6 +119,11 @@ class Problem:
         """Return the weighted residuals over a part of the time; large ones where one cannot be simulated."""
         return np.concatenate([run.residuals(x, part) for run in self._runs])
 
+    @property
+    def refusal(self) -> str:
+        """Why some values could not be simulated."""
+        return next((str(run.refusal) for run in self._runs if run.refusal is not None), "")
+
     def simulate(self, x: Array) -> None:
         """Simulate all records; the error says what cannot be simulated."""
         for run in self._runs:
@@ -130,8 +138,8 @@ class Problem:
         residuals = self.residuals(x, 1.0)
         parts, reasons = zip(*(run.slopes(x, 1.0) for run in self._runs), strict=True)
         slopes = np.concatenate(parts)
-        cost = 0.5 * float(residuals @ residuals)
-        spread = 1.0 if self._has_sigma else 2 * cost / max(residuals.size - x.size, 1)
+        cost, freedom = 0.5 * float(residuals @ residuals), residuals.size - x.size
+        spread = 1.0 if self._has_sigma else 2 * cost / max(freedom, 1)
         effect = np.linalg.norm(slopes, axis=0)
         # each value in units of its own effect: one that comes out as 0 is known as well as any other
         size = 1.0 / np.where(effect > _NOTHING, effect, math.inf)
@@ -141,6 +149,11 @@ class Problem:
         covariance = (lines.T * inverse) @ lines * np.outer(size, size) * spread
         blind = (np.abs(lines[lost]) > 1e-6).any(axis=0)
         covariance[blind, blind] = np.inf
+        if not (freedom or self._has_sigma):
+            # the residuals are 0 whatever the noise
+            covariance[:] = np.inf
+            said = f"{residuals.size} values and as many parameters leave no standard errors; give sigma or more data"
+            reasons = ((said,), *reasons)
         records = [run.record(x) for run in self._runs]
         units: dict[int, str] = {}
         for run, record in zip(self._runs, records, strict=True):
