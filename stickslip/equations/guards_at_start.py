@@ -167,9 +167,6 @@ class GuardsAtStart(GuardValues):
         elif of_stop and not has_fired:
             # in flight it is not at its limit, however low it flies: there it rebounds
             reach = STRETCH_ROUNDOFF * majorant[0, i]
-        else:
-            # a level that rises within what is uncertain of the time is no larger than it is for that
-            reach = min(reach, max(_AS_FIRED * self.scale[i], ROUNDOFF * self._adds_up[0, i]))
         if not abs(coefficients[0, i]) <= reach:
             return None
         limits = [ROUNDOFF * majorant[k, i] for k in (1, 2)]
@@ -238,7 +235,7 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def majorant(self) -> Array:
         """What adds up in the Taylor coefficients of the guards, orders 0 to 2: their roundoff is a part of it."""
-        found = self._with_time(self._adds_up)
+        found = self._with_time(self._adds_up, self._in_time)
         if np.count_nonzero(found > 2 * self._adds_up[:-1]):
             found = np.minimum(found, self._with_time(self._adds_up, self._changes))
         return found
@@ -256,6 +253,12 @@ class GuardsAtStart(GuardValues):
     def _adds_up(self) -> Array:
         """What adds up at exactly this time, orders 0 to 3."""
         return self.motion.guard_magnitudes(self.rows, 3)
+
+    @property
+    def _in_time(self) -> Array:
+        """What adds up in changes with time, orders 0 to 3: a dwell that begins just now knows its age."""
+        motion = self.motion
+        return motion.guard_magnitudes(self.rows, 3, True) if motion.begins_to_rise else self._adds_up
 
     def _with_time(self, sizes: Array, changes: Array | None = None) -> Array:
         return with_time(sizes, sizes if changes is None else changes, self.motion.t)

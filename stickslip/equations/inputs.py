@@ -310,14 +310,25 @@ class Inputs:
             dwells[places + count] = factor * slope[rows]
         return np.concatenate([y, q, slope, dwells])
 
-    def adding_up(self) -> Array:
-        """Return what adds up in states, inputs, dwells and their slopes at the start, and in sines."""
+    @property
+    def begins_to_rise(self) -> bool:
+        """Whether a level begins to rise at the start, so that its age is exact."""
+        return self._rising.size > 0 and 0.0 in self._age.tolist()
+
+    def adding_up(self, of_time: bool = False) -> Array:
+        """Return what adds up in states, inputs, dwells and their slopes at the start, and in sines.
+
+        If `of_time`, dwells that begin there are left out.
+        """
         stretch, size = self.stretch, self.system.size
         found = np.abs(self._extended(0.0, self.y) if self._x is None else self._x)
         if not stretch.is_steady:
             value = np.abs((self.t - stretch.start) * stretch.slope)
             value += np.abs(stretch.value)
             found[size : size + value.size] = value
+        if of_time:
+            begin = size + 2 * self.system.inputs + self._rising[self._age == 0]
+            found[begin] = found[begin + self.system.dwelling.size] = 0.0
         return np.concatenate([found, np.abs(stretch.sines.amplitude)]) if stretch.has_waves else found
 
     @property

@@ -453,14 +453,14 @@ class Motion(Inputs):
             y = rate / (k + 1)
         return found
 
-    def guard_magnitudes(self, rows: GuardRows, order: int) -> Array:
-        """Return the same of guards, an order per row."""
+    def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
+        """Return the same of guards, an order per row; `of_time` without dwells that begin at the start."""
         sizes = None
         if not (self.dependence is not None or self.stretch.has_functions or self._rises_with_waves):
             sizes = rows.sizes(order, self.stretch.waves)
         if sizes is None:
             return np.array([rows.majorants(z, q) for q, z in self.magnitudes(order)])
-        found: Array = (sizes @ self.adding_up()).reshape(order + 1, -1)
+        found: Array = (sizes @ self.adding_up(of_time)).reshape(order + 1, -1)
         return found
 
     # -- starts ----------------------------------------------------------------------------------------------

@@ -396,12 +396,17 @@ class System:
         x = y[place.first : place.first_held]
         if block.output is None:
             return x
-        u = Forms.of([reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
+        u = self.inputs_of(place, y, q)
         columns = [
             block.call("output", float(t[k]), x[:, k], u[:, k], place.outputs, exactly=False)
             for k in range(t.size)
         ]
         return np.array(columns).reshape(t.size, place.outputs).T
+
+    def inputs_of(self, place: BlockPlace, y: Array, q: Array) -> Array:
+        """Return what a block reads of states and inputs, a line each."""
+        block = place.block
+        return Forms.of([self.reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
 
     def filled(self, q: Array, y: Array, t: float, regions: TableRegions = None) -> Array:
         """Return the inputs at `t` with what depends on the state, where the modes are not known yet.

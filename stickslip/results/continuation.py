@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.equations.matrices import dense
+from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, Sampled, StateSpace
 from stickslip.model.scene import Scene
@@ -32,7 +34,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
     at = Samples.at_local(trajectory, number, end)
     inner, shown = (table[:, 0] for table in trajectory.modes(number, end))
     since = trajectory.since_when(number, end)[:, 0]
-    velocities = _velocities(at, _fastest(trajectory, at), shown)
+    velocities, y = _velocities(at, _fastest(trajectory, at), shown), within_stops(system, at.y[:, 0], inner)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
@@ -41,9 +43,9 @@ def final_scene(trajectory: Trajectory) -> Scene:
         changes: dict[str, Any] = {}
         match element:
             case Body(name=name):
-                changes = {"velocity": velocities[name], "position": float(at.position(name)[0])}
+                changes = {"velocity": velocities[name], "position": _position(at, y, name)}
             case Drive(name=name):
-                changes = {"position": float(at.position(name)[0])}
+                changes = {"position": _position(at, y, name)}
             case Contact(name=name):
                 j = at.row(name)
                 bristle = system.bristle_state.get(j)
@@ -63,6 +65,29 @@ def final_scene(trajectory: Trajectory) -> Scene:
         one: Any = element
         elements.append(replace(one, **changes) if changes else one)
     return Scene(*elements, motion=system.scene.motion)
+
+
+def _position(at: Samples, y: Array, name: str) -> float:
+    """Return the position of a body or drive, from the state where it is one."""
+    state = at.system.position_state.get(at.body(name))
+    return float(at.position(name)[0] if state is None else y[state])
+
+
+def within_stops(system: System, y: Array, modes: Modes) -> Array:
+    """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff."""
+    functions = system.piecewise
+    closed = functions.is_stop & (modes[functions.row] == 0)
+    if not closed.any():
+        return y
+    q = np.zeros(system.inputs)
+    q[-1] = 1.0
+    upper, lower, _ = functions.limits(y, q, y)
+    change = np.where(upper < lower, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
+    rows = functions.row[closed]
+    lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])[:, system.placed]
+    found = y.copy()
+    found[system.n : system.first_bristle] += np.linalg.lstsq(lines, change, rcond=None)[0]
+    return found
 
 
 def _fastest(trajectory: Trajectory, last: Samples) -> Array:

@@ -258,6 +258,14 @@ def _check_corners(motion: Motion) -> None:
                         f"linearize: a table is read at its corner {border:g}, where its slope changes: there is a "
                         "model for each side; start the scene a little beside it"
                     )
+    if dependence is not None:
+        sizes = dependence.normal_sizes(np.abs(q), np.abs(motion.y))[: system.m]
+        zero = system.pressed & (np.abs(q[: system.m]) <= _AT_CORNER * sizes)
+        for j in zero.nonzero()[0].tolist():
+            raise ValueError(
+                f"linearize: the normal force of contact {system.rows[j].name!r} is just 0, where its friction has a "
+                "corner: there is a model for each side; start the scene a little beside it"
+            )
     functions, equations = system.piecewise, motion.equations
     if not functions.count:
         return

@@ -218,7 +218,7 @@ def tradeoff(
     progress = flag(progress, "tradeoff: progress")
     span = checked_span(t_span, "tradeoff")
     deadline = clock.perf_counter() + budget
-    measure: Error = error if callable(error) else _VelocityError(scene, span)
+    measure: Error = _Checked(error) if callable(error) else _VelocityError(scene, span)
     tight, loose, reference, limit, scale = reference_of(scene, span, measure)
     known = calls(scene, span, scale)
     setups = [
@@ -241,6 +241,22 @@ def tradeoff(
         error_label=f"largest velocity error [{units(scene).velocity}]" if error == "velocity" else "error",
     )
     return Tradeoff(work, limit, tight.text(span), loose.text(span), tuple(skipped), creeping)
+
+
+class _Checked:
+    """An error function of the user, which returns numbers that are not negative."""
+
+    def __init__(self, error: Error) -> None:
+        self._error = error
+
+    def __call__(self, result: Result, reference: Result) -> float:
+        found: Any = self._error(result, reference)
+        if isinstance(found, bool) or not isinstance(found, int | float | np.number) or not found >= 0:
+            raise ValueError(
+                f"tradeoff: error(result, reference) must return a number that is at least 0, got {found!r}; "
+                "take the absolute value of a difference, or a norm"
+            )
+        return float(found)
 
 
 class _VelocityError:

@@ -10,6 +10,7 @@ from stickslip import (
     GROUND,
     Body,
     Contact,
+    Drive,
     DryFriction,
     Force,
     Gap,
@@ -129,3 +130,17 @@ def test_a_cut_at_the_very_event_that_locks_a_clutch() -> None:
     rest = simulate(simulate(scene, (0.0, event.t)).final_scene(), (event.t, data["t_end"]))
     assert rest.success
     assert not [e for e in rest.events if e.t > event.t]
+
+
+@pytest.mark.parametrize("amplitude", [0.01, 0.1])
+def test_a_ball_at_rest_on_a_table_near_its_origin(amplitude: float) -> None:
+    """Where the table passes 0, the roundoff of their distance is large beside it."""
+    scene = Scene(
+        Body("ball", inertia=0.1, position=0.1),
+        Drive("table", velocity=sine(amplitude, 2.0)),
+        Stop("s", "ball", "table", lower=0.0, restitution=0.0),
+        Force("ball", -0.981),
+    )
+    for cut in (3.0, 3.05, 3.5, 3.75, 4.0):
+        rest = simulate(simulate(scene, (0.0, cut)).final_scene(), (cut, cut + 1.0))
+        assert rest.events == [] and (rest.mode("s") == Mode.BACKWARD).all()

@@ -16,6 +16,7 @@ from stickslip import (
     Body,
     Contact,
     Dahl,
+    Drive,
     DryFriction,
     Force,
     LuGre,
@@ -304,3 +305,31 @@ def test_bristles_pressed_from_nearly_nothing_are_refused(law: Law, normal: Sign
     ):
         simulate(scene, (0.0, 2.0))
     assert simulate(scene.replace("floor", normal=normal + 0.1), (0.0, 0.1)).success
+
+
+@pytest.mark.parametrize("dwell", [5e-14, 1e-12, 1e-9])
+def test_a_level_that_rises_at_once_is_a_level(dwell: float) -> None:
+    """A block on a belt sticks and slips as with a dwell of 1 ms: 11 changes in 50 s."""
+
+    def events(dwell: float) -> list[float]:
+        scene = Scene(
+            Drive("belt", velocity=0.3),
+            Body("b", inertia=1.0, velocity=0.3, position=0.5),
+            Contact("c", "b", "belt", DryFriction(0.35, 0.2, dwell=dwell), normal=5.0),
+            Spring("b", GROUND, stiffness=1.0, damping=0.05),
+        )
+        return [event.t for event in simulate(scene, (0.0, 50.0)).events]
+
+    assert len(events(1e-3)) == 11
+    assert events(dwell) == pytest.approx(events(1e-3), abs=1e-9)
+
+
+def test_a_dwell_below_the_roundoff_of_the_time_is_refused() -> None:
+    scene = Scene(
+        Body("b", inertia=1.0), Contact("c", "b", GROUND, DryFriction(0.35, 0.2, dwell=1e-15), normal=5.0)
+    )
+    with pytest.raises(
+        ValueError, match="contact 'c': a dwell time of 1e-15 s cannot be told at times of 50 s"
+    ):
+        simulate(scene, (0.0, 50.0))
+    assert simulate(scene, (0.0, 0.1)).success

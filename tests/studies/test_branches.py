@@ -291,3 +291,22 @@ def test_bad_arguments_are_refused() -> None:
         continue_cycle(belt(), "c.law.mu_static", [1.5, 0.9])
     with pytest.raises(ValueError, match="has name, velocity"):
         continue_cycle(belt(), "belt.speed", [0.1, 0.3])
+
+
+def test_options_and_periods_that_are_none_are_refused() -> None:
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=0.3),
+        Spring("block", GROUND, stiffness=2.0, damping=0.05),
+        Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
+    )
+    values = [0.3, 0.2]
+    with pytest.raises(TypeError, match="there is no option 'rtoll'; known are guess, transient"):
+        continue_cycle(scene, "belt.velocity", values, rtoll=1e-3)
+    with pytest.raises(TypeError, match="transient= would find a first cycle, but one was given"):
+        continue_cycle(limit_cycle(scene), "belt.velocity", values, transient=0.0)
+    for wrong in (lambda value: None, lambda value: "a"):
+        with pytest.raises(TypeError, match=r"continue_cycle: period\(0.3\) must be a number"):
+            continue_cycle(scene, "belt.velocity", values, period=wrong)
+    with pytest.raises(TypeError, match="continue_cycle: period must take a value of the parameter"):
+        continue_cycle(scene, "belt.velocity", values, period=lambda value, other: 1.0)

@@ -10,6 +10,7 @@ from scipy.optimize import fsolve
 
 from stickslip import (
     GROUND,
+    Block,
     Body,
     Contact,
     Cycle,
@@ -503,3 +504,92 @@ def test_damped_belt_is_another_cycle() -> None:
     result = simulate(scene, (0.0, 60.0))
     stuck = [event.t for event in result.events if event.after == 0]
     assert stuck[-1] - stuck[-2] == pytest.approx(cycle.period, abs=1e-12)
+
+
+# What reads the time, what stays closed, and searches that lead nowhere
+
+
+@pytest.mark.parametrize("period", [None, 5.0])
+def test_a_block_that_reads_the_time_is_refused(period: float | None) -> None:
+    scene = Scene(
+        Body("m", inertia=1.0, position=1.0),
+        Spring("m", GROUND, stiffness=3.0, damping=0.2),
+        Block("b", inputs=[position("m")], states=[0.0], derivative=lambda t, x, u: [math.cos(t) - x[0]]),
+        Force("m", output("b")),
+    )
+    with pytest.raises(ValueError, match=r"block 'b': its derivative does not .* it reads the time"):
+        limit_cycle(scene, period=period)
+    cycle = limit_cycle(scene, period=2 * math.pi)
+    assert cycle.stable and cycle.closes < 1e-7
+
+
+@pytest.mark.parametrize("amplitude", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_a_ball_that_rests_on_a_table_moves_with_it(amplitude: float, restitution: float) -> None:
+    """The table shakes with less than g: nothing is left of a deviation."""
+    scene = Scene(
+        Body("ball", inertia=0.1, position=0.1),
+        Drive("table", velocity=sine(amplitude, 2.0)),
+        Stop("s", "ball", "table", lower=0.0, restitution=restitution),
+        Force("ball", -0.981),
+    )
+    cycle = limit_cycle(scene, period=0.5)
+    np.testing.assert_allclose(cycle.multipliers, [0.0, 0.0], atol=1e-9)
+    assert cycle.sequence == ()
+
+
+def test_a_dog_clutch_that_stays_closed() -> None:
+    """Both bodies move as one against the damper: the multiplier is ``exp(-c T / (m_a + m_b))``."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Body("b", inertia=1.7, velocity=1.0),
+        Stop("g", "a", "b", upper=0.0, restitution=0.5),
+        Force("a", sine(1.0, 0.5, offset=3.0)),
+        Damper("b", GROUND, damping=0.3),
+    )
+    found = limit_cycle(scene, period=2.0).multipliers
+    np.testing.assert_allclose(found, [math.exp(-0.3 * 2 / 2.7), 0.0, 0.0], atol=1e-9)
+
+
+def test_a_search_in_chaos_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The Lorenz equations pull a body: each longer transient takes more steps, up to a limit."""
+    monkeypatch.setattr(search, "_MOST_STEPS", 10_000)
+    block = Block(
+        "l",
+        inputs=[position("m")],
+        states=[1.0, 1.0, 1.0],
+        derivative=lambda t, x, u: [
+            10 * (x[1] - x[0]),
+            x[0] * (28 - x[2]) - x[1],
+            x[0] * x[1] - 8 / 3 * x[2],
+        ],
+    )
+    pulled = Body("m", inertia=1.0, position=0.5), Spring("m", GROUND, stiffness=1.0, damping=0.3)
+    with pytest.raises(CycleError, match=r"within 75.3982 s the motion does not come back to where it was"):
+        limit_cycle(Scene(*pulled, block, Force("m", output("l"))))
+
+
+def test_what_has_died_away_is_said_to_have() -> None:
+    scene = Scene(
+        Body("block", inertia=1.0, velocity=0.1),
+        Drive("belt", velocity=5.0),
+        Spring("block", GROUND, stiffness=2.0, damping=0.05),
+        Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
+    )
+    with pytest.raises(CycleError, match=r"the motion has died away by .* it seems to come to a steady state"):
+        limit_cycle(scene)
+
+
+def test_what_comes_back_once_by_chance_has_no_period_for_that() -> None:
+    """A chaotic block on a belt under a sine (Popp and Stelter 1990): it is once near where it was 7 periods ago."""
+    period = 2 * math.pi / 1.41
+    scene = Scene(
+        Body("block", inertia=1.0),
+        Drive("belt", velocity=1.0),
+        Spring("block", GROUND, stiffness=1.0),
+        Contact("rub", "block", "belt", DryFriction(0.4, 0.25), normal=10.0),
+        Force("block", sine(0.5, 1 / period)),
+    )
+    with pytest.raises(CycleError) as failure:
+        limit_cycle(scene, period=period)
+    assert "repeats only after" not in str(failure.value)

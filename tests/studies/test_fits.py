@@ -18,6 +18,7 @@ from stickslip import (
     DryFriction,
     Fit,
     Force,
+    Gear,
     Scene,
     Spring,
     fit,
@@ -320,3 +321,69 @@ def test_bad_records_are_refused() -> None:
     refused(ValueError, r"no parameter belongs to records\[1\]", two, ["records[0].m.velocity"], [good, good])
     refused(ValueError, r"fit: records\[0\]: parameter 'x.inertia'", two, ["x.inertia"], [good, good])
     refused(ValueError, "stands twice", two, ["m.inertia", "records[0].m.inertia"], [good, good])
+
+
+def test_as_many_values_as_parameters_tell_no_standard_errors() -> None:
+    def wheel(level: float, drag: float) -> Scene:
+        return Scene(
+            Body("wheel", inertia=2.0, velocity=5.0),
+            Contact("brake", "wheel", GROUND, DryFriction(1.0, 1.0), normal=level),
+            Damper("wheel", GROUND, damping=drag),
+        )
+
+    t = np.array([0.6, 1.6])
+    data = {"wheel.velocity": (t, simulate(wheel(0.5, 1.0), (0.0, 2.0), t_eval=t).velocity("wheel"))}
+    names = ["brake.normal", "dampers[0].damping"]
+    found = fit(wheel(0.4, 0.9), names, data)
+    np.testing.assert_allclose(found.values, [0.5, 1.0], rtol=1e-6)
+    assert np.isinf(found.standard_errors).all() and not any(found.determined.values())
+    assert "2 values and as many parameters leave no standard errors" in str(found)
+    with_sigma = fit(wheel(0.4, 0.9), names, {"wheel.velocity": (*data["wheel.velocity"], 0.01)})
+    assert np.isfinite(with_sigma.standard_errors).all()
+
+
+def test_where_no_other_values_can_be_simulated_nothing_is_fitted() -> None:
+    """The bodies turn as one ratio of the gear says; all others break it."""
+
+    def geared(ratio: float) -> Scene:
+        return Scene(
+            Body("a", inertia=0.2, velocity=2.0 * ratio),
+            Body("b", inertia=2.0, velocity=2.0),
+            Gear("g", "a", "b", ratio=ratio),
+            Contact("k", "a", GROUND, DryFriction(0.3, 0.2), normal=2.0),
+        )
+
+    t = np.linspace(0.1, 5.0, 40)
+    data = {"b.velocity": (t, simulate(geared(4.0), (0.0, 5.0), t_eval=t).velocity("b"))}
+    for parameters in (["g.ratio"], {"g.ratio": (2.0, 8.0), "k.normal": (0.5, 5.0)}):
+        with pytest.raises(ValueError, match="no values beside the starts can be simulated: gear 'g'"):
+            fit(geared(3.5), parameters, data)
+
+
+def test_standard_errors_beside_a_parameter_that_ends_at_its_bound() -> None:
+    """They are those of the derivatives there, by differences; the damping ends at 0."""
+
+    def swing(mu: float, k: float, x: float, v: float, c: float) -> Scene:
+        return Scene(
+            Body("m", inertia=1.0, position=x, velocity=v),
+            Spring("m", GROUND, stiffness=k, damping=c),
+            Contact("f", "m", GROUND, DryFriction(mu, mu), normal=1.0),
+        )
+
+    t = np.linspace(0.1, 12.0, 60)
+
+    def read(values: np.ndarray) -> np.ndarray:
+        return simulate(swing(*values), (0.0, 12.0), t_eval=t).position("m")
+
+    noisy = read(np.array([0.1, 4.0, 1.0, 0.0, 0.02])) + 0.01 * np.random.default_rng(8).normal(size=60)
+    names = ["f.law.mu_coulomb", "springs[0].stiffness", "m.position", "m.velocity", "springs[0].damping"]
+    bounds = dict(zip(names, [(0, 1), (1, 9), (-2, 2), (-2, 2), (0, 1)], strict=True))
+    found = fit(swing(0.08, 4.1, 0.95, 0.05, 0.03), bounds, {"m.position": (t, noisy, 0.01)}, starts=1)
+    assert found.values[4] < 1e-6
+    at, slopes = np.append(found.values[:4], 0.0), []
+    for k in range(5):
+        step = 1e-6 * np.eye(5)[k]
+        lower = at if k == 4 else at - step
+        slopes.append((read(at + step) - read(lower)) / (1e-6 if k == 4 else 2e-6))
+    covariance = np.linalg.inv(np.array(slopes) @ np.array(slopes).T / 0.01**2)
+    np.testing.assert_allclose(found.standard_errors, np.sqrt(np.diag(covariance)), rtol=1e-3)

@@ -354,3 +354,56 @@ def test_states_of_a_block_are_counted_and_sampled_ones_refused() -> None:
     sampled = pid("servo", position("m"), kp=1.0, period=0.01)
     with pytest.raises(ValueError, match="sampled blocks have no linear model"):
         linearize(Scene(Body("m", inertia=1.0), sampled, Force("m", output("servo"))))
+
+
+# Roundoff of eigenvalues
+
+
+@pytest.mark.parametrize("lag", [0.1, 1e-3, 1e-5])
+def test_what_grows_slowly_beside_a_fast_decay_is_not_stable(lag: float) -> None:
+    """``1000 x'' = -x - x' + 1.2 x'``: eigenvalues ``1e-4 +- 0.0316 i``, whatever the lag of the motor."""
+    scene = Scene(
+        Body("m", inertia=1000.0, position=1.0),
+        StateSpace("motor", A=[[-1 / lag]], B=[[1 / lag]], C=[[1.0]], inputs=[velocity("m")]),
+        Spring("m", GROUND, stiffness=1.0),
+        Damper("m", GROUND, damping=1.0),
+        Force("m", 1.2 * output("motor")),
+    )
+    model = linearize(scene)
+    assert model.eigenvalues[0].real == pytest.approx(1e-4, rel=1e-2)
+    assert not model.stable
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 8, 12])
+def test_a_drive_line_that_turns_as_a_whole_has_no_frequency_for_that(count: int) -> None:
+    """The squares of the frequencies are the eigenvalues of ``M^-1 K``, of which one is 0."""
+    inertia, stiffness = 0.1 * np.arange(1, count + 1), 100.0 * np.arange(1, count)
+    model = linearize(
+        Scene(
+            *(Body(f"b{i}", inertia=m, velocity=100.0) for i, m in enumerate(inertia.tolist())),
+            *(Spring(f"b{i}", f"b{i + 1}", stiffness=k) for i, k in enumerate(stiffness.tolist())),
+        )
+    )
+    K = np.zeros((count, count))
+    for i, k in enumerate(stiffness.tolist()):
+        K[i : i + 2, i : i + 2] += k * np.array([[1, -1], [-1, 1]])
+    exact = np.sqrt(np.sort(np.linalg.eigvals(K / inertia[:, None]).real)[1:])
+    np.testing.assert_allclose(np.sort(model.frequencies), exact, rtol=1e-9)
+    assert model.stable
+
+
+def test_a_normal_force_that_is_just_0_is_a_corner() -> None:
+    scene = Scene(
+        Body("m", inertia=1.0, velocity=1.0),
+        Body("n", inertia=1.0),
+        Contact("c", "m", GROUND, DryFriction(0.5, 0.4), normal=3 * position("n")),
+        Spring("n", GROUND, stiffness=1.0),
+    )
+    with pytest.raises(ValueError, match="the normal force of contact 'c' is just 0"):
+        linearize(scene)
+    assert linearize(scene.replace("n", position=0.1)).A.shape == (3, 3)
+
+
+def test_late() -> None:
+    scene = Scene(Body("m", inertia=1.0), Spring("m", GROUND, stiffness=4.0))
+    np.testing.assert_allclose(linearize(scene, t=1e11).frequencies, [2.0], rtol=1e-12)

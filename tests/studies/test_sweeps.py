@@ -631,3 +631,8 @@ def test_map_refuses_what_it_cannot_draw():
     cube = serial(lambda a, b, c: 1.0, {"a": [1, 2], "b": [1, 2], "c": [1, 2]})
     with pytest.raises(ValueError, match="c varies too"):
         sweep_map(cube, "a", "b")
+
+
+def test_a_folder_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"save: there is no folder .*nowhere'; make it first"):
+        sweep(lambda a: a, {"a": [1]}, executor="serial", save=tmp_path / "nowhere" / "x", progress=False)

@@ -345,3 +345,26 @@ def test_a_scene_that_cannot_be_simulated_says_so(monkeypatch):
     monkeypatch.setattr(Call, "run", fails)
     with pytest.raises(SimulationError, match="at t = 1: stop"):
         tradeoff(sliding_block(), (0.0, 1.0))
+
+
+@pytest.mark.parametrize("wrong", ["a", None, math.nan, -1.0, True])
+def test_an_error_that_is_no_number_from_0_on_is_refused(wrong):
+    scene = Scene(Body("m", inertia=1.0, velocity=0.1))
+    with pytest.raises(
+        ValueError, match=r"error\(result, reference\) must return a number that is at least 0"
+    ):
+        tradeoff(scene, (0.0, 1.0), error=lambda result, reference: wrong, budget=2.0)
+
+
+@pytest.mark.slow
+def test_calls_whose_error_is_negative_have_failed():
+    """The signed difference at the end: half of the calls are off to the other side."""
+    scene = Scene(Body("m", inertia=1.0, position=1.0), Spring("m", GROUND, stiffness=2.0))
+    found = tradeoff(
+        scene,
+        (0.0, 20.0),
+        error=lambda r, q: float(r.position("m")[-1] - q.position("m")[-1]) + 1e-9,
+        budget=4.0,
+    )
+    failed = [row for row in found.work.rows if row.failure is not None]
+    assert failed and all("take the absolute value of a difference" in row.failure for row in failed)

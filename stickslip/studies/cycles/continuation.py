@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
 from stickslip.model.arrays import Array
-from stickslip.model.checks import finite, numbers
+from stickslip.model.checks import check_takes, finite, numbers
 from stickslip.model.scene import Scene
 from stickslip.simulation.arguments import between
 from stickslip.simulation.result import SimulationError
@@ -108,8 +109,11 @@ def continue_cycle(
             raise ValueError(
                 f"continue_cycle: {parameter!r} cannot be {value:g} ({error}); leave that value out"
             ) from None
-    if period is not None and not callable(period):
+    if callable(period):
+        check_takes(period, 1, "continue_cycle: period", "a value of the parameter")
+    elif period is not None:
         period = finite(period, "continue_cycle: period")
+    _check_options(scene, options)
     follower = Follower(one, period, between("accuracy", accuracy, 0.0, 1.0, "continue_cycle"))
     if isinstance(scene, Cycle):
         first = follower.reach(_Reached(scene, one.value), float(wanted[0]))
@@ -117,6 +121,17 @@ def continue_cycle(
         at = follower.period(float(wanted[0]))
         first = limit_cycle(one.set(scene, float(wanted[0])), period=at, **options)
     return follower.along(centred(first), wanted)
+
+
+def _check_options(scene: Scene | Cycle, options: dict[str, Any]) -> None:
+    """Refuse options that `limit_cycle` does not know, and those of a cycle that is there."""
+    if options and isinstance(scene, Cycle):
+        listed = ", ".join(f"{name}=" for name in options)
+        raise TypeError(f"continue_cycle: {listed} would find a first cycle, but one was given; leave it out")
+    known = [name for name in signature(limit_cycle).parameters if name not in ("scene", "period")]
+    for name in options:
+        if name not in known:
+            raise TypeError(f"continue_cycle: there is no option {name!r}; known are {', '.join(known)}")
 
 
 class _Reached(NamedTuple):
@@ -143,7 +158,9 @@ class Follower:
 
     def period(self, value: float) -> float | None:
         """Return the period of the loads at a value."""
-        return float(self._period(value)) if callable(self._period) else self._period
+        if not callable(self._period):
+            return self._period
+        return finite(self._period(value), f"continue_cycle: period({value:g})")
 
     def along(
         self, first: Cycle, values: Array, every: Array | None = None, first_step: float = 1.0

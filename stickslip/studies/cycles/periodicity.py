@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,8 +16,12 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
+from stickslip.results.continuation import within_stops
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction
+
+_STILL = 1e-6
+"""Part of positions by which combinations of them that do not move have to close: it is measured in 1e-10 of that."""
 
 
 def check_loads(system: System, period: float) -> None:
@@ -33,6 +38,35 @@ def check_loads(system: System, period: float) -> None:
             f"t = {places[k]:.6g} s and {later[k, i]:.9g} at t = {places[k] + period:.6g} s; give a period of all "
             "loads (to continue_cycle as a function of the value, where it changes with that)"
         )
+    _check_blocks(system, places.tolist(), period)
+
+
+def _check_blocks(system: System, times: Sequence[float], later: float | None) -> None:
+    """Refuse blocks that read the time.
+
+    Some time `later`, or at all times where that is None, they have to be the same.
+    """
+    y = system.at_start()
+    q = system.filled(system.loads(0.0, 1.0).after(0.0).at(0.0), y, 0.0)
+    for place in system.blocks.values():
+        block = place.block
+        if not isinstance(block, Block):
+            continue
+        x, u = y[place.first : place.first_held], system.inputs_of(place, y, q)
+        calls = [("derivative", place.states)] if block.states else []
+        if block.output is not None:
+            calls.append(("output", place.outputs))
+        for what, count in calls:
+            for t in times:
+                pair = (t, t + later) if later is not None else (0.0, t)
+                now, then = (block.call(what, at, x, u, count, exactly=False) for at in pair)
+                if not np.allclose(now, then, rtol=1e-9, atol=1e-9 * float(np.abs(then).max(initial=0.0))):
+                    said = f"repeat with the period {later:g} s" if later is not None else "stay the same"
+                    raise ValueError(
+                        f"limit_cycle: {block.label}: its {what} does not {said}: it reads the time, and is "
+                        f"{now} at t = {pair[0]:.6g} s and {then} at t = {pair[1]:.6g} s; give the period of all that "
+                        "changes with time, period=..."
+                    )
 
 
 def check_constant(system: System) -> None:
@@ -49,6 +83,7 @@ def check_constant(system: System) -> None:
             "constant; of loads that become constant give the last values; where the period changes with the value, "
             "give continue_cycle a function of it)"
         )
+    _check_blocks(system, [(k + 0.37) * math.pi for k in range(7)], None)
 
 
 def read_positions(system: System) -> Array:
@@ -144,10 +179,16 @@ class Coordinates:
         # positions are as large as the largest of them, bristles and states of blocks each as itself
         first = half + self._read.shape[0]
         last = states.shape[0]
-        found[half:first] = max(float(np.ptp(states[half:first], axis=1).max(initial=0.0)), 1e-300)
+        found[half:first] = position_size(self.system, result, states[half:first])
         found[first:last] = np.maximum(np.ptp(states[first:], axis=1), 1e-300)
         found[last:] = result.t[-1] - result.t[0]
         return found
+
+
+def position_size(system: System, result: Result, read: Array) -> float:
+    """Return the size of combinations of positions over a motion; what differs by roundoff does not move."""
+    whole = np.abs(result.y[system.n : system.first_bristle]).max(initial=0.0)
+    return float(max(np.ptp(read, axis=1).max(initial=0.0), _STILL * whole, 1e-300))
 
 
 def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, modes: Modes) -> Scene:
@@ -156,6 +197,7 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, 
     `aged` are the rows with a dwell time that rest, and `ages` for how long in s. In these modes contacts with a pre-
     slip velocity remember that they slip.
     """
+    y = within_stops(system, y, modes)
     rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
     rows = {row.name: j for j, row in enumerate(system.rows)}
     ends: dict[str, int] = {body.name: k for k, body in enumerate((*scene.bodies, *scene.drives))}

@@ -34,8 +34,15 @@ _TURNS, _LONGER, _TRIES = 12, 4.0, 5
 _RARE, _MOST_TRIES, _FEW_STEPS = 10, 20, 1000
 """Where there are fewer events than this, and few steps, more tries are made: cycles may be much longer than turns."""
 
-_SHRINKS = 0.9
-"""A motion of which less is left than such a part in the last quarter of a transient comes to rest."""
+_MOST_STEPS = 400_000
+"""A transient that would take more steps is not tried."""
+
+_SHRINKS, _DEAD = 0.9, 1e-9
+"""A motion of which less is left than the first part in the last quarter of a transient comes to rest; one of which
+less is left of its largest velocities than the second has come there."""
+
+_BACK = 8
+"""Periods at whose ends a motion has to be where it was some periods before to be of that period."""
 
 _MOST_FAILURES = 3
 """After how many transients Newton's method may fail where the period is free."""
@@ -144,8 +151,10 @@ def _settled(scene: Scene, period: float, periods: int, options: dict[str, Any])
     for group in closing.groups:
         size[group] = size[group].max(initial=0.0)
     size[size == 0] = 1.0
+    # what comes back by chance does not do so time after time
+    last = max(1, min(_BACK, periods // 2))
     apart = [
-        float(np.abs((z[:, -1] - z[:, -1 - k]) / size).max(initial=0.0))
+        float(np.abs((z[:, -last:] - z[:, -last - k : -k]) / size[:, None]).max(initial=0.0))
         for k in range(1, min(9, periods // 2))
     ]
     if apart and apart[0] > 1e-3 and min(apart) < 1e-2 * apart[0]:
@@ -173,11 +182,10 @@ def _after_transient(
             except CycleError as error:
                 failures += 1
                 if failures == _MOST_FAILURES:
-                    if (left := left_of(result)) < _SHRINKS:
+                    if said := _dies_away(result):
                         raise CycleError(
-                            f"no cycle was found: the motion shrinks, from the third to the last quarter of "
-                            f"{span:.6g} s to {left:.2g} of its size: it seems to come to a steady state, and "
-                            "linearize tells whether that is stable"
+                            f"no cycle was found: the motion {said}: it seems to come to a steady state, and linearize "
+                            "tells whether that is stable"
                         ) from error
                     raise
                 span *= _LONGER
@@ -191,6 +199,8 @@ def _after_transient(
             raise CycleError("no cycle was found: the motion comes to a state that does not change")
         steps = sum(piece.path.taus.size for piece in result.trajectory.pieces if piece.path is not None)
         if trial + 1 >= _TRIES and not (len(result.events) < _RARE and steps < _FEW_STEPS):
+            break
+        if _LONGER * steps > _MOST_STEPS:
             break
         span *= _LONGER
     raise CycleError(
@@ -220,6 +230,18 @@ def _has_ended(result: Result) -> bool:
     moves = Closing(motion.system).of(motion.rate(last.end, last.kept_path.last))
     size = float(np.abs(result.y).max(initial=0.0)) or 1.0
     return bool(np.abs(moves).max(initial=0.0) <= 1e-9 * size / max(last.end, 1e-300))
+
+
+def _dies_away(result: Result) -> str:
+    """Return in words how a motion dies away, nothing if it does not."""
+    t, n = result.t, result.trajectory.system.n
+    late = result.sample(np.linspace(t[0] + 0.75 * (t[-1] - t[0]), t[-1], 2000)).y[:n]
+    if np.ptp(late, axis=1).max(initial=0.0) <= _DEAD * np.ptp(result.y[:n], axis=1).max(initial=0.0):
+        return f"has died away by {t[-1] - t[0]:.6g} s"
+    left = left_of(result)
+    if left >= _SHRINKS:
+        return ""
+    return f"shrinks, from the third to the last quarter of {t[-1] - t[0]:.6g} s to {left:.2g} of its size"
 
 
 def left_of(result: Result) -> float:

@@ -15,6 +15,7 @@ from stickslip.studies.cycles.periodicity import (
     Closing,
     Coordinates,
     middle_of,
+    position_size,
     read_positions,
     scene_at,
     started,
@@ -75,10 +76,14 @@ class Shot:
         """By what part of its size the motion misses its start in what is held at the start and may move at the end."""
         closing = Closing(self.system)
         off = np.abs(closing.of(self.stop) - closing.of(self.start))
-        size = np.ptp(closing.of(self.result.y), axis=1)
-        groups = closing.groups
+        whole = closing.of(self.result.y)
+        speeds, places = closing.groups
+        sizes = (
+            max(float(np.ptp(whole[speeds], axis=1).max(initial=0.0)), 1e-300),
+            position_size(self.system, self.result, whole[places]),
+        )
         return max(
-            float(off[g].max(initial=0.0)) / max(float(size[g].max(initial=0.0)), 1e-300) for g in groups
+            float(off[g].max(initial=0.0)) / size for g, size in zip(closing.groups, sizes, strict=True)
         )
 
     def between_events(self) -> Shot:
