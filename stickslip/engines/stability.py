@@ -51,8 +51,8 @@ class Stability:
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
         """Look at computed points (rows) of a motion.
 
-        If the step is too long for the last of them, or for a contact with a smooth law that passes through rest
-        between them, where its slope is steepest, that is `Unstable`.
+        If the step is too long for the last of them, for a contact with a smooth law that passes through rest between
+        them, where its slope is steepest, or for bristles where they relax fastest, that is `Unstable`.
         """
         if not motion.has_law and motion.dependence is None:
             # a mode set without such laws has one Jacobian: what it was found to bear holds
@@ -60,8 +60,19 @@ class Stability:
                 self._judge(motion.equations.jacobian(), h)
                 self._longest[motion.equations] = h
             return
-        for k, y in [*self._at_rest(motion, taus, states), (-1, states[-1])]:
+        steepest = [(k, states[k]) for k in self._relaxing(motion, taus, states)]
+        for k, y in [*self._at_rest(motion, taus, states), *steepest, (-1, states[-1])]:
             self._judge(motion.jacobian(float(taus[k]), y), h)
+
+    @staticmethod
+    def _relaxing(motion: Motion, taus: Array, states: Array) -> set[int]:
+        """Return the points at which the bristles relax fastest."""
+        law = motion.equations.law if motion.has_law else None
+        if law is None or not law.bristles.size:
+            return set()
+        w, normal, _, z = motion.law_arguments(taus, states.T)
+        _, by_z = law.bristle_slopes(w, normal, z)
+        return set(by_z.argmin(axis=1).tolist())
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
         """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""

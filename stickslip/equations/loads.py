@@ -26,6 +26,9 @@ NO_WAVES: Waves = ((), ())
 TableRegions = tuple[int, ...] | None
 """The region of each table in which a motion is; None where tables are looked up."""
 
+_JUMP = 1e-9
+"""Part of a signal by which it jumps at least."""
+
 _MOST_ENTRIES = 10_000
 """Entries of stretches that are kept at most."""
 
@@ -43,7 +46,8 @@ class Loads:
 
     There is a signal for each entry of the vector; the slopes of those named by `rates`, the accelerations of drives,
     follow as further entries, and a last one is 1. If the loads are `stepped`, a fixed-step method reads them wherever
-    its steps fall, and no signal breaks; `samples` are further times in s that break.
+    its steps fall, and breaks are only where a force or an acceleration jumps; `samples` are further times in s that
+    break.
 
     Attributes
     ----------
@@ -75,7 +79,12 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = set(() if stepped else (b for s in self._signals for b in s.breaks(start, stop)))
+        breaks = {b for s in self._signals for b in s.breaks(start, stop)}
+        if stepped:
+            values = [(s, s) for s in self._signals] + [
+                (self._signals[i], self._signals[i].slope) for i in rates
+            ]
+            breaks = {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)
@@ -167,7 +176,7 @@ class Stretch:
         is_stepped: bool,
     ) -> None:
         self.start, self.stop, self.value, self.slope = start, stop, value, slope
-        self._is_stepped = is_stepped
+        self.is_stepped = is_stepped
         self.table_regions: TableRegions = None
         self.beside = np.zeros(1)
         self.is_steady = not slope.any()
@@ -245,7 +254,7 @@ class Stretch:
 
         Between two breaks such an input is 0 all along, or nowhere but at instants.
         """
-        if self._is_stepped:
+        if self.is_stepped:
             return self.rate(t)[:count]
         later = t + INSIDE * (self.stop - t)
         if self.is_straight:
@@ -295,6 +304,13 @@ class Stretch:
     def longest_period(self) -> float:
         """Longest period in s of the sines."""
         return float(1.0 / np.abs(self.sines.frequency).min()) if self.has_waves else 0.0
+
+
+def _jumps(value: Callable[[float], float], times: Sequence[float]) -> list[float]:
+    """Return those of some times at which a value jumps by more than roundoff of its largest."""
+    sides = np.array([(value(math.nextafter(t, -math.inf)), value(t)) for t in times]).reshape(-1, 2)
+    jumps = np.abs(sides[:, 1] - sides[:, 0]) > _JUMP * np.abs(sides).max(initial=0.0)
+    return [t for t, is_jump in zip(times, jumps.tolist(), strict=True) if is_jump]
 
 
 def _slope(term: Signal, start: float, stop: float) -> Signal:

@@ -17,7 +17,7 @@ import scipy
 
 from stickslip.equations.balance import Balance, Components
 from stickslip.equations.dependence import Dependence, Forms, Friction
-from stickslip.equations.loads import Loads, TableRegions
+from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
@@ -407,15 +407,6 @@ class System:
         """Return what a block reads of states and inputs, a line each."""
         block = place.block
         return Forms.of([self.reader.form(u, block.label) for u in block.inputs], self._place).at(y, q)
-
-    def filled(self, q: Array, y: Array, t: float, regions: TableRegions = None) -> Array:
-        """Return the inputs at `t` with what depends on the state, where the modes are not known yet.
-
-        Tables follow the lines of their `regions`; without these, those of what they are looked up at.
-        """
-        if self.dependence is not None:
-            self.dependence.fill(q, y, t, 0.0, None, regions=regions)
-        return q
 
     def drive_velocities(self, q: Array) -> Array:
         """Return the velocities of the drives from the inputs."""

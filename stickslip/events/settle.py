@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import ROUNDOFF
-from stickslip.equations.loads import Loads, Stretch
+from stickslip.equations.loads import Loads, Stretch, TableRegions
 from stickslip.equations.matrices import row_maxima
-from stickslip.equations.mode_equations import APART, FREE, OPEN, equations_in
+from stickslip.equations.mode_equations import APART, FREE, OPEN, ModeEquations, equations_in
 from stickslip.equations.motion import Motion
 from stickslip.equations.system import System
 from stickslip.events.collapse import pressed_together
@@ -58,6 +58,11 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
     if np.count_nonzero(changes & ~system.hard):
         return None
     return np.where(changes, np.where(closed, now.labels, OPEN), modes).astype(np.int8)
+
+
+def all_pressed(system: System, stretch: Stretch, t: float) -> bool:
+    """Tell whether loads press all rows: with fixed steps one may have opened within a step."""
+    return not stretch.is_stepped or bool((_closed(system, stretch, t, stretch.at(t)) | system.pressed).all())
 
 
 def carried_on(now: Settled, stretch: Stretch, t: float, y: Array, modes: Modes) -> Settled | None:
@@ -133,7 +138,7 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
     is `Jammed`.
     """
     stretch = loads.after(now.t)
-    q = system.filled(stretch.at(now.t), now.y, now.t, stretch.table_regions)
+    q = inputs_before(system, stretch, now, stretch.table_regions)
     closed = _closed(system, stretch, now.t, q)
     if system.dependence is not None:
         # what is left of a sum that cancels is roundoff: the motion tells whether the contact closes
@@ -154,6 +159,35 @@ def settle(system: System, loads: Loads, now: Situation, uncertainty: Uncertaint
             raise Inconsistent(wrong)
 
 
+def inputs_before(system: System, stretch: Stretch, now: Situation, regions: TableRegions = None) -> Array:
+    """Return the inputs before the modes are known; what moves has the friction of its velocity.
+
+    Tables follow the lines of their `regions`; without these, those of what they are looked up at.
+    """
+    q = stretch.at(now.t)
+    if system.dependence is None:
+        return q
+    friction = None
+    if system.dependence.has_heat:
+        w, rough = _relative(system, now.y, now.was, now.t, q)
+        signs = np.where(np.abs(w) <= rough, 0.0, np.sign(w))
+        modes = np.where(system.hard, signs, _slip_states(system, w, now)).astype(np.int8)
+        friction = _Friction(equations_in(modes, system), now.t - now.since)
+    system.dependence.fill(q, now.y, now.t, 0.0, friction, regions=regions)
+    return q
+
+
+class _Friction(NamedTuple):
+    """What friction rows have in some modes, which follow from their velocities alone."""
+
+    equations: ModeEquations
+    ages: Array  # (m,): for how long rows are held, in s
+
+    def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
+        """Return the force of one row, 0 where it is held."""
+        return self.equations.friction_of(row, w, normal, float(self.ages[row]) + tau, y)
+
+
 def _settled(
     system: System,
     stretch: Stretch,
@@ -167,6 +201,11 @@ def _settled(
     at_stop = np.zeros(system.m, dtype=bool) if now.sides is None else now.sides != 0
     if system.has_stops:
         closed &= ~system.is_stop | at_stop
+    straight = [state for j, state in system.bristle_state.items() if not closed[j]]
+    if straight:
+        # bristles that nothing presses straighten at once
+        now = now._replace(y=now.y.copy())
+        now.y[straight] = 0.0
     w, rough = _relative(system, now.y, now.was, now.t, q)
     u = system.drive_velocities(q)
     if system.has_dead_bands:

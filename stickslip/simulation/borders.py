@@ -16,6 +16,8 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path, chebyshev_nodes
 from stickslip.equations.system import System
+from stickslip.events.settle import inputs_before
+from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array
 from stickslip.simulation.signs import DEGREE, ROUGH, TINY, signs_along
 
@@ -39,9 +41,9 @@ class Borders:
         # the largest values so far: what comes to a border has their roundoff
         self._sizes = system.dependence.sizes_looked_up(scale, loads.size)
 
-    def place(self, y: Array, t: float) -> None:
+    def place(self, now: Situation) -> None:
         """Find the regions in which a state lies; a region at whose border it lies is kept."""
-        q = self._system.filled(self._loads.after(t).at(t), y, t)
+        y, q = now.y, inputs_before(self._system, self._loads.after(now.t), now)
         regions = self._loads.table_regions
         self._sizes = np.maximum(self._sizes, self._dependence.adds_up(q, y))
         found = []

@@ -25,7 +25,15 @@ from stickslip.events.endings import (
 )
 from stickslip.events.impact import Struck, struck
 from stickslip.events.rest import until_rest
-from stickslip.events.settle import Settled, carried_on, modes_after_break, settle, with_one
+from stickslip.events.settle import (
+    Settled,
+    all_pressed,
+    carried_on,
+    inputs_before,
+    modes_after_break,
+    settle,
+    with_one,
+)
 from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
@@ -85,16 +93,16 @@ class Run:
     def begin(self) -> None:
         """Settle the modes at the start."""
         system = self.system
-        y = system.at_start()
-        if system.sampled:
-            q = system.filled(self.loads.after(self.t).at(self.t), y, self.t)
-            y = self._sample(self.t, q, y)
-        if self._borders is not None:
-            self._borders.place(y, self.t)
-        since = self.t - np.array([row.rested for row in system.rows])
         nothing = np.zeros(system.m, dtype=bool)
-        hit, sides, impact = self._stops_at_start(y)
-        situation = Situation(self.t, y, None, since, nothing, nothing, sides=sides)
+        since = self.t - np.array([row.rested for row in system.rows])
+        start = Situation(self.t, system.at_start(), None, since, nothing, nothing)
+        if system.sampled:
+            q = inputs_before(system, self.loads.after(self.t), start)
+            start = start._replace(y=self._sample(self.t, q, start.y))
+        if self._borders is not None:
+            self._borders.place(start)
+        hit, sides, impact = self._stops_at_start(start.y)
+        situation = start._replace(sides=sides)
         self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
@@ -235,21 +243,21 @@ class Run:
         after, modes = self.loads.after(t), now.motion.equations.modes
         # a motion may have been followed only so far, or to where a table, which is continuous, has a corner
         if t < now.motion.stretch.stop or self.loads.goes_on(t):
-            following = modes if modes.max(initial=0) < OPEN else None
+            following = modes if modes.max(initial=0) < OPEN and all_pressed(self.system, after, t) else None
         else:
             following = modes_after_break(now, after, t, path.last, path.largest)
         if following is None:
             return None
         y = np.concatenate([path.last[: self.system.first_block], blocks])
-        if self._borders is not None:
-            self._borders.place(y, t)
+        self._keeps_regions(now, y, t)
         return carried_on(now, self.loads.after(t), t, y, following)
 
     def _keeps_regions(self, now: Settled, y: Array, t: float) -> bool:
-        """Tell whether all tables stay in their regions where a motion ends."""
+        """Find the regions of tables where a motion ends, and tell whether all are the same as before."""
         if self._borders is None:
             return True
-        self._borders.place(y, t)
+        nothing = np.zeros(self.system.m, dtype=bool)
+        self._borders.place(Situation(t, y, now.labels, now.motion.since, nothing, nothing))
         return self.loads.after(t).table_regions == now.motion.table_regions
 
     def _situation(
@@ -272,12 +280,12 @@ class Run:
         y = jump.y
         if system.sampled:
             y = np.concatenate([y[: system.first_block], blocks])
-        if self._borders is not None:
-            self._borders.place(y, t)
         labels, regions = np.where(stops, 0, before), motion.equations.regions
         situation = Situation(
             t, y, labels, since, touching, at.fired, path.largest, regions, jump.sides, path.touched, stops
         )
+        if self._borders is not None:
+            self._borders.place(situation)
         return situation, jump
 
     def _settled(self, situation: Situation) -> Settled:

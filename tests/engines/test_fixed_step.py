@@ -15,15 +15,19 @@ from stickslip import (
     Contact,
     Dahl,
     Damper,
+    Drive,
     DryFriction,
     Force,
+    Karnopp,
     LuGre,
+    PreSlip,
     Scene,
     SimulationError,
     Spring,
     piecewise_linear,
     simulate,
     sine,
+    table,
     triangle,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, EXACT_FINAL_VELOCITY, flywheel_benchmark
@@ -226,6 +230,81 @@ def test_a_contact_that_opens_and_closes() -> None:
     assert result.velocity("a")[-1] == exact.velocity("a")[-1] == 0.0
 
 
+@pytest.mark.parametrize("method", ["RK4", "Euler"])
+def test_a_step_ends_where_a_drive_jumps(method: str) -> None:
+    """A block held to a belt at 1 m/s, which turns round at 0.3 s, slides from there on with -2 m/s^2."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Drive("belt", velocity=piecewise_linear([0.3, 0.3], [1.0, -1.0])),
+        Contact("c", "a", "belt", DryFriction(0.3, 0.2), normal=10.0),
+    )
+    result = simulate(scene, (0.0, 0.5), method=method, step=0.0007)
+    assert told(result) == [("c", 0, 1)] and result.events[0].t == 0.3
+    assert result.velocity("a")[-1] == pytest.approx(0.6, rel=1e-12)
+    assert abs(result.energy().relative_error) < 1e-12
+
+
+@pytest.mark.parametrize("method", ["RK4", "Euler"])
+@pytest.mark.parametrize(
+    ("xs", "ys", "before", "after", "speed"),
+    [
+        ([-1.0, 1.0, 2.0], [0.0, 1.0, 5.0], 0.0, 3.0, 0.5 * 0.5 + 0.5 * 5.0),
+        ([-2.0, 3.0], [-2.0, 3.0], 1.24, 5.94, 0.5 * 1.24 + 0.5 * 3.0),
+        ([-1.0, 2.0], [-1.0, 2.0], 0.0, 3.0, 0.5 * 2.0),
+    ],
+)
+def test_a_step_ends_where_a_signal_jumps_over_corners_of_a_table(
+    method: str, xs: list[float], ys: list[float], before: float, after: float, speed: float
+) -> None:
+    load = table(piecewise_linear([0.5, 0.5], [before, after]), xs, ys)
+    result = simulate(Scene(Body("a", inertia=1.0), Force("a", load)), (0.0, 1.0), method=method, step=3e-3)
+    assert result.velocity("a")[-1] == pytest.approx(speed, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["RK4", "Euler"])
+@pytest.mark.parametrize(
+    "law",
+    [
+        Karnopp(DryFriction(0.3, 0.2), 0.1),
+        PreSlip(DryFriction(0.3, 0.2), 0.1),
+        LuGre(DryFriction(0.3, 0.2), 1e3, 10.0),
+        Dahl(DryFriction(0.3, 0.2), 1e3),
+    ],
+)
+def test_a_contact_that_a_jump_opens_is_open_at_once(law: Any, method: str) -> None:
+    """Its modes are those of the engines that find events; what it remembers is told where it closes again.
+
+    While it is open, the force alone turns the block round: v = v(0.05) - (t - 0.05).
+    """
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.3),
+        Contact(
+            "c", "a", GROUND, law, normal=piecewise_linear([0.05, 0.05, 0.5, 0.5], [1.0, 0.0, 0.0, 10.0])
+        ),
+        Force("a", -1.0),
+    )
+    exact = simulate(scene, (0.0, 1.0))
+    result = simulate(scene, (0.0, 1.0), method=method, step=1e-4)
+    at, right = result.sample([0.05, 0.25, 0.285, 0.4, 0.6]), exact.sample([0.05, 0.25, 0.285, 0.4, 0.6])
+    assert at.velocity("a")[1:4] == pytest.approx(
+        at.velocity("a")[0] - np.array([0.2, 0.235, 0.35]), abs=1e-12
+    )
+    assert at.velocity("a") == pytest.approx(right.velocity("a"), abs=3e-4)
+    assert at.mode("c").tolist() == right.mode("c").tolist()
+
+
+def test_a_contact_that_slips_where_nothing_presses_it_remembers_that() -> None:
+    """At half the pre-slip velocity it is pressed again, and brakes with all of its friction: 2 N."""
+    normal = piecewise_linear([0.2, 0.2, 0.5, 0.5], [1e-3, 0.0, 0.0, 10.0])
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.05),
+        Contact("c", "a", GROUND, PreSlip(DryFriction(0.3, 0.2), 0.1), normal=normal),
+    )
+    for way in ({}, {"method": "RK4", "step": 1e-4}):
+        result = simulate(scene, (0.0, 0.6), **way)
+        assert abs(result.sample([0.501]).force("c")[0]) == pytest.approx(2.0, rel=1e-12)
+
+
 # What it costs, and what is refused
 
 
@@ -265,6 +344,25 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
     assert caught.value.t == 0.0 and not caught.value.result.success
     assert isinstance(caught.value.__cause__, Unstable)
     assert caught.value.__cause__.longest == pytest.approx(longest, rel=1e-6)
+
+
+@pytest.mark.parametrize(("method", "limit"), [("Euler", 2.0), ("RK4", 2.785)])
+def test_a_step_that_is_too_long_for_bristles_only_for_a_while_is_refused(method: str, limit: float) -> None:
+    """From 0.25 s on the normal force is a tenth: bristles at w = 0.48 m/s relax with 2.4e4 /s."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=1.0),
+        Contact(
+            "c",
+            "a",
+            GROUND,
+            LuGre(DryFriction(0.3, 0.2), 1e4, 1.0),
+            normal=piecewise_linear([0.25, 0.25], [10.0, 1.0]),
+        ),
+    )
+    with pytest.raises(SimulationError, match=f"at t = 0.25 s: the {method} step of .* is unstable"):
+        simulate(scene, (0.0, 1.0), method=method, step=1.1 * limit / 2.4e4)
+    result = simulate(scene, (0.0, 1.0), method=method, step=0.9 * limit / 2.5e4)
+    assert result.velocity("a")[-1] == pytest.approx(simulate(scene, (0.0, 1.0)).velocity("a")[-1], abs=1e-6)
 
 
 @pytest.mark.parametrize(("method", "limit"), [("RK4", math.sqrt(8.0)), ("Euler", 1.0)])

@@ -240,14 +240,16 @@ def test_a_slow_sine_does_not_hide_that_a_function_is_unknown() -> None:
     assert Loads([sine(1.0, 1e-3) + signal(math.cos)], [], 0.0, 20.0).period == 2.0
 
 
-def test_fixed_steps_read_every_load_and_stop_at_none() -> None:
+def test_fixed_steps_read_every_load_and_stop_where_one_or_a_drive_s_acceleration_jumps() -> None:
+    """The step jumps at 0.4, the slope of the last at 0.5; the brake comes to 0 at 0.15 and 0.6 without a jump."""
     q = Loads(SIGNALS, [4], 0.0, 1.0, stepped=True)
-    assert q.breaks == [] and q.has_functions
+    assert q.breaks == [0.4, 0.5] and q.has_functions
+    assert Loads(SIGNALS, [], 0.0, 1.0, stepped=True).breaks == [0.4]
     assert math.isfinite(q.period)
     stretch = q.after(0.0)
-    assert (stretch.start, stretch.stop) == (0.0, 1.0)
+    assert (stretch.start, stretch.stop) == (0.0, 0.4)
     assert stretch.bent.tolist() == [1, 2, 3, 4, 5]
-    for t in (0.6, 0.1):
+    for t in (0.3, 0.1):
         np.testing.assert_allclose(stretch.at(t), values(t), rtol=1e-12, atol=1e-12)
 
 

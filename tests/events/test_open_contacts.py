@@ -7,15 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stickslip import (
     GROUND,
     Body,
     Contact,
+    Dahl,
     Damper,
     Drive,
     DryFriction,
     Force,
+    LuGre,
     Mode,
     PreSlip,
     Result,
@@ -502,3 +505,31 @@ def test_a_contact_that_a_velocity_presses_from_0_on_closes_while_it_slides(meth
     right = np.where(t < math.pi, 5.0, 5.0 - 0.2 * (1.0 + np.cos(t)))
     np.testing.assert_allclose(found.velocity("block"), right, rtol=0, atol=1e-8)
     assert not found.events
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "Adams"}, {"method": "RK4", "step": 1e-4}])
+@pytest.mark.parametrize("law", [Dahl(DryFriction(0.2, 0.2), 1e3), LuGre(DryFriction(0.2, 0.2), 1e3)])
+def test_bristles_that_nothing_presses_are_straight(law: Any, options: dict[str, Any]) -> None:
+    """``z' = w - sigma_0 |w| z / (mu N)`` has z -> 0 as N -> 0: what closes again starts without deflection.
+
+    Pressed with 10 N until 0.3 s and from 1 s on; meanwhile a force of -6 N turns the block round.
+    """
+
+    def pressed(t: float, y: Any) -> list[float]:
+        return [-1e3 * y[1], y[0] - 1e3 * abs(y[0]) * y[1] / 2.0]
+
+    def after(span: tuple[float, float], v: float) -> float:
+        return float(solve_ivp(pressed, span, [v, 0.0], rtol=1e-11, atol=1e-13).y[0, -1])
+
+    turned = after((0.0, 0.3), 2.0) - 6.0 * 0.7
+    normal = piecewise_linear([0.3, 0.3, 1.0, 1.0], [10.0, 0.0, 0.0, 10.0])
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=2.0),
+        Contact("c", "a", GROUND, law, normal=normal),
+        Force("a", piecewise_linear([0.3, 0.3, 1.0, 1.0], [0.0, -6.0, -6.0, 0.0])),
+    )
+    result = simulate(scene, (0.0, 1.1), **options)
+    at = result.sample([0.5, 1.0, 1.1])
+    assert at.velocity("a")[1:] == pytest.approx([turned, after((1.0, 1.1), turned)], abs=1e-7)
+    assert simulate(scene, (0.0, 0.5), **options).final_scene().contacts[0].deflection == 0.0
+    assert result.power("c").min() > -1e-9

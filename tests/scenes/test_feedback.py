@@ -18,12 +18,16 @@ from stickslip import (
     Force,
     Gear,
     LuGre,
+    Quantity,
+    Sampled,
     Scene,
     SimulationError,
     Spring,
+    StateSpace,
     When,
     explain,
     feedback,
+    output,
     piecewise_linear,
     position,
     power,
@@ -31,6 +35,7 @@ from stickslip import (
     saturate,
     simulate,
     sine,
+    table,
     velocity,
 )
 
@@ -122,6 +127,49 @@ def test_a_load_driven_by_time_and_by_power() -> None:
     result = simulate(scene, (0.0, 3.0), rtol=1e-9)
     assert "power" in explain(scene)
     assert abs(result.velocity("b")[-1] - (0.8 + 2.25)) < 1e-8
+
+
+MAP = ([0.0, 1.0, 1.5, 3.0], [0.0, 1.0, 0.5, 0.0])
+LIMITED = StateSpace(
+    "s", A=[[-1.0]], B=[[0.0]], C=[[1.0]], D=[[1.0]], inputs=[power("c")], limits=[(0.0, 0.7)]
+)
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-3}])
+@pytest.mark.parametrize(
+    ("elements", "rest"),
+    [
+        ([Force("a", saturate(power("c"), 0.0, 0.7))], 0.5 + math.log(1 / 0.65) / 2),
+        ([LIMITED, Force("a", output("s"))], 0.5 + math.log(1 / 0.65) / 2),
+        (
+            [Force("a", table(power("c"), *MAP))],
+            1.5 * math.log(2.5 / 2.25) + math.log(1.5) / 2 + math.log(2) / 2,
+        ),
+    ],
+)
+def test_tables_and_limits_of_power(way: dict[str, Any], elements: list[Any], rest: float) -> None:
+    """``v' = -2 + g(2 v)`` from v = 1: line by line an exponential or a constant pull, until v = 0."""
+    rubs = Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0)
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), rubs, *elements), (0.0, 2.0), **way)
+    (event,) = result.events
+    assert (int(event.before), int(event.after)) == (1, 0)
+    assert abs(event.t - rest) < (2e-3 if "step" in way else 1e-6)
+
+
+def test_a_sample_at_the_start_reads_the_power_that_the_friction_has() -> None:
+    """It reads 4 W at once, also where a run goes on from another one: the force of 2 N holds the velocity."""
+
+    def scene(load: Quantity) -> Scene:
+        sampled = Sampled("s", period=0.1, inputs=[power("c")], output=lambda t, x, u: u[0])
+        rubs = Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0)
+        return Scene(Body("a", inertia=1.0, velocity=2.0), rubs, sampled, Force("a", load))
+
+    result = simulate(scene(0.5 * output("s")), (0.0, 0.55))
+    assert result.output("s")[0] == result.power("c")[0] == 4.0
+    first = simulate(result.scene, (0.0, 0.2))
+    second = simulate(first.final_scene(), (0.2, 0.55))
+    np.testing.assert_allclose(second.velocity("a"), 2.0, rtol=1e-14)
+    np.testing.assert_allclose(result.velocity("a"), 2.0, rtol=1e-14)
 
 
 def test_power_of_a_contact_with_bristles() -> None:

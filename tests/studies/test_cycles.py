@@ -576,7 +576,9 @@ def test_what_has_died_away_is_said_to_have() -> None:
         Spring("block", GROUND, stiffness=2.0, damping=0.05),
         Contact("rub", "block", "belt", DryFriction(1.5, 1.0), normal=1.0),
     )
-    with pytest.raises(CycleError, match=r"the motion has died away by .* it seems to come to a steady state"):
+    with pytest.raises(
+        CycleError, match=r"the motion has died away by .* it seems to come to a steady state"
+    ):
         limit_cycle(scene)
 
 

@@ -298,6 +298,26 @@ def test_bristles_that_the_motion_presses_on() -> None:
         assert np.abs(exact[:, k] - told).max() <= 1e-6 * np.abs(told).max(), one.name
 
 
+def test_bristles_straighten_where_nothing_presses_them() -> None:
+    """What they were before has no part in what the contact does when it is pressed again."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=2.0),
+        Contact(
+            "c",
+            "a",
+            GROUND,
+            LuGre(DryFriction(0.3, 0.2, stribeck_velocity=0.5), 1e3, 1.0),
+            normal=piecewise_linear([0.3, 0.3, 1.0, 1.0], [10.0, 0.0, 0.0, 10.0]),
+        ),
+        Force("a", piecewise_linear([0.3, 0.3, 1.0, 1.0], [0.0, -6.0, -6.0, 0.0])),
+    )
+    names = ["a.velocity", "c.law.law.mu_coulomb", "c.law.stiffness"]
+    found = sensitivities(scene, (0.0, 1.1), parameters=names, rtol=1e-10, atol=1e-12)
+    for k, (name, h) in enumerate(zip(names, (1e-3, 1e-4, 1.0), strict=True)):
+        wanted = differences(scene, (0.0, 1.1), name, lambda result: result.velocity("a")[-1], h)
+        assert found.velocity("a")[k] == pytest.approx(wanted, rel=1e-5, abs=1e-9)
+
+
 def test_forces_near_rest_where_a_curve_bends_fast() -> None:
     """F = mu(w) N with mu = c + (s - c) exp(-(w/v)^2), beside a body that is a hundred times as fast."""
     law = DryFriction(0.6, 0.3, stribeck_velocity=0.05)

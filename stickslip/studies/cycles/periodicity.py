@@ -47,7 +47,9 @@ def _check_blocks(system: System, times: Sequence[float], later: float | None) -
     Some time `later`, or at all times where that is None, they have to be the same.
     """
     y = system.at_start()
-    q = system.filled(system.loads(0.0, 1.0).after(0.0).at(0.0), y, 0.0)
+    q = system.loads(0.0, 1.0).after(0.0).at(0.0)
+    if system.dependence is not None:
+        system.dependence.fill(q, y, 0.0, 0.0, None)
     for place in system.blocks.values():
         block = place.block
         if not isinstance(block, Block):

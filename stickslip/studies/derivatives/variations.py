@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from stickslip.engines import METHODS
+from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.equations.one_thread import one_thread
 from stickslip.events.endings import at_limit, at_stops
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.scene import Scene
-from stickslip.results.trajectory import by_piece
+from stickslip.results.trajectory import Piece, by_piece
 from stickslip.simulation import arguments
 from stickslip.simulation.result import Result
 from stickslip.simulation.simulate import simulate
@@ -151,6 +152,7 @@ class Variation(Nearby):
         n, t, y = system.n, piece.t, system.at_start()
         held = (piece.modes == 0) & system.hard
         S = np.array([one.y for one in self.directions]).T.reshape(system.size, self.count)
+        S[self._straight(piece)] = 0.0
         since = np.array([one.since for one in self.directions]).T.reshape(system.m, self.count)
         motion = self.motion_of(0)
         q = motion.stretch.at(t)
@@ -169,6 +171,10 @@ class Variation(Nearby):
         self._refuse(t, kinks.at_start(self, piece, motion, S, since), S)
         self._refuse(t, kinks.at_stops(self, motion, S, sides), S)
         return S, since
+
+    def _straight(self, piece: Piece) -> list[int]:
+        """Return the deflections of bristles that nothing presses."""
+        return [state for j, state in self.system.bristle_state.items() if piece.modes[j] == OPEN]
 
     def _of_scene(self, k: int, impact: VariedImpact, held: Mask, before: float, t: float) -> Any:
         """Return what the scenes near by add in direction `k` to the derivative of the velocities after a jump at `t`.
@@ -238,6 +244,7 @@ class Variation(Nearby):
             near = self._of_scene(k, impact, held, piece.t, following.t)
             found[:n, k] = balance.project(slope, rates * times[k]) + near
         found -= np.outer(after.rate(0.0, following.y), times)
+        found[self._straight(following)] = 0.0
         newly = following.since == following.t
         since = np.where(newly[:, None], times[None, :], since)
         return found, since
