@@ -71,8 +71,9 @@ class Stability:
         if law is None or not law.bristles.size:
             return set()
         w, normal, _, z = motion.law_arguments(taus, states.T)
-        _, by_z = law.bristle_slopes(w, normal, z)
-        return set(by_z.argmin(axis=1).tolist())
+        points = zip(w.T, normal.T, z.T, strict=True)
+        by_z = np.array([law.bristle_slopes(*point)[1] for point in points])
+        return set(by_z.argmin(axis=0).tolist())
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
         """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from stickslip.equations.motion import Expansion, Motion
-from stickslip.model.arrays import Array, Mask, Modes
+from stickslip.model.arrays import Array, Indices, Mask, Modes
 
 _AT_BAND = 1e-6
 """Part of a dead band within which a velocity is at its edge."""
@@ -28,6 +28,8 @@ class GuardValues:
         The row of each guard, -1 where it is the border of a region.
     is_border : array of bool
         Guards that are borders of regions.
+    in_band : array of int
+        Rows that start within Karnopp's dead band: they come to rest at 0 only.
     """
 
     def __init__(self, motion: Motion, labels: Modes, at_rest: Mask) -> None:
@@ -38,13 +40,16 @@ class GuardValues:
         # borders have the number -1
         self.rests = rows.is_velocity & (np.append(at_rest, False) if rows.has_borders else at_rest)[rows.row]
         self._constant, self._has_constant = rows.constant, rows.has_constant
+        self.in_band: Indices = np.empty(0, dtype=np.intp)
         if rows.has_threshold:
             self._constant = rows.constant.copy()
             slips = slice(rows.slips)
-            # what is led through Karnopp's dead band comes to rest at 0 only
+            # what has left rest, or is led through Karnopp's dead band, comes to rest at 0 only
             speed = rows.turn[slips] * motion.first.z[0][rows.source[slips]]
             within = (speed <= -(1 + _AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
-            self._constant[slips] = np.where(self.rests[slips] | within, 0.0, rows.threshold)
+            within |= self.rests[slips]
+            self._constant[slips] = np.where(within, 0.0, rows.threshold)
+            self.in_band = rows.row[slips][within & (rows.threshold < 0)]
             self._has_constant = bool(self._constant.any())
         # Taylor coefficients of the guards at the start, orders 0 and 1 at least
         self.first = self.series(motion.first)

@@ -276,10 +276,12 @@ def _resting(system: System, now: Situation, slow: Mask, w: Array, at_stop: Mask
 def _at_rest_in_bands(
     system: System, now: Situation, w: Array, rough: Array, closed: Mask, at_stop: Mask, u: Array
 ) -> Situation:
-    """Bring contacts to rest that move within Karnopp's dead band, but for those that others at rest lead."""
+    """Bring contacts to rest that have come into Karnopp's dead band, but for those that others at rest lead."""
     limit = np.where(system.hard, system.laws.rests_below, 0.0)
     resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
     moving = resting & (limit > 0) & (np.abs(w) > rough)
+    if now.in_band is not None:
+        moving &= ~now.in_band | now.touching | (now.labels is not None and now.labels * w < 0)
     if not moving.any():
         return now
     held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)

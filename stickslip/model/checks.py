@@ -230,3 +230,8 @@ def file_path(path: Any, what: str) -> Path:
     if not isinstance(path, (str, PathLike)):
         raise TypeError(f"{what}: path must be a text or a pathlib.Path, got {reprlib.repr(path)}")
     return Path(path)
+
+
+def rounded_up(value: float) -> str:
+    """Return a positive number in two digits, no smaller than it is: a least value that a message names is enough."""
+    return f"{1.05 * value:.2g}"

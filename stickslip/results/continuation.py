@@ -52,7 +52,9 @@ def final_scene(trajectory: Trajectory) -> Scene:
                 changes = {
                     "rested": stop - float(since[j]) if shown[j] == 0 else 0.0,
                     "deflection": 0.0 if bristle is None else float(at.y[bristle, 0]),
-                    "slipping": bool(abs(inner[j]) == 1 and not system.hard[j]),
+                    "slipping": bool(
+                        abs(inner[j]) == 1 and (not system.hard[j] or system.laws.rests_below[j])
+                    ),
                 }
             case Block(name=name) | StateSpace(name=name):
                 changes = {"states": at.states_of(name)[:, 0].tolist()}

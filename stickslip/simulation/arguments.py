@@ -15,7 +15,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import dense, row_maxima
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array
-from stickslip.model.checks import every_digit, finite, flag, in_order, numbers
+from stickslip.model.checks import every_digit, finite, flag, in_order, numbers, rounded_up
 from stickslip.model.laws.base import Use
 from stickslip.model.scene import Scene
 from stickslip.model.when import When
@@ -114,7 +114,7 @@ def check_dwells(system: System, start: float, stop: float) -> None:
     for j in ((system.dwell > 0) & (system.dwell < least)).nonzero()[0].tolist():
         raise ValueError(
             f"contact {system.rows[j].name!r}: a dwell time of {system.dwell[j]:g} s cannot be told at times of "
-            f"{max(abs(start), abs(stop)):g} s; give 0, or at least {least:.1g} s"
+            f"{max(abs(start), abs(stop)):g} s; give 0, or at least {rounded_up(least)} s"
         )
 
 

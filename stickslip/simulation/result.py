@@ -202,7 +202,8 @@ class Result(Presented):
 
         Velocities, positions, times at rest, bristles, slip states, states of blocks and sample clocks are those of the
         end. Loads stay as they are: simulate over a time span that starts where this one ends. The motion goes on as it
-        would have, but a change of mode at the very end may be noted by neither run: let runs end between events.
+        would have, but a change of mode at the very end may be noted by neither run: let runs end between events. A
+        sample at the very end is taken again by the second run, with what signals jump to there.
 
         Raises
         ------

@@ -37,10 +37,11 @@ from stickslip.events.settle import (
 from stickslip.events.situation import Situation
 from stickslip.model.arrays import Array, Mask, Modes
 from stickslip.model.modes import Mode
+from stickslip.simulation.bands import until_out_of_bands
 from stickslip.simulation.borders import TOGETHER, Borders
 from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
-from stickslip.simulation.tolerances import Tolerances
+from stickslip.simulation.tolerances import Reached, Tolerances
 from stickslip.simulation.watching import Watch
 
 _RESTARTS_WITHOUT_PROGRESS = 100
@@ -75,8 +76,9 @@ class Run:
             self._local = Local(forest, engine.work, task.interruption, recorder, self._passed, wanted.margin)
         self.start, self.stop = span.start, span.stop
         self.t, self._wanted = self.start, wanted
-        # the fastest that a solver has seen
-        self._fastest = 0.0
+        # the fastest that a solver has seen, how far states were from those at the start, and what adds up in rates
+        self._fastest, self._first = 0.0, system.at_start()
+        self._moved, self._pushed = np.zeros(system.size), 0.0
         # restarts without progress, events since the last look at the time, that time, and the rows that changed last
         self._standing = self._hits = 0
         self._looked_at = self.t
@@ -95,7 +97,9 @@ class Run:
         system = self.system
         nothing = np.zeros(system.m, dtype=bool)
         since = self.t - np.array([row.rested for row in system.rows])
-        start = Situation(self.t, system.at_start(), None, since, nothing, nothing)
+        start = Situation(
+            self.t, system.at_start(), None, since, nothing, nothing, in_band=system.starts_slipping
+        )
         if system.sampled:
             q = inputs_before(system, self.loads.after(self.t), start)
             start = start._replace(y=self._sample(self.t, q, start.y))
@@ -143,10 +147,21 @@ class Run:
         self.recorder.keep(now, path, t)
         if now.guards.velocity_uncertainty:
             self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
+            if self._wanted.is_guess:
+                self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
+                rates = now.motion.rate_magnitudes()[: self.system.n]
+                self._pushed = max(self._pushed, float(rates.max(initial=0.0)))
         if self.stopped is not None:
             self.t = t
             return
         self._go_on(now, path, t, relaxed)
+
+    @property
+    def reached(self) -> Reached:
+        """What the run has come to."""
+        ends = [self.system.n, self.system.first_bristle, self.system.first_block]
+        velocities, distances, bristles, _ = np.split(self._moved, ends)
+        return Reached(velocities, distances, bristles, self._pushed * (self.stop - self.start))
 
     def _path(self, now: Settled) -> tuple[Path, list[int]]:
         """Return the path of a motion while its modes hold, and the rows that have relaxed to rest at its end."""
@@ -161,6 +176,7 @@ class Run:
             path.last[self.system.clocked] = motion.y[self.system.clocked]
         if self._borders is not None:
             path = self._borders.cut(motion, path)
+        path = until_out_of_bands(motion, now.guards, path)
         return until_rest(motion, path, now.guards.velocity_uncertainty, self._wanted.margin)
 
     @staticmethod
@@ -281,8 +297,22 @@ class Run:
         if system.sampled:
             y = np.concatenate([y[: system.first_block], blocks])
         labels, regions = np.where(stops, 0, before), motion.equations.regions
+        in_band = (
+            np.isin(np.arange(system.m), now.guards.in_band) & ~at.fired if system.has_dead_bands else None
+        )
         situation = Situation(
-            t, y, labels, since, touching, at.fired, path.largest, regions, jump.sides, path.touched, stops
+            t,
+            y,
+            labels,
+            since,
+            touching,
+            at.fired,
+            path.largest,
+            regions,
+            jump.sides,
+            path.touched,
+            stops,
+            in_band,
         )
         if self._borders is not None:
             self._borders.place(situation)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable
 from typing import Any, get_args
@@ -27,7 +28,7 @@ from stickslip.simulation.choice import choose, why_stiff
 from stickslip.simulation.recorder import Recorder
 from stickslip.simulation.result import Result, SimulationError, SimulationInterrupted
 from stickslip.simulation.run import Run
-from stickslip.simulation.tolerances import tolerances
+from stickslip.simulation.tolerances import Reached, tolerances
 from stickslip.simulation.watching import Watch
 
 _METHODS = ("auto", *(name for name, known in METHODS.items() if "contact-force" in known.formulations))
@@ -72,7 +73,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         Step in s of the fixed-step methods. One too long for the fastest decay in the scene ends in an error that
         names the longest; with Euler's method oscillations grow by ``exp(step omega^2 t / 2)``.
     rtol, atol : float
-        Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none.
+        Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none. An
+        absolute tolerance that would hide how bodies move is tightened to ``rtol`` times the scene's velocities. Where
+        only forces tell these, and all bodies turn out slower than ``1e5 atol``, the run is made a second time.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional
@@ -122,33 +125,48 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     arguments.check_stops(system, loads, start, step)
     name, _ = choose(system, loads, formulation, method, stop - start)
     chosen, merged = METHODS[name], formulation == "merged"
-    wanted = tolerances(system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series")
-    if system.dependence is not None:
-        system.dependence.forget()
     by_default = (method, name) == ("auto", "BDF") and not merged
-    task = Task(
-        system,
-        loads,
-        wanted.rtol,
-        wanted.atol,
-        max_step=max_step,
-        step=math.nan if step is None else step,
-        merged=merged,
-        exact_at_rest=by_default and not why_stiff(system, stop - start),
-    )
-    watch = Watch(system, user_events, loads, span.is_stepped) if user_events else None
-    in_parts = name == "series" and max_step == math.inf and watch is None
-    run = Run(
-        task,
-        chosen.make(task),
-        Recorder(system, span, outputs, dense_output),
-        span,
-        wanted,
-        watch,
-        _forest(system, loads) if in_parts else None,
-    )
-    with one_thread(system, always=name != "series"):
-        return _Simulation(run, task, chosen.title).to_end(progress)
+    exact_at_rest = by_default and not why_stiff(system, stop - start)
+
+    def run(reached: Reached | None) -> tuple[Result, Reached | None]:
+        """Return a run with tolerances fit for what an earlier one has reached, and what it has if they hid it."""
+        wanted = tolerances(
+            system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series", reached=reached
+        )
+        if system.dependence is not None:
+            system.dependence.forget()
+        task = Task(
+            system,
+            loads,
+            wanted.rtol,
+            wanted.atol,
+            max_step=max_step,
+            step=math.nan if step is None else step,
+            merged=merged,
+            exact_at_rest=exact_at_rest,
+        )
+        watch = Watch(system, user_events, loads, span.is_stepped) if user_events else None
+        in_parts = name == "series" and max_step == math.inf and watch is None
+        one = Run(
+            task,
+            chosen.make(task),
+            Recorder(system, span, outputs, dense_output),
+            span,
+            wanted,
+            watch,
+            _forest(system, loads) if in_parts else None,
+        )
+        with one_thread(system, always=name != "series"):
+            result = _Simulation(one, task, chosen.title).to_end(progress)
+        hidden = not chosen.takes_steps and wanted.has_errors and wanted.hide(one.reached)
+        return result, one.reached if hidden else None
+
+    result, reached = run(None)
+    if reached is not None:
+        # where double precision cannot bear what that takes, the tolerances that were asked for stand
+        with contextlib.suppress(SimulationError, ValueError):
+            result, _ = run(reached)
+    return result
 
 
 _MANY = 16

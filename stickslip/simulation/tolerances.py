@@ -11,6 +11,7 @@ from stickslip.engines.base import Method
 from stickslip.equations.system import System
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array
+from stickslip.model.checks import rounded_up
 from stickslip.model.signals import Signal
 
 _TIMES, _AT_MOST = 100.0, 1e-3
@@ -25,8 +26,24 @@ _FORCE_UNCERTAINTY = 1e-12
 _EXACT = 1e-8
 """Part of the scene's velocities that an exact engine resolves, whatever the tolerances."""
 
+_HIDDEN = 1e-5
+"""Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
+
+_NOISE = 1e-14
+"""Part of what adds up in accelerations that is roundoff, and so is what it gives over the time span."""
+
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What a run has come to."""
+
+    velocities: Array  # (n,): the fastest of each body in m/s or rad/s
+    distances: Array  # (n,): how far each body was from its start in m or rad
+    bristles: Array  # (b,): largest deflections in m or rad
+    pushed: float  # what adds up in accelerations, times the time span, in m/s or rad/s
 
 
 @dataclass(frozen=True)
@@ -43,6 +60,13 @@ class Tolerances:
     speed: float  # velocity scale in m/s or rad/s
     # whether velocities have errors where they pass 0: not of exact engines, or where events are at step ends
     has_errors: bool
+    is_guess: bool  # whether nothing but forces told the velocity scale
+
+    def hide(self, reached: Reached) -> bool:
+        """Tell whether a run was so slow, beside what forces let expect, that the absolute tolerance hides it."""
+        atol = float(self.atol[: reached.velocities.size].max(initial=0.0))
+        speed = float(reached.velocities.max(initial=0.0))
+        return self.is_guess and _NOISE * reached.pushed < speed < atol / _HIDDEN
 
     def uncertainty(self, fastest: float) -> Uncertainty:
         """Return what is uncertain now: errors of velocities are parts of the `fastest` that the solver has seen."""
@@ -62,15 +86,19 @@ def tolerances(
     margin: float | None,
     method: Method,
     is_exact: bool,
+    reached: Reached | None = None,
 ) -> Tolerances:
     """Return tolerances fit for the scene: never looser than asked for.
 
     The absolute tolerance is tightened to ``rtol V`` where the scene's velocities V are so small that it would hide
-    them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain.
+    them, and both so that a pre-slip velocity is ``method.resolution`` times what they leave uncertain. V is what an
+    earlier run has `reached`, or what velocities at the start, drives and forces let expect.
 
     Where that is too small for double precision it is refused.
     """
-    speed, frequency = _speed(system, start, stop)
+    speed, frequency, is_guess = _speed(system, start, stop)
+    if reached is not None:
+        speed = float(reached.velocities.max(initial=0.0))
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
     resolution = method.resolution
@@ -92,6 +120,10 @@ def tolerances(
         stiffness = system.laws.characters[j].stiffness or 1.0
         if force > 0:
             each[state] = min(atol, _BRISTLE * force / stiffness)
+    if reached is not None:
+        each[system.n : system.first_block] = np.minimum(
+            each[system.n : system.first_block], rtol * np.concatenate([reached.distances, reached.bristles])
+        )
     velocity_resolution = rtol * speed + atol
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
     relaxed = _added_up(velocity_resolution, speed) if margin is None else margin
@@ -101,7 +133,9 @@ def tolerances(
     # an exact engine knows velocities to roundoff: so small rebounds are real
     rebound = _REBOUND * speed if is_exact and margin is None else relaxed
     has_errors = not (is_exact or method.takes_steps)
-    return Tolerances(rtol, each, relaxed, rebound, velocity_resolution, force_uncertainty, speed, has_errors)
+    return Tolerances(
+        rtol, each, relaxed, rebound, velocity_resolution, force_uncertainty, speed, has_errors, is_guess
+    )
 
 
 def _added_up(error: float, speed: float) -> float:
@@ -113,12 +147,12 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
     names = [row.name for row, v in zip(system.rows, system.laws.resolution, strict=True) if v == finest]
     return ValueError(
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
-        f"for double precision; make it at least {2 * resolution * _FINEST * speed:.1g}, or use DryFriction"
+        f"for double precision; make it at least {rounded_up(2 * resolution * _FINEST * speed)}, or use DryFriction"
     )
 
 
-def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
-    """Return the velocity scale and the highest natural frequency (rad/s, 0 without springs)."""
+def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:
+    """Return the velocity scale, the highest natural frequency (rad/s, 0 without springs), and whether V is a guess."""
     scene = system.scene
     stiffness = np.zeros(system.n + system.drives)
     place = [element.position for element in (*scene.bodies, *scene.drives)]
@@ -144,7 +178,8 @@ def _speed(system: System, start: float, stop: float) -> tuple[float, float]:
     speeds = [abs(body.velocity) for body in scene.bodies]
     speeds += [largest_value(drive.velocity, start, stop) for drive in scene.drives]
     speeds.append(frequency * stretched)
-    return max(speeds) or _forced(system, start, stop, frequency), frequency
+    known = max(speeds)
+    return known or _forced(system, start, stop, frequency), frequency, known == 0
 
 
 def _forced(system: System, start: float, stop: float, frequency: float) -> float:

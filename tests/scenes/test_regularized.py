@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from reading import told
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
+    TIME,
     Body,
     Contact,
     Dahl,
@@ -25,12 +27,16 @@ from stickslip import (
     Scene,
     SimulationError,
     Spring,
+    StateSpace,
+    feedback,
     normal,
+    output,
     piecewise_linear,
     position,
     saturate,
     simulate,
     sine,
+    step,
     table,
 )
 from stickslip.benchmark import BENCHMARK_SPAN, EXACT_EVENTS, flywheel_benchmark, four_flywheels
@@ -93,6 +99,17 @@ def test_no_tolerance_lowers_the_floor_that_the_pre_slip_velocity_sets(exact: Re
         errors.append(float(np.abs(result.y - exact.y).max()))
     np.testing.assert_allclose(errors, errors[-1], rtol=0.05)
     assert 0.9e-3 < errors[-1] < 1e-3
+
+
+def test_the_least_pre_slip_velocity_that_is_advised_is_enough() -> None:
+    def scene(velocity: float) -> Scene:
+        contact = Contact("c", "a", GROUND, PreSlip(DryFriction(0.4, 0.2), velocity), normal=10.0)
+        return Scene(Body("a", inertia=1.0), contact, Force("a", sine(6.0, 1.0)))
+
+    with pytest.raises(ValueError, match="too small beside velocities of 6 ") as refused:
+        simulate(scene(1e-9), (0.0, 0.01))
+    advised = float(str(refused.value).split("make it at least ")[1].split(",")[0])
+    assert simulate(scene(advised), (0.0, 0.01)).status == 0
 
 
 @pytest.mark.parametrize("velocity", [1e-6, 1e-7, 1e-8])
@@ -356,6 +373,63 @@ def test_karnopp_takes_others_along_as_it_stops() -> None:
     assert result.force("c")[-1] == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"method": "RK4", "step": 1e-3}])
+@pytest.mark.parametrize(
+    "elsewhere",
+    [
+        [],
+        [
+            Contact("c2", "z", GROUND, DryFriction(0.2, 0.1), normal=10.0),
+            Force("z", piecewise_linear([0, 0.1], [0, 4])),
+        ],
+        [Drive("d", velocity=step(0.05)), Spring("d", "z", stiffness=1.0)],
+        [Contact("c2", "z", GROUND, DryFriction(0.2, 0.1), normal=step(0.05))],
+    ],
+)
+def test_karnopp_that_has_left_rest_moves_on_through_its_band(
+    elsewhere: list[Any], options: dict[str, Any]
+) -> None:
+    """A push of 2.01 N beyond its level of 2 N leaves 1.01 m/s^2, whatever happens to another body meanwhile."""
+    law = Karnopp(DryFriction(0.2, 0.1), 0.1)
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, law, normal=10.0),
+        Force("a", 2.01),
+        Body("z", inertia=1.0),
+        *elsewhere,
+    )
+    result = simulate(scene, (0.0, 0.5), **options)
+    assert result.velocity("a")[-1] == pytest.approx(0.505, rel=1e-9)
+    first = simulate(scene, (0.0, 0.05), **options)
+    second = simulate(first.final_scene(), (0.05, 0.5), **options)
+    assert second.velocity("a")[-1] == pytest.approx(0.505, rel=1e-9)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"method": "RK4", "step": 1e-3}])
+@pytest.mark.parametrize("step_elsewhere", [False, True])
+def test_karnopp_is_stuck_again_where_it_comes_back_into_its_band(
+    step_elsewhere: bool, options: dict[str, Any]
+) -> None:
+    """Pushed by ``F = 3 sin(pi t / 4)`` it breaks loose at 2 N; ``v' = F - 1`` until v has fallen to 0.2 m/s."""
+    turning = math.pi / 4
+    loose = math.asin(2 / 3) / turning
+
+    def speed(t: float) -> float:
+        return 3.0 / turning * (math.cos(turning * loose) - math.cos(turning * t)) - (t - loose)
+
+    back = brentq(lambda t: speed(t) - 0.2, 4.0, 8.0)
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, Karnopp(DryFriction(0.2, 0.1), 0.2), normal=10.0),
+        Force("a", sine(3.0, 0.125)),
+        *([Body("z", inertia=1.0), Force("z", step(1.0))] if step_elsewhere else []),
+    )
+    result = simulate(scene, (0.0, back + 0.01), **options)
+    first, second = (event for event in result.events if event.contact == "c")
+    assert (int(first.before), int(first.after)) == (0, 1) and int(second.before) == 1
+    assert [first.t, second.t] == pytest.approx([loose, back], abs=1e-3 if "step" in options else 1e-7)
+
+
 def test_karnopp_refuses_two_moving_bodies() -> None:
     scene = Scene(
         Body("a", inertia=1.0, velocity=1.0),
@@ -514,3 +588,100 @@ def test_what_bristles_pull_from_rest_touches_nothing() -> None:
     assert not result.events and result.stats["restarts"] == 0
     bent = 0.0225 / 131.0
     assert result.velocity("a")[-1] == pytest.approx(2.25 * (0.1 - bent * -math.expm1(-0.1 / bent)), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "normal_force", "speed"),
+    [(1e6, 1e-6, 1.0), (30.0, 1e-10, 1.0), (1e9, 1e-6, 1.0), (1e13, 10.0, 1.0), (1e6, 1e-8, 10.0)],
+)
+@pytest.mark.parametrize("damping", [0.0, 100.0])
+def test_bristles_in_steady_sliding_have_the_level_however_fast_they_relax(
+    stiffness: float, normal_force: float, speed: float, damping: float
+) -> None:
+    """``sigma_0 z = mu N`` in steady sliding, also at relaxation rates ``sigma_0 |w| / (mu N)`` beyond 1e12 /s."""
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Drive("belt", velocity=speed),
+        Spring("a", GROUND, stiffness=1e3, damping=60.0),
+        Contact("c", "a", "belt", LuGre(DryFriction(0.2, 0.2), stiffness, damping), normal=normal_force),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert result.force("c")[-1] == pytest.approx(-0.2 * normal_force, rel=1e-4)
+
+
+@pytest.mark.parametrize("low", [0.0, 1e-9])
+def test_stiff_bristles_whose_load_ends_give_it_back_no_later(low: float) -> None:
+    """While N falls from 10 N at a constant rate, friction takes 0.2 times its impulse from the block."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=3.0),
+        Contact(
+            "c",
+            "a",
+            GROUND,
+            LuGre(DryFriction(0.2, 0.2), 1e9),
+            normal=piecewise_linear([0, 0.5], [10.0, low]),
+        ),
+    )
+    result = simulate(scene, (0.0, 1.0))
+    assert result.velocity("a")[-1] == pytest.approx(3.0 - 0.2 * (2.5 + 0.75 * low), abs=2e-8)
+
+
+# Slow motions
+
+
+@pytest.mark.parametrize("method", ["BDF", "Adams"])
+@pytest.mark.parametrize("kind", ["Dahl", "LuGre", "function", "sum", "table"])
+def test_a_slow_motion_of_a_stiff_body_has_the_accuracy_that_was_asked_for(kind: str, method: Any) -> None:
+    """``x'' + omega_0^2 x = F sin(omega t)`` from rest, within 1e-8 m: ``v = F omega (cos omega t - cos omega_0 t) /
+    (omega_0^2 - omega^2)``. No spring and no velocity at the start tells how slow it is."""
+    k, frequency, push = 1e6, 2.0, 1e-2
+    own, omega, t = math.sqrt(k), 2 * math.pi * frequency, np.linspace(0.01, 0.5, 100)
+    elements: dict[str, Any] = {
+        "Dahl": Contact("c", "a", GROUND, Dahl(DryFriction(0.3, 0.2), k), normal=1e5),
+        "LuGre": Contact("c", "a", GROUND, LuGre(DryFriction(0.3, 0.2), k), normal=1e5),
+        "function": Force("a", feedback(lambda x: -k * x, position("a"))),
+        "sum": Force("a", -k * position("a")),
+        "table": Force("a", table(position("a"), [-1.0, 1.0], [k, -k])),
+    }
+    scene = Scene(Body("a", inertia=1.0), elements[kind], Force("a", sine(push, frequency)))
+    result = simulate(scene, (0.0, 0.5), method=method)
+    exact = push * omega / (k - omega**2) * (np.cos(omega * t) - np.cos(own * t))
+    # a solver adds up errors over 80 periods
+    assert np.abs(result.sample(t).velocity("a") - exact).max() < 1e-3 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("kind", ["function", "block"])
+def test_forces_that_only_the_run_tells_move_bodies_alike_in_all_units_of_length(
+    unit: float, kind: str
+) -> None:
+    """Sticks and slips under ``6 sin(2 pi t)``, which a function of time or a block computes: the same in any unit."""
+    turning = 2 * math.pi
+
+    def scene(load: Any, length: float, *elements: Any) -> Scene:
+        law = DryFriction(0.4, 0.2, stribeck_velocity=0.1 * length)
+        rubs = Contact("c", "a", GROUND, law, normal=10.0 * length)
+        return Scene(Body("a", inertia=1.0), rubs, Force("a", load), *elements)
+
+    if kind == "function":
+        small = scene(feedback(lambda t: 6.0 * unit * math.sin(turning * t), TIME), unit)
+    else:
+        A, C = [[0.0, 1.0], [-(turning**2), 0.0]], [[1.0, 0.0]]
+        states = [0.0, 6.0 * turning * unit]
+        small = scene(output("s"), unit, StateSpace("s", A=A, B=[[], []], C=C, states=states))
+    exact = simulate(scene(sine(6.0, 1.0), 1.0), (0.0, 3.0), **TIGHT)
+    result = simulate(small, (0.0, 3.0))
+    assert told(result) == told(exact)
+    wanted = exact.sample(60).velocity("a")
+    assert np.abs(result.sample(60).velocity("a") / unit - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
+    """What moves it is roundoff of its weight, which a function tells: one run of a few steps is enough."""
+    k, weight = 1e6, 9.81
+    push = feedback(lambda x: -weight, position("a"))
+    scene = Scene(
+        Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push)
+    )
+    stats = simulate(scene, (0.0, 1.0), method="BDF").stats
+    assert stats["steps"] < 100

@@ -14,7 +14,7 @@ class Dahl(BristleLaw):
     """The Dahl model: ``r = sigma_0 z``, ``z' = w - sigma_0 |w| z / (mu_k N)`` (Dahl 1968).
 
     Sliding one way from rest, ``r = mu_k N (1 - exp(-sigma_0 x / (mu_k N)))``, whatever the speed. As with
-    `LuGre`, the normal force has to stay above 0.
+    `LuGre`, bristles that nothing presses are straight, and a normal force that rises from nearly 0 is refused.
 
     Parameters
     ----------

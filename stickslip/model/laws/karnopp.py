@@ -11,10 +11,12 @@ from stickslip.model.laws.dry_friction import DryFriction, Law, register
 @register
 @dataclass(frozen=True)
 class Karnopp(Law):
-    """Karnopp's dead band: a contact counts as stuck as soon as ``|w| < velocity`` (Karnopp 1985).
+    """Karnopp's dead band: a contact counts as stuck as soon as ``|w|`` falls to ``velocity`` (Karnopp 1985).
 
-    Only for a contact to the ground or to a drive: within the band one body's velocity is set to the other's,
-    which for two moving bodies would invent momentum (Breedveld 2000, section 3).
+    What has broken away moves on through the band: it is stuck where it comes back, or at ``w = 0``. The energy of the
+    motion that ends at the edge of the band is lost: the ledger shows it as an error. Only for a contact to the ground
+    or to a drive: within the band one body's velocity is set to the other's, which for two moving bodies would invent
+    momentum (Breedveld 2000, section 3).
 
     Parameters
     ----------

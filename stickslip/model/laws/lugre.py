@@ -16,8 +16,8 @@ _TINY = 1e-300
 _NEARLY_OPEN, _SAMPLES = 1e-4, 101
 """Part of its largest value, at so many times, below which a normal force is nearly 0."""
 
-_FASTEST = 1e12
-"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
+_FASTEST = 1e20
+"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes: at once for any run."""
 
 
 class _Bristles(Kernel):
@@ -141,8 +141,8 @@ class LuGre(BristleLaw):
     ``z' = w - sigma_0 |w| z / g(w)``, ``r = sigma_0 z + sigma_1 z' + sigma_2 w``, ``g = mu_k(|w|) N`` with the
     Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
     ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
-    shorter than 2.7 of these times. A normal force that rises from less than a ten-thousandth of its largest value
-    makes them all but infinitely stiff and is refused.
+    shorter than 2.7 of these times. Bristles that nothing presses are straight. A normal force that rises from less
+    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused.
 
     Parameters
     ----------

@@ -105,9 +105,9 @@ class PreSlip(Law):
 
     "linear": ``r = mu_st N w / v_pre`` until ``|w| > v_pre``, then ``mu_k N sign(w)`` until
     ``|w| < 0.1 v_pre``: the slip state remembers that the peak exists only on breaking away, and mu_st rises
-    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9). "tanh" and "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)``
-    and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``, smooth, without slip state or dwell, and with
-    no peak but that of a Stribeck curve.
+    with the dwell (Breedveld 2000, eqs. 3, 4, 8 and 9); a contact without normal force slips. "tanh" and
+    "arctan": ``r = mu_k(|w|) N tanh(w / v_pre)`` and ``r = mu_k(|w|) N (2 / pi) arctan(pi w / (2 v_pre))``,
+    smooth, without slip state or dwell, and with no peak but that of a Stribeck curve.
 
     Parameters
     ----------
