@@ -29,8 +29,9 @@ _EXACT = 1e-8
 _HIDDEN = 1e-5
 """Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
 
-_NOISE = 1e-14
-"""Part of what adds up in accelerations that is roundoff, and so is what it gives over the time span."""
+_NOISE, _SEEN = 1e-14, 1e-3
+"""Part of what adds up in accelerations that is roundoff, and so is what it gives over the time span; and the part of an
+absolute tolerance below which a velocity counts as roundoff, too."""
 
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
@@ -66,7 +67,8 @@ class Tolerances:
         """Tell whether a run was so slow, beside what forces let expect, that the absolute tolerance hides it."""
         atol = float(self.atol[: reached.velocities.size].max(initial=0.0))
         speed = float(reached.velocities.max(initial=0.0))
-        return self.is_guess and _NOISE * reached.pushed < speed < atol / _HIDDEN
+        noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
+        return self.is_guess and noise < speed < atol / _HIDDEN
 
     def uncertainty(self, fastest: float) -> Uncertainty:
         """Return what is uncertain now: errors of velocities are parts of the `fastest` that the solver has seen."""
