@@ -30,8 +30,7 @@ _HIDDEN = 1e-5
 """Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
 
 _NOISE, _SEEN = 1e-14, 1e-3
-"""Part of what adds up in accelerations that is roundoff, and so is what it gives over the time span; and the part of an
-absolute tolerance below which a velocity counts as roundoff, too."""
+"""What is roundoff: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
 
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
