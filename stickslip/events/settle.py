@@ -279,9 +279,9 @@ def _at_rest_in_bands(
     """Bring contacts to rest that have come into Karnopp's dead band, but for those that others at rest lead."""
     limit = np.where(system.hard, system.laws.rests_below, 0.0)
     resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
+    if now.moves_on is not None:
+        resting &= ~now.moves_on | now.touching | (np.abs(w) <= rough)
     moving = resting & (limit > 0) & (np.abs(w) > rough)
-    if now.in_band is not None:
-        moving &= ~now.in_band | now.touching | (now.labels is not None and now.labels * w < 0)
     if not moving.any():
         return now
     held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)

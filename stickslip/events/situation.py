@@ -35,9 +35,8 @@ class Situation(NamedTuple):
     sides: Modes | None = None
     touched: int | None = None  # the row whose relative velocity only touches 0
     arrived: Mask | None = None  # (m,): open rows that have come to 0 with a closed one, None for none
-    in_band: Mask | None = (
-        None  # (m,): rows that move within Karnopp's dead band since they left rest, None for none
-    )
+    # (m,): rows that Karnopp's dead band does not stop, None for none
+    moves_on: Mask | None = None
 
     @property
     def crossed(self) -> Mask:

@@ -97,16 +97,17 @@ class Run:
         system = self.system
         nothing = np.zeros(system.m, dtype=bool)
         since = self.t - np.array([row.rested for row in system.rows])
-        start = Situation(
-            self.t, system.at_start(), None, since, nothing, nothing, in_band=system.starts_slipping
-        )
+        start = Situation(self.t, system.at_start(), None, since, nothing, nothing)
         if system.sampled:
             q = inputs_before(system, self.loads.after(self.t), start)
             start = start._replace(y=self._sample(self.t, q, start.y))
         if self._borders is not None:
             self._borders.place(start)
+        before = start.y.copy()
         hit, sides, impact = self._stops_at_start(start.y)
-        situation = start._replace(sides=sides)
+        # as later on, what an impact brings into Karnopp's dead band moves on
+        struck_rows = system.abs_G @ np.abs(start.y - before)[: system.n] > 0
+        situation = start._replace(sides=sides, moves_on=system.starts_slipping | struck_rows)
         self.now = replace(self._settled(situation), impact=impact)
         for j in hit.nonzero()[0].tolist():
             self.recorder.note(self.t, j, Mode.OPEN, int(self.now.labels[j]), "impact")
@@ -297,9 +298,7 @@ class Run:
         if system.sampled:
             y = np.concatenate([y[: system.first_block], blocks])
         labels, regions = np.where(stops, 0, before), motion.equations.regions
-        in_band = (
-            np.isin(np.arange(system.m), now.guards.in_band) & ~at.fired if system.has_dead_bands else None
-        )
+        moves_on = self._moves_on(now, t, at.fired, jump) if system.has_dead_bands else None
         situation = Situation(
             t,
             y,
@@ -312,11 +311,18 @@ class Run:
             jump.sides,
             path.touched,
             stops,
-            in_band,
+            moves_on,
         )
         if self._borders is not None:
             self._borders.place(situation)
         return situation, jump
+
+    def _moves_on(self, now: Settled, t: float, fired: Mask, jump: Jump) -> Mask:
+        """Tell which rows move on through Karnopp's dead band: they have left rest there, or been struck."""
+        system = self.system
+        w = system.relative_velocity(jump.y, self.loads.after(t).at(t))
+        inside = np.isin(np.arange(system.m), now.guards.in_band) & ~fired & (now.labels * w > 0)
+        return np.asarray(inside | jump.parted & jump.hit.any())
 
     def _settled(self, situation: Situation) -> Settled:
         found = settle(self.system, self.loads, situation, self._wanted.uncertainty(self._fastest))

@@ -128,7 +128,7 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     by_default = (method, name) == ("auto", "BDF") and not merged
     exact_at_rest = by_default and not why_stiff(system, stop - start)
 
-    def run(reached: Reached | None) -> tuple[Result, Reached | None]:
+    def run(loads: Loads, reached: Reached | None) -> tuple[Result, Reached | None]:
         """Return a run with tolerances fit for what an earlier one has reached, and what it has if they hid it."""
         wanted = tolerances(
             system, start, stop, rtol, atol, margin, chosen, is_exact=name == "series", reached=reached
@@ -161,11 +161,11 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         hidden = not chosen.takes_steps and wanted.has_errors and wanted.hide(one.reached)
         return result, one.reached if hidden else None
 
-    result, reached = run(None)
+    result, reached = run(loads, None)
     if reached is not None:
         # where double precision cannot bear what that takes, the tolerances that were asked for stand
         with contextlib.suppress(SimulationError, ValueError):
-            result, _ = run(reached)
+            result, _ = run(system.loads(*span), reached)
     return result
 
 

@@ -28,6 +28,7 @@ from stickslip import (
     SimulationError,
     Spring,
     StateSpace,
+    Stop,
     feedback,
     normal,
     output,
@@ -384,6 +385,10 @@ def test_karnopp_takes_others_along_as_it_stops() -> None:
         ],
         [Drive("d", velocity=step(0.05)), Spring("d", "z", stiffness=1.0)],
         [Contact("c2", "z", GROUND, DryFriction(0.2, 0.1), normal=step(0.05))],
+        [
+            Body("w", inertia=1.0, velocity=0.15),
+            Contact("c2", "w", GROUND, Karnopp(DryFriction(0.2, 0.1), 0.1), normal=10.0),
+        ],
     ],
 )
 def test_karnopp_that_has_left_rest_moves_on_through_its_band(
@@ -428,6 +433,23 @@ def test_karnopp_is_stuck_again_where_it_comes_back_into_its_band(
     first, second = (event for event in result.events if event.contact == "c")
     assert (int(first.before), int(first.after)) == (0, 1) and int(second.before) == 1
     assert [first.t, second.t] == pytest.approx([loose, back], abs=1e-3 if "step" in options else 1e-7)
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "BDF"}, {"formulation": "merged"}])
+@pytest.mark.parametrize("start", [-0.02, 0.0])
+def test_karnopp_lets_what_a_stop_throws_back_into_its_band_move_on(
+    start: float, options: dict[str, Any]
+) -> None:
+    """On a belt that carries it to a wall, a body bounces ever less, and rests at the wall."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.05, position=start),
+        Drive("belt", velocity=0.05),
+        Contact("c", "a", "belt", Karnopp(DryFriction(0.2, 0.1), 0.1), normal=10.0),
+        Stop("wall", "a", GROUND, upper=0.0, restitution=0.5),
+    )
+    result = simulate(scene, (0.0, 2.0), **options)
+    assert result.position("a").max() < 1e-12
+    assert abs(result.velocity("a")[-1]) < 1e-12 and abs(result.position("a")[-1]) < 1e-9
 
 
 def test_karnopp_refuses_two_moving_bodies() -> None:
