@@ -18,7 +18,7 @@ class GuardValues:
     """The guards of a motion.
 
     Rows that carry no force are watched, too, if their `labels` are not 0. `at_rest` are rows whose relative velocity
-    is 0 at the start.
+    is 0 at the start, `in_band` those that start within Karnopp's dead band, where that is known.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class GuardValues:
         Rows that start within Karnopp's dead band: they come to rest at 0 only.
     """
 
-    def __init__(self, motion: Motion, labels: Modes, at_rest: Mask) -> None:
+    def __init__(self, motion: Motion, labels: Modes, at_rest: Mask, in_band: Indices | None = None) -> None:
         self.motion, self.at_rest = motion, at_rest
         rows = self.rows = motion.equations.guard_rows(labels)
         self.row, self.size, self.direction = rows.row, rows.size, rows.direction
@@ -47,9 +47,9 @@ class GuardValues:
             # what has left rest, or is led through Karnopp's dead band, comes to rest at 0 only
             speed = rows.turn[slips] * motion.first.z[0][rows.source[slips]]
             within = (speed <= -(1 + _AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
-            within |= self.rests[slips]
+            within = within | self.rests[slips] if in_band is None else np.isin(rows.row[slips], in_band)
             self._constant[slips] = np.where(within, 0.0, rows.threshold)
-            self.in_band = rows.row[slips][within & (rows.threshold < 0)]
+            self.in_band = np.asarray(rows.row[slips][within & (rows.threshold < 0)], dtype=np.intp)
             self._has_constant = bool(self._constant.any())
         # Taylor coefficients of the guards at the start, orders 0 and 1 at least
         self.first = self.series(motion.first)

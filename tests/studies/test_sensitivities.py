@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
@@ -19,6 +20,7 @@ from stickslip import (
     Force,
     Gap,
     Gear,
+    Karnopp,
     LuGre,
     Planetary,
     PreSlip,
@@ -296,6 +298,26 @@ def test_bristles_that_the_motion_presses_on() -> None:
     for k, one in enumerate(named_parameters(scene, names, "test")):
         told = differences(scene, span, one.name, all_in, 1e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 1e-6 * np.abs(told).max(), one.name
+
+
+@pytest.mark.parametrize("method", ["auto", "BDF"])
+def test_a_dead_band_that_is_left_and_entered_again(method: Any) -> None:
+    """Pushed by ``F = 3 sin(pi t / 4)`` v falls to the band ``v_K`` at t: ``dt/dv_K = 1 / (F(t) - 1)``."""
+    turning, band = math.pi / 4, 0.2
+    loose = math.asin(2 / 3) / turning
+
+    def speed(t: float) -> float:
+        return 3.0 / turning * (math.cos(turning * loose) - math.cos(turning * t)) - (t - loose)
+
+    back = brentq(lambda t: speed(t) - band, 4.0, 8.0)
+    scene = Scene(
+        Body("a", inertia=1.0),
+        Contact("c", "a", GROUND, Karnopp(DryFriction(0.2, 0.1), band), normal=10.0),
+        Force("a", sine(3.0, 0.125)),
+    )
+    found = sensitivities(scene, (0.0, back + 0.01), parameters=["c.law.velocity"], method=method)
+    wanted = 1.0 / (3.0 * math.sin(turning * back) - 1.0)
+    assert found.events[1, 0] == pytest.approx(wanted, rel=1e-6)
 
 
 def test_bristles_straighten_where_nothing_presses_them() -> None:

@@ -51,7 +51,7 @@ class VariedGuards:
         """Return the guards of the motion, or of one near by: a quantity."""
         guards: GuardValues = self.guards
         if own is not self._motion:
-            guards = GuardValues(own, self._piece.labels, guards.at_rest)
+            guards = GuardValues(own, self._piece.labels, guards.at_rest, self.guards.in_band)
         return guards.raw(own.watched(taus, states), own.inputs(taus, states))
 
     def label(self, i: int) -> str:
