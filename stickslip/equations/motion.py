@@ -455,11 +455,7 @@ class Motion(Inputs):
 
     def rate_magnitudes(self) -> Array:
         """Return what adds up in the rates of the states at the start."""
-        y = np.abs(self.y)
-        q = self._input_magnitudes(1)[0]
-        if self.dependence is not None:
-            self._add_magnitudes(q, y, True)
-        return self.equations.magnitudes(y, q)[0]
+        return self.equations.magnitudes(np.abs(self.y), np.abs(self.start_inputs))[0]
 
     def guard_magnitudes(self, rows: GuardRows, order: int, of_time: bool = False) -> Array:
         """Return the same of guards, an order per row; `of_time` without dwells that begin at the start."""

@@ -75,7 +75,8 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
     rtol, atol : float
         Relative tolerance, between 1e-14 and 0.1, and absolute tolerance of the states; the series needs none. An
         absolute tolerance that would hide how bodies move is tightened to ``rtol`` times the scene's velocities. Where
-        only forces tell these, and all bodies turn out slower than ``1e5 atol``, the run is made a second time.
+        only forces tell these, and all bodies turn out slower than ``1e5 atol``, the run is made a second time, but
+        with sampled blocks.
     t_eval : sequence of float, optional
         Times in s of the outputs; without it they are fit for a plot, every event twice.
     velocity_margin : float, optional
@@ -158,8 +159,9 @@ def simulate(  # noqa: PLR0913  (what a user types: options by keyword)
         )
         with one_thread(system, always=name != "series"):
             result = _Simulation(one, task, chosen.title).to_end(progress)
-        hidden = not chosen.takes_steps and wanted.has_errors and wanted.hide(one.reached)
-        return result, one.reached if hidden else None
+        # functions of sampled blocks are called once for each sample
+        once_only = chosen.takes_steps or not wanted.has_errors or system.sampled
+        return result, one.reached if not once_only and wanted.hide(one.reached) else None
 
     result, reached = run(loads, None)
     if reached is not None:

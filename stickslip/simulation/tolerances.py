@@ -30,7 +30,10 @@ _HIDDEN = 1e-5
 """Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
 
 _NOISE, _SEEN = 1e-14, 1e-3
-"""What is roundoff: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
+"""What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
+
+_ROUNDOFF = 1e-15
+"""Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below."""
 
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
@@ -104,7 +107,8 @@ def tolerances(
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
     resolution = method.resolution
     if speed > 0:
-        atol = min(atol, rtol * speed)
+        noise = 0.0 if reached is None else _ROUNDOFF * reached.pushed
+        atol = min(atol, max(rtol * speed, noise))
         if resolution * (rtol * speed + atol) > finest:
             rtol = min(rtol, finest / (2 * resolution * speed))
             atol = min(atol, finest / (2 * resolution))

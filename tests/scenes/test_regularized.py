@@ -12,7 +12,6 @@ from scipy.optimize import brentq
 
 from stickslip import (
     GROUND,
-    TIME,
     Body,
     Contact,
     Dahl,
@@ -27,11 +26,8 @@ from stickslip import (
     Scene,
     SimulationError,
     Spring,
-    StateSpace,
     Stop,
-    feedback,
     normal,
-    output,
     piecewise_linear,
     position,
     saturate,
@@ -646,64 +642,3 @@ def test_stiff_bristles_whose_load_ends_give_it_back_no_later(low: float) -> Non
     )
     result = simulate(scene, (0.0, 1.0))
     assert result.velocity("a")[-1] == pytest.approx(3.0 - 0.2 * (2.5 + 0.75 * low), abs=2e-8)
-
-
-# Slow motions
-
-
-@pytest.mark.parametrize("method", ["BDF", "Adams"])
-@pytest.mark.parametrize("kind", ["Dahl", "LuGre", "function", "sum", "table"])
-def test_a_slow_motion_of_a_stiff_body_has_the_accuracy_that_was_asked_for(kind: str, method: Any) -> None:
-    """``x'' + omega_0^2 x = F sin(omega t)`` from rest, within 1e-8 m: ``v = F omega (cos omega t - cos omega_0 t) /
-    (omega_0^2 - omega^2)``. No spring and no velocity at the start tells how slow it is."""
-    k, frequency, push = 1e6, 2.0, 1e-2
-    own, omega, t = math.sqrt(k), 2 * math.pi * frequency, np.linspace(0.01, 0.5, 100)
-    elements: dict[str, Any] = {
-        "Dahl": Contact("c", "a", GROUND, Dahl(DryFriction(0.3, 0.2), k), normal=1e5),
-        "LuGre": Contact("c", "a", GROUND, LuGre(DryFriction(0.3, 0.2), k), normal=1e5),
-        "function": Force("a", feedback(lambda x: -k * x, position("a"))),
-        "sum": Force("a", -k * position("a")),
-        "table": Force("a", table(position("a"), [-1.0, 1.0], [k, -k])),
-    }
-    scene = Scene(Body("a", inertia=1.0), elements[kind], Force("a", sine(push, frequency)))
-    result = simulate(scene, (0.0, 0.5), method=method)
-    exact = push * omega / (k - omega**2) * (np.cos(omega * t) - np.cos(own * t))
-    # a solver adds up errors over 80 periods
-    assert np.abs(result.sample(t).velocity("a") - exact).max() < 1e-3 * np.abs(exact).max()
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e-9, 1e-12])
-@pytest.mark.parametrize("kind", ["function", "block"])
-def test_forces_that_only_the_run_tells_move_bodies_alike_in_all_units_of_length(
-    unit: float, kind: str
-) -> None:
-    """Sticks and slips under ``6 sin(2 pi t)``, which a function of time or a block computes: the same in any unit."""
-    turning = 2 * math.pi
-
-    def scene(load: Any, length: float, *elements: Any) -> Scene:
-        law = DryFriction(0.4, 0.2, stribeck_velocity=0.1 * length)
-        rubs = Contact("c", "a", GROUND, law, normal=10.0 * length)
-        return Scene(Body("a", inertia=1.0), rubs, Force("a", load), *elements)
-
-    if kind == "function":
-        small = scene(feedback(lambda t: 6.0 * unit * math.sin(turning * t), TIME), unit)
-    else:
-        A, C = [[0.0, 1.0], [-(turning**2), 0.0]], [[1.0, 0.0]]
-        states = [0.0, 6.0 * turning * unit]
-        small = scene(output("s"), unit, StateSpace("s", A=A, B=[[], []], C=C, states=states))
-    exact = simulate(scene(sine(6.0, 1.0), 1.0), (0.0, 3.0), **TIGHT)
-    result = simulate(small, (0.0, 3.0))
-    assert told(result) == told(exact)
-    wanted = exact.sample(60).velocity("a")
-    assert np.abs(result.sample(60).velocity("a") / unit - wanted).max() < 1e-5 * np.abs(wanted).max()
-
-
-def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
-    """What moves it is roundoff of its weight, which a function tells: one run of a few steps is enough."""
-    k, weight = 1e6, 9.81
-    push = feedback(lambda x: -weight, position("a"))
-    scene = Scene(
-        Body("a", inertia=1.0, position=-weight / k), Force("a", -k * position("a")), Force("a", push)
-    )
-    stats = simulate(scene, (0.0, 1.0), method="BDF").stats
-    assert stats["steps"] < 100
