@@ -346,6 +346,28 @@ def test_an_unstable_step_is_refused_and_the_longest_told(method: str, limit: fl
     assert caught.value.__cause__.longest == pytest.approx(longest, rel=1e-6)
 
 
+@pytest.mark.parametrize("step", [1e-4, 1.3e-4])
+@pytest.mark.parametrize("velocity", [0.0, 1.0])
+@pytest.mark.parametrize("damping", [0.0, 1.0])
+def test_bristles_that_stiffen_without_limit_are_refused(
+    step: float, velocity: float, damping: float
+) -> None:
+    """Where the normal force falls to 0 on a ramp; states that are no numbers any more are no other error."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=velocity),
+        Contact(
+            "c",
+            "a",
+            GROUND,
+            LuGre(DryFriction(0.3, 0.2), 1e3, damping),
+            normal=piecewise_linear([0.0, 0.3], [10.0, 0.0]),
+        ),
+        Force("a", sine(1.0, 1.0)),
+    )
+    with pytest.raises(SimulationError, match="the RK4 step of .* is unstable"):
+        simulate(scene, (0.0, 0.5), method="RK4", step=step)
+
+
 @pytest.mark.parametrize(("method", "limit"), [("Euler", 2.0), ("RK4", 2.785)])
 def test_a_step_that_is_too_long_for_bristles_only_for_a_while_is_refused(method: str, limit: float) -> None:
     """From 0.25 s on the normal force is a tenth: bristles at w = 0.48 m/s relax with 2.4e4 /s."""

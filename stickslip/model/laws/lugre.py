@@ -41,8 +41,12 @@ class _Bristles(Kernel):
 
         def force_and_rate(w: float, normal: float, z: float) -> tuple[float, float]:
             push = stiffness * abs(w)
-            level = (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0)
-            rate = w - push / max(level, push / _FASTEST + _TINY) * z
+            level, least = (
+                (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0),
+                push / _FASTEST + _TINY,
+            )
+            # what is no number any more stays that
+            rate = w - push / (level if level > least else least) * z
             return stiffness * z + damping * rate + viscous * w, rate
 
         return force_and_rate
