@@ -364,7 +364,7 @@ def test_bristles_that_stiffen_without_limit_are_refused(
         ),
         Force("a", sine(1.0, 1.0)),
     )
-    with pytest.raises(SimulationError, match="the RK4 step of .* is unstable"):
+    with pytest.raises(SimulationError, match=r"the RK4 step of .* is unstable"):
         simulate(scene, (0.0, 0.5), method="RK4", step=step)
 
 
