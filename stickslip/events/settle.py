@@ -170,9 +170,11 @@ def inputs_before(system: System, stretch: Stretch, now: Situation, regions: Tab
     friction = None
     if system.dependence.has_heat:
         w, rough = _relative(system, now.y, now.was, now.t, q)
-        signs = np.where(np.abs(w) <= rough, 0.0, np.sign(w))
-        modes = np.where(system.hard, signs, _slip_states(system, w, now)).astype(np.int8)
-        friction = _Friction(equations_in(modes, system), now.t - now.since)
+        rests = (np.abs(w) <= rough) | _within_band(system, now, w, rough) & (now.labels is None)
+        none = np.zeros(system.m, dtype=bool)
+        modes = _tried_first(system, np.where(rests, 0, np.sign(w)).astype(np.int8), w, now, ~none, none)
+        regions_of_rows = system.piecewise.at(now.y, q, now.regions)
+        friction = _Friction(equations_in(modes, system, regions_of_rows), now.t - now.since)
     system.dependence.fill(q, now.y, now.t, 0.0, friction, regions=regions)
     return q
 
@@ -184,7 +186,9 @@ class _Friction(NamedTuple):
     ages: Array  # (m,): for how long rows are held, in s
 
     def friction_of(self, row: int, w: float, normal: float, tau: float, y: Array) -> float:
-        """Return the force of one row, 0 where it is held."""
+        """Return the force of one row, 0 where it is held or nothing presses it."""
+        if normal <= 0:
+            return 0.0
         return self.equations.friction_of(row, w, normal, float(self.ages[row]) + tau, y)
 
 
@@ -277,20 +281,32 @@ def _at_rest_in_bands(
     system: System, now: Situation, w: Array, rough: Array, closed: Mask, at_stop: Mask, u: Array
 ) -> Situation:
     """Bring contacts to rest that have come into Karnopp's dead band, but for those that others at rest lead."""
-    limit = np.where(system.hard, system.laws.rests_below, 0.0)
-    resting = closed & _resting(system, now, np.abs(w) <= np.maximum(rough, limit), w, at_stop)
-    if now.moves_on is not None:
-        resting &= ~now.moves_on | now.touching | (np.abs(w) <= rough)
-    moving = resting & (limit > 0) & (np.abs(w) > rough)
+    moving = closed & _within_band(system, now, w, rough)
     if not moving.any():
         return now
-    held, led = resting & ~moving & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
+    resting = closed & ~moving & _resting(system, now, np.abs(w) <= rough, w, at_stop)
+    held, led = resting & (system.hard | ~system.is_friction), np.zeros(system.m, dtype=bool)
+    y = _project(system, now.y, u, held)
     for j in moving.nonzero()[0].tolist():
         G = system.G[[j]]
         left = row_maxima(G @ system.balance(held).T)
         led[j] = left[0] <= ROUNDOFF * row_maxima(G)[0]
+        if led[j]:
+            continue
+        held[j] = True
+        following = _project(system, now.y, u, held)
+        # what would turn a clutch forward moves on, too
+        led[j] = bool((system.is_one_way & (system.relative(following[: system.n], u) > rough)).any())
         held[j] = not led[j]
-    return now._replace(y=_project(system, now.y, u, held), touching=now.touching & ~led)
+        y = y if led[j] else following
+    return now._replace(y=y, touching=now.touching & ~led)
+
+
+def _within_band(system: System, now: Situation, w: Array, rough: Array) -> Mask:
+    """Tell which rows Karnopp's dead band stops, if nothing leads them."""
+    limit = np.where(system.hard, system.laws.rests_below, 0.0)
+    within = (limit > 0) & (np.abs(w) > rough) & ((np.abs(w) <= limit) | now.touching)
+    return within & (now.touching | ~now.moves_on) if now.moves_on is not None else within
 
 
 def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: float) -> tuple[Array, Mask]:

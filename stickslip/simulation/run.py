@@ -97,7 +97,9 @@ class Run:
         system = self.system
         nothing = np.zeros(system.m, dtype=bool)
         since = self.t - np.array([row.rested for row in system.rows])
-        start = Situation(self.t, system.at_start(), None, since, nothing, nothing)
+        start = Situation(
+            self.t, system.at_start(), None, since, nothing, nothing, moves_on=system.starts_slipping
+        )
         if system.sampled:
             q = inputs_before(system, self.loads.after(self.t), start)
             start = start._replace(y=self._sample(self.t, q, start.y))

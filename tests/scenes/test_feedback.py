@@ -16,7 +16,9 @@ from stickslip import (
     Drive,
     DryFriction,
     Force,
+    Gap,
     Gear,
+    Karnopp,
     LuGre,
     Quantity,
     Sampled,
@@ -24,6 +26,7 @@ from stickslip import (
     SimulationError,
     Spring,
     StateSpace,
+    Stop,
     When,
     explain,
     feedback,
@@ -170,6 +173,66 @@ def test_a_sample_at_the_start_reads_the_power_that_the_friction_has() -> None:
     second = simulate(first.final_scene(), (0.2, 0.55))
     np.testing.assert_allclose(second.velocity("a"), 2.0, rtol=1e-14)
     np.testing.assert_allclose(result.velocity("a"), 2.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        Stop("limit", "a", GROUND, upper=0.01, restitution=0.5),
+        Gap("limit", "a", GROUND, upper=0.01, stiffness=50.0),
+    ],
+)
+@pytest.mark.parametrize(
+    "reads",
+    [
+        [StateSpace("s", A=[[-1.0]], B=[[1.0]], C=[[1.0]], inputs=[power("c")])],
+        [Sampled("s", period=0.1, inputs=[power("c")], output=lambda t, x, u: u[0])],
+        [Body("z", inertia=1.0), Force("z", table(power("c"), *MAP))],
+    ],
+)
+def test_what_reads_power_beside_a_stop_or_a_gap_changes_nothing(row: Any, reads: list[Any]) -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.5),
+        row,
+        Contact("c", "a", GROUND, DryFriction(0.3, 0.2), normal=10.0),
+    )
+    exact = simulate(scene, (0.0, 0.25))
+    result = simulate(Scene(*scene.elements, *reads), (0.0, 0.25), rtol=1e-10, atol=1e-12)
+    assert [(e.contact, e.after) for e in result.events] == [(e.contact, e.after) for e in exact.events]
+    assert result.position("a")[-1] == pytest.approx(exact.position("a")[-1], abs=1e-8)
+
+
+@pytest.mark.parametrize("way", [*WAYS, {"method": "RK4", "step": 1e-4}])
+def test_a_table_of_the_power_of_bristles_that_a_jump_of_the_load_releases(way: dict[str, Any]) -> None:
+    """While nothing presses it the contact has no power, and the table gives no force: the velocity stays."""
+    xs, ys = [-1.0, 0.0, 1.0, 3.0, 4.0], [5.0, 0.0, 0.5, 0.7, 0.0]
+    contact = Contact(
+        "c",
+        "a",
+        GROUND,
+        LuGre(DryFriction(0.3, 0.2), 1e3, 1.0, 0.1),
+        normal=piecewise_linear([0.3, 0.3, 0.6, 0.6], [10.0, 0.0, 0.0, 10.0]),
+    )
+    scene = Scene(Body("a", inertia=1.0, velocity=2.0), contact, Force("a", table(power("c"), xs, ys)))
+    function = feedback(lambda p: float(np.interp(p, xs, ys)), power("c"))
+    smooth = Scene(Body("a", inertia=1.0, velocity=2.0), contact, Force("a", function))
+    times = [0.3, 0.45, 0.6, 1.0]
+    wanted = simulate(smooth, (0.0, 1.0), max_step=1e-3).sample(times).velocity("a")
+    found = simulate(scene, (0.0, 1.0), **way).sample(times).velocity("a")
+    assert found[1:3] == pytest.approx(found[0], abs=1e-12)
+    assert found == pytest.approx(wanted, abs=1e-5)
+
+
+def test_a_sample_at_the_start_reads_no_power_where_there_is_none() -> None:
+    """Of bent bristles that nothing presses, and of a contact within Karnopp's dead band, which is stuck."""
+    law = DryFriction(0.3, 0.2)
+    for contact in (
+        Contact("c", "a", GROUND, LuGre(law, 1e3, 1.0, 0.1), normal=0.0, deflection=1e-3),
+        Contact("c", "a", GROUND, Karnopp(law, 0.1), normal=10.0),
+    ):
+        sampled = Sampled("s", period=0.1, inputs=[power("c")], output=lambda t, x, u: u[0])
+        result = simulate(Scene(Body("a", inertia=1.0, velocity=0.05), contact, sampled), (0.0, 0.25))
+        assert result.output("s")[0] == result.power("c")[0] == 0.0
 
 
 def test_power_of_a_contact_with_bristles() -> None:

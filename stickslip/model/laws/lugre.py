@@ -16,8 +16,8 @@ _TINY = 1e-300
 _NEARLY_OPEN, _SAMPLES = 1e-4, 101
 """Part of its largest value, at so many times, below which a normal force is nearly 0."""
 
-_FASTEST = 1e20
-"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes: at once for any run."""
+FASTEST = 1e12
+"""Bristles relax at most at this rate in 1/s, also where the normal force vanishes."""
 
 
 class _Bristles(Kernel):
@@ -43,7 +43,7 @@ class _Bristles(Kernel):
             push = stiffness * abs(w)
             level, least = (
                 (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0),
-                push / _FASTEST + _TINY,
+                push / FASTEST + _TINY,
             )
             # what is no number any more stays that
             rate = w - push / (level if level > least else least) * z
@@ -62,13 +62,13 @@ class _Bristles(Kernel):
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
         speed, g = np.abs(w), self._mu(w) * normal
-        free = g * _FASTEST > self._stiffness * speed
+        free = g * FASTEST > self._stiffness * speed
         g = np.where(free, g, 1.0)
         by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
         return 1.0 - z * np.sign(w) * by_speed, -self._relaxation(w, normal)
 
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
-        free = self._mu(w) * normal * _FASTEST > self._stiffness * np.abs(w)
+        free = self._mu(w) * normal * FASTEST > self._stiffness * np.abs(w)
         rate = np.where(free, self._relaxation(w, normal) * z / np.where(free, normal, 1.0), 0.0)
         return np.asarray(self._damping * rate), rate
 
@@ -78,7 +78,7 @@ class _Bristles(Kernel):
     def _relaxation(self, w: Array, normal: Array) -> Array:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
         push = like(self._stiffness, w) * np.abs(w)
-        return np.asarray(push / np.maximum(self._mu(w) * normal, push / _FASTEST + _TINY))
+        return np.asarray(push / np.maximum(self._mu(w) * normal, push / FASTEST + _TINY))
 
 
 class BristleLaw(Law):
@@ -146,7 +146,8 @@ class LuGre(BristleLaw):
     Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
     ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
     shorter than 2.7 of these times. Bristles that nothing presses are straight. A normal force that rises from less
-    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused.
+    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused; so is a normal force
+    at which they relax faster than 1e12 /s.
 
     Parameters
     ----------
