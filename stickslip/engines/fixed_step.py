@@ -111,6 +111,8 @@ class FixedStep:
         # an open row that turns over needs no new start: what it shows is all that changes
         violated = values.min(axis=0, initial=np.inf) < 0
         changed = violated | motion.has_left(taus, ys.T)
+        if guards.in_band.size:
+            changed |= (guards.beyond_bands(taus, ys.T) > 0).any(axis=0)
         if not motion.stretch.is_straight:
             alive = motion.system.alive[:, None]
             now = (motion.loads(0.0)[: motion.system.m] > 0)[:, None] & alive

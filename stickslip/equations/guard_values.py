@@ -10,8 +10,8 @@ import numpy as np
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_AT_BAND = 1e-6
-"""Part of a dead band within which a velocity is at its edge."""
+_AT_BAND, _BEYOND_BAND = 1e-6, 1e-5
+"""Parts of a dead band within which a velocity is at its edge, and by which it is beyond it for certain."""
 
 
 class GuardValues:
@@ -57,6 +57,16 @@ class GuardValues:
         self._wanted: Collection[int] | None = None
         if not rows.reads_forces and motion.dependence is not None:
             self._wanted = motion.dependence.for_normals
+
+    def beyond_bands(self, taus: Array, states: Array) -> Array:
+        """Return how far the velocities of the rows `in_band` are beyond their dead bands, one column per time.
+
+        From there on the edge of the band is a guard.
+        """
+        motion, system, rows = self.motion, self.motion.system, self.in_band
+        u = motion.loads(taus) if system.drives else np.empty(0)
+        w = system.relative_velocity(motion.exact(taus, states), u)[rows]
+        return np.asarray(np.abs(w) - (1 + _BEYOND_BAND) * system.laws.rests_below[rows, None])
 
     def raw(self, z: Array, q: Array) -> Array:
         """Return the guards as they are, one column per time where `z` and `q` have columns."""
