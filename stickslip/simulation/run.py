@@ -41,6 +41,7 @@ from stickslip.simulation.bands import until_out_of_bands
 from stickslip.simulation.borders import TOGETHER, Borders
 from stickslip.simulation.local import Ending, Local
 from stickslip.simulation.recorder import Recorder, cause_of
+from stickslip.simulation.relaxation import Relaxation
 from stickslip.simulation.tolerances import Reached, Tolerances
 from stickslip.simulation.watching import Watch
 
@@ -87,6 +88,7 @@ class Run:
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
         self._borders = Borders(system, task.loads, wanted.atol / wanted.rtol) if tables else None
+        self._relaxation = Relaxation(system)
         self._pressed_bristles = [j for j in system.bristle_state if system.pressed[j]]
         self.stopped: str | None = None
         # whether the motion from here on is not to be followed part by part
@@ -147,6 +149,8 @@ class Run:
         t = self._end(now.motion, path, relaxed)
         if self._watch is not None:
             path, t = self._note_crossings(now.motion, path, t, self._watch)
+        if self._relaxation.rows.size:
+            self._relaxation.note(now.motion, path)
         self.recorder.keep(now, path, t)
         if now.guards.velocity_uncertainty:
             self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))

@@ -146,8 +146,8 @@ class LuGre(BristleLaw):
     Stribeck curve of the law (Canudas de Wit, Olsson, Astrom and Lischinsky 1995). In steady sliding
     ``r = sign(w) g(w) + sigma_2 w``. The bristles relax at the rate ``sigma_0 |w| / g``: a fixed step must be
     shorter than 2.7 of these times. Bristles that nothing presses are straight. A normal force that rises from less
-    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused; so is a normal force
-    at which they relax faster than 1e12 /s.
+    than a ten-thousandth of its largest value makes them all but infinitely stiff and is refused. Where they would have
+    to relax faster than 1e12 /s, and have more friction than their level by a ten-thousandth, the run ends in an error.
 
     Parameters
     ----------
