@@ -70,10 +70,9 @@ class Stability:
         law = motion.equations.law if motion.has_law else None
         if law is None or not law.bristles.size:
             return set()
-        w, normal, _, z = motion.law_arguments(taus, states.T)
-        points = zip(w.T, normal.T, z.T, strict=True)
-        by_z = np.array([law.bristle_slopes(*point)[1] for point in points])
-        return set(by_z.argmin(axis=0).tolist())
+        w, normal, _, _ = motion.law_arguments(taus, states.T)
+        # the last point is looked at anyway
+        return set(law.relaxation(w, normal).argmax(axis=1).tolist()) - {taus.size - 1}
 
     def _at_rest(self, motion: Motion, taus: Array, states: Array) -> list[tuple[int, Array]]:
         """Return for each smooth contact that comes near rest when it did, and the state moved to its rest there."""

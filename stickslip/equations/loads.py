@@ -79,12 +79,12 @@ class Loads:
         self._changing = [i for i, s in enumerate(self._signals) if not isinstance(s, Constant)]
         if stepped and self._changing and math.isinf(self.period):
             self.period = (stop - start) / 10
-        breaks = {b for s in self._signals for b in s.breaks(start, stop)}
         if stepped:
-            values = [(s, s) for s in self._signals] + [
-                (self._signals[i], self._signals[i].slope) for i in rates
-            ]
+            values: list[tuple[Signal, Callable[[float], float]]] = [(s, s) for s in self._signals]
+            values += [(self._signals[i], self._signals[i].slope) for i in rates]
             breaks = {b for s, value in values for b in _jumps(value, sorted(s.breaks(start, stop)))}
+        else:
+            breaks = {b for s in self._signals for b in s.breaks(start, stop)}
         self._samples = {t for t in samples if start < t < stop} - breaks
         self.breaks = sorted(breaks | self._samples)
         straight_or_sine = (Constant, Line, PiecewiseLinear, Sine)

@@ -632,6 +632,11 @@ def test_what_bristles_pull_from_rest_touches_nothing() -> None:
     assert result.velocity("a")[-1] == pytest.approx(2.25 * (0.1 - bent * -math.expm1(-0.1 / bent)), rel=1e-4)
 
 
+def block_on_bristles(law: Law, normal_force: Any, velocity: float, *others: Any) -> Scene:
+    contact = Contact("c", "a", GROUND, law, normal=normal_force)
+    return Scene(Body("a", inertia=1.0, velocity=velocity), contact, *others)
+
+
 def pressed_on_a_belt(stiffness: float, normal_force: Any, speed: float, damping: float = 0.0) -> Scene:
     return Scene(
         Body("a", inertia=1.0),
@@ -671,12 +676,8 @@ def test_bristles_that_relax_faster_than_can_be_followed_end_the_run(
 def test_stiff_bristles_that_hold_are_followed_whatever_others_do(stop: float, beside: list[Any]) -> None:
     """A load of 15 N on a spring of 1e8 N/m moves 1 kg with ``F / sqrt(sigma_0 m) = 1.5e-3 m/s`` at the most."""
     normal_force = piecewise_linear([1.0, 1.0, 2.0, 2.0], [100.0, 0.3, 0.3, 100.0])
-    scene = Scene(
-        Body("a", inertia=1.0),
-        Contact("c", "a", GROUND, LuGre(DryFriction(0.3, 0.2), 1e8, 1e4), normal=normal_force),
-        Force("a", step(0.9, 15.0, 0.0)),
-        *beside,
-    )
+    law = LuGre(DryFriction(0.3, 0.2), 1e8, 1e4)
+    scene = block_on_bristles(law, normal_force, 0.0, Force("a", step(0.9, 15.0, 0.0)), *beside)
     result = simulate(scene, (0.0, stop))
     assert np.abs(result.velocity("a")).max() < 1.5e-3 and abs(result.velocity("a")[-1]) < 1e-6
 
@@ -684,16 +685,8 @@ def test_stiff_bristles_that_hold_are_followed_whatever_others_do(stop: float, b
 @pytest.mark.parametrize("left", [0.0, 0.1 + 0.2 - 0.3])
 def test_roundoff_of_a_ramp_to_0_presses_no_bristles(left: float) -> None:
     """The ramps take 0.2 times their impulse: v = 2 - 0.2 (3 + 2)."""
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=2.0),
-        Contact(
-            "c",
-            "a",
-            GROUND,
-            LuGre(DryFriction(0.3, 0.2), 1e7, 0.1),
-            normal=piecewise_linear([0.3, 0.7], [10.0, left]),
-        ),
-    )
+    law = LuGre(DryFriction(0.3, 0.2), 1e7, 0.1)
+    scene = block_on_bristles(law, piecewise_linear([0.3, 0.7], [10.0, left]), 2.0)
     assert simulate(scene, (0.0, 1.0)).velocity("a")[-1] == pytest.approx(1.0, abs=1e-5)
 
 
@@ -703,17 +696,8 @@ def test_bristles_whose_normal_force_ends_on_a_ramp(
     law: Any, force: float, tolerances: dict[str, Any]
 ) -> None:
     """Also where the block turns round just before: their deflection ends like a small power of the time left."""
-    scene = Scene(
-        Body("a", inertia=1.0, velocity=2.0),
-        Contact(
-            "c",
-            "a",
-            GROUND,
-            law(DryFriction(0.3, 0.2), 1e3),
-            normal=piecewise_linear([0.3, 0.5], [10.0, 0.0]),
-        ),
-        Force("a", step(0.3, 0.0, force)),
-    )
+    normal_force, push = piecewise_linear([0.3, 0.5], [10.0, 0.0]), Force("a", step(0.3, 0.0, force))
+    scene = block_on_bristles(law(DryFriction(0.3, 0.2), 1e3), normal_force, 2.0, push)
 
     def rates(t: float, y: Any) -> list[float]:
         level = 0.2 * 50.0 * (min(0.5 - t, 0.2))

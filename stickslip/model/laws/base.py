@@ -98,6 +98,10 @@ class Kernel:
         """Return the derivatives of ``z'`` with respect to `w` and `z`."""
         raise NotImplementedError
 
+    def relaxation(self, w: Array, normal: Array) -> Array:
+        """Return the rates at which the states of their own relax."""
+        raise NotImplementedError
+
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
         """Return the derivatives of forces and rates with respect to normal forces: forces are multiples of these."""
         force = self.forces(w, normal, lag, z)

@@ -41,10 +41,8 @@ class _Bristles(Kernel):
 
         def force_and_rate(w: float, normal: float, z: float) -> tuple[float, float]:
             push = stiffness * abs(w)
-            level, least = (
-                (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0),
-                push / FASTEST + _TINY,
-            )
+            level = (backward if w < 0 else forward)(abs(w)) * max(normal, 0.0)
+            least = push / FASTEST + _TINY
             # what is no number any more stays that
             rate = w - push / (level if level > least else least) * z
             return stiffness * z + damping * rate + viscous * w, rate
@@ -58,24 +56,24 @@ class _Bristles(Kernel):
         return np.asarray(np.sign(w) * self._mu(w) * normal + like(self._viscous, w) * w)
 
     def rates(self, w: Array, normal: Array, z: Array) -> Array:
-        return w - self._relaxation(w, normal) * z
+        return w - self.relaxation(w, normal) * z
 
     def rate_slopes(self, w: Array, normal: Array, z: Array) -> tuple[Array, Array]:
         speed, g = np.abs(w), self._mu(w) * normal
         free = g * FASTEST > self._stiffness * speed
         g = np.where(free, g, 1.0)
         by_speed = np.where(free, self._stiffness * (1.0 - speed * self._mu.slope(w) * normal / g) / g, 0.0)
-        return 1.0 - z * np.sign(w) * by_speed, -self._relaxation(w, normal)
+        return 1.0 - z * np.sign(w) * by_speed, -self.relaxation(w, normal)
 
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
         free = self._mu(w) * normal * FASTEST > self._stiffness * np.abs(w)
-        rate = np.where(free, self._relaxation(w, normal) * z / np.where(free, normal, 1.0), 0.0)
+        rate = np.where(free, self.relaxation(w, normal) * z / np.where(free, normal, 1.0), 0.0)
         return np.asarray(self._damping * rate), rate
 
     def by_state(self, w: Array, normal: Array, z: Array) -> Array:
-        return np.asarray(self._stiffness - self._damping * self._relaxation(w, normal))
+        return np.asarray(self._stiffness - self._damping * self.relaxation(w, normal))
 
-    def _relaxation(self, w: Array, normal: Array) -> Array:
+    def relaxation(self, w: Array, normal: Array) -> Array:
         """Return ``sigma_0 |w| / g``, the rate at which deflections relax."""
         push = like(self._stiffness, w) * np.abs(w)
         return np.asarray(push / np.maximum(self._mu(w) * normal, push / FASTEST + _TINY))

@@ -113,6 +113,13 @@ class VelocityDependentForces:
             by_w[own], by_z[own] = kernel.rate_slopes(w[rows], normal[rows], z[own])
         return by_w, by_z
 
+    def relaxation(self, w: Array, normal: Array) -> Array:
+        """Return the rates at which the contacts' own states relax, columns where the arguments have columns."""
+        found = np.empty((self.bristles.size, *w.shape[1:]))
+        for rows, own, kernel in self._stateful:
+            found[own] = kernel.relaxation(w[rows], normal[rows])
+        return found
+
     def by_normal(self, w: Array, normal: Array, lag: Array, z: Array) -> tuple[Array, Array]:
         """Return the derivatives of the forces and of the bristles' rates with respect to the normal forces."""
         of_forces, of_rates = np.empty_like(w), np.empty_like(z)
