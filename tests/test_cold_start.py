@@ -5,10 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 LATER = ("sksundae", "scipy.sparse", "scipy.optimize", "matplotlib", "pandas", "xarray", "stickslip.plots")
 LOADED = f"import sys; print([name for name in {LATER} if name in sys.modules])"
 
 
+@pytest.mark.slow
 def test_a_small_scene_needs_neither_solvers_nor_sparse_matrices_nor_plots_nor_tables() -> None:
     program = (
         "import stickslip; from stickslip.benchmark import flywheel_benchmark; "

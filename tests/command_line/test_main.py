@@ -360,6 +360,7 @@ def test_a_failed_simulation_exits_with_1_and_keeps_what_there_is(here, capsys, 
     assert (here / "o.png").exists()
 
 
+@pytest.mark.slow
 def test_runs_as_a_module_into_a_closed_pipe(here):
     command = [sys.executable, "-m", "stickslip", "run", "scene.toml", "--csv", "o.csv"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -190,6 +190,7 @@ def test_pre_slip_tells_the_story_of_the_benchmark(velocity: float) -> None:
     assert np.abs(result.y - exact.y[:, at]).max() < 1.2 * velocity
 
 
+@pytest.mark.slow
 def test_pre_slip_is_unstable_beyond_the_stiffness_of_its_slope() -> None:
     """``lambda = mu_s N (1/m1 + 1/m2) / v_pre`` is 22000 / s: RK4 holds up to ``2.785 / lambda``, 0.127 ms."""
     scene = flywheel_benchmark().regularized(velocity=1e-3)

@@ -1,15 +1,13 @@
 """Scenes followed part by part move as they do followed as a whole."""
 
 import math
-from dataclasses import replace
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy
-from machines import machine
 
 from stickslip import (
     GROUND,
@@ -23,239 +21,42 @@ from stickslip import (
     Mode,
     Result,
     Scene,
-    Signal,
     Spring,
     Stop,
     load,
     piecewise_linear,
-    position,
     simulate,
     sine,
     velocity,
 )
 from stickslip.engines import parts
-from stickslip.equations import forest
 from stickslip.equations.forest import Forest
 from stickslip.equations.system import System
 from stickslip.results import samples
 from stickslip.results.patchwork import Patchwork
 from stickslip.results.trajectory import Piece
-from stickslip.simulation import simulate as module
+from validation import part_by_part as validation
 from validation.against_oracles import difference
 from validation.machine_scenes import FAMILIES
 
 
-def both(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> tuple[Result, Result]:
+def both(scene: Scene, stop: float) -> tuple[Result, Result]:
     """Return a scene followed part by part and as a whole; fail where they differ by more than roundoff."""
-    times = np.linspace(0.0, stop, 101)
-    found = []
-    for many in (1, 10**9):
-        monkeypatch.setattr(module, "_MANY", many)
-        found.append(simulate(scene, (0.0, stop), t_eval=times, **options))
-    local, whole = found
-    scale = np.abs(whole.y).max(axis=1, keepdims=True).max()
-    assert [(e.contact, e.before, e.after, e.cause) for e in local.events] == [
-        (e.contact, e.before, e.after, e.cause) for e in whole.events
-    ]
-    np.testing.assert_allclose(
-        [e.t for e in local.events], [e.t for e in whole.events], rtol=0, atol=1e-11 * stop
-    )
-    np.testing.assert_allclose(local.y, whole.y, rtol=0, atol=1e-10 * scale)
-    for name in (row.name for row in scene.rows):
-        np.testing.assert_array_equal(local.mode(name), whole.mode(name))
-        size = np.abs(whole.force(name)).max() + 1e-300
-        np.testing.assert_allclose(local.force(name), whole.force(name), rtol=0, atol=1e-9 * size)
-        np.testing.assert_allclose(local.breakaway(name), whole.breakaway(name), rtol=1e-12)
-    heat = whole.energy().heat
-    np.testing.assert_allclose(local.energy().heat, heat, rtol=0, atol=1e-10 * (heat.max() + scale**2))
-    assert local.stats["fewest_states"] == whole.stats["fewest_states"]
-    assert local.stats["guards"] == whole.stats["guards"]
+    local, whole = validation.both(scene, stop)
+    assert validation.difference_of(local, whole) <= 1
     return local, whole
 
 
-def random_forest(seed: int) -> tuple[Scene, float]:
-    """Return bodies joined by contacts in trees, some of them to the ground or a drive, and by springs anyhow."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 12))
-    law = [
-        DryFriction(float(s), float(c), dwell=float(rng.choice([0.0, 0.0, 0.05, 0.4])))
-        for s, c in zip(rng.uniform(0.3, 0.5, 3), rng.uniform(0.1, 0.3, 3), strict=True)
-    ]
-    # one rubs more in one direction than in the other
-    law[1] = replace(
-        law[1], mu_static_backward=1.3 * law[1].mu_static, mu_coulomb_backward=0.6 * law[1].mu_coulomb
-    )
-    elements: list[Any] = [Drive("belt", velocity=float(rng.uniform(-0.5, 0.5)))]
-    names = [f"b{i}" for i in range(n)]
-    for name in names:
-        x, v = rng.normal(size=2)
-        elements.append(
-            Body(name, inertia=float(rng.uniform(0.5, 3.0)), velocity=float(v), position=float(x))
-        )
-    roots = 0
-    for i, name in enumerate(names):
-        other = names[int(rng.integers(0, i))] if i and rng.random() < 0.5 else None
-        if other is None:
-            if rng.random() < 0.2:
-                continue
-            other, roots = (GROUND if rng.random() < 0.6 else "belt"), roots + 1
-        ends = (name, other) if rng.random() < 0.5 else (other, name)
-        elements.append(Contact(f"c{i}", *ends, law[i % 3], normal=float(rng.uniform(1.0, 6.0))))
-    if rng.random() < 0.8:
-        for k, (a, b) in enumerate(pairwise(names)):
-            if rng.random() < 0.8:
-                elements.append(
-                    Spring(a, b, stiffness=float(rng.uniform(1, 8)), damping=float(rng.choice([0, 0.2])))
-                )
-            elif rng.random() < 0.5:
-                elements.append(Damper(a, b, damping=float(rng.uniform(0.1, 1.0))))
-            if k % 3 == 0:
-                elements.append(Spring(a, GROUND, stiffness=float(rng.uniform(1, 4))))
-    push = piecewise_linear([0.0, 1.0, 2.5, 4.0], [0.0, *rng.normal(scale=4.0, size=3)])
-    elements.append(Force(names[0], push))
-    return Scene(*elements), 4.0
+@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("family", validation.FAMILIES)
+def test_random_scenes_move_alike(family: str, which: int) -> None:
+    """Four of each family of the validation, which tries a hundred."""
+    scenes = filter(None, (validation.draw(family, number) for number in range(10, 30)))
+    for scene in islice(scenes, which, 1 + 3 * which):
+        assert validation.difference(scene, **validation.FAMILIES[family].options) <= 1
 
 
-def shaken(scene: Scene, seed: int) -> Scene:
-    """Return a scene with slow and fast sines among its forces, in the velocity of its belt, and in normal forces."""
-    rng = np.random.default_rng(seed)
-
-    def some(size: float, offset: float = 0.0) -> Signal:
-        frequency, phase = float(rng.choice([0.1, 1.0, 9.0])), float(rng.uniform(0.0, 6.0))
-        return sine(size, frequency, phase=phase, offset=offset)
-
-    elements: list[Any] = []
-    for one in scene.elements:
-        if isinstance(one, Drive) and rng.random() < 0.7:
-            elements.append(replace(one, velocity=some(float(rng.uniform(0.1, 0.6)), 0.2)))
-        elif isinstance(one, Contact) and rng.random() < 0.4:
-            level = one.normal.at(0.0)
-            elements.append(replace(one, normal=some(float(rng.uniform(0.1, 0.9)) * level, level)))
-        else:
-            elements.append(one)
-    for body in scene.bodies:
-        if rng.random() < 0.4:
-            elements.append(Force(body.name, some(float(rng.normal(scale=3.0)))))
-        if rng.random() < 0.2:
-            elements.append(Spring(body.name, "belt", stiffness=float(rng.uniform(1.0, 6.0)), damping=0.1))
-    return Scene(*elements)
-
-
-def with_gaps(scene: Scene, seed: int) -> Scene:
-    """Return a scene with gaps between its bodies, to ground and belt: near, far and pressed at the start."""
-    rng = np.random.default_rng(seed + 1000)
-    names, x = [body.name for body in scene.bodies], {body.name: body.position for body in scene.bodies}
-    gaps = []
-    for k in range(int(rng.integers(1, len(names) + 2))):
-        ends = [str(rng.choice(names)), str(rng.choice([*names, *names, *names, GROUND, "belt"]))]
-        rng.shuffle(ends)
-        if ends[0] == ends[1]:
-            continue
-        radii = (1.0, 1.0) if rng.random() < 0.7 else tuple(rng.uniform([0.5, -2.0], [2.0, -0.5]).tolist())
-        stretch = radii[0] * x.get(ends[0], 0.0) - radii[1] * x.get(ends[1], 0.0)
-        limits = [stretch + float(rng.uniform(-0.5, 0.15)), stretch + float(rng.uniform(0.15, 0.5))]
-        if rng.random() < 0.4:
-            open_end = int(rng.integers(2))
-            limits[open_end] = (-math.inf, math.inf)[open_end]
-        gaps.append(
-            Gap(
-                f"g{k}",
-                *ends,
-                lower=limits[0],
-                upper=limits[1],
-                stiffness=float(rng.uniform(2.0, 60.0)),
-                damping=float(rng.choice([0.0, 0.3, 2.0])),
-                radius_a=radii[0],
-                radius_b=radii[1],
-            )
-        )
-    return Scene(*scene.elements, *gaps)
-
-
-def even_chain(seed: int) -> Scene:
-    """Return equal bodies in a row with gaps between them: many touch at the start, and much happens at once."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(3, 14))
-    lower, stiffness = float(rng.choice([0.9, 1.0])), float(rng.choice([1.0, 4.0, 50.0]))
-    damping, speed = float(rng.choice([0.0, 0.5])), float(rng.choice([0.0, 0.5, 1.0]))
-    law = DryFriction(float(rng.choice([0.1, 0.15])), 0.1)
-    names = [f"b{i}" for i in range(n)]
-    elements: list[Any] = [
-        Body(name, inertia=1.0, position=-1.0 * i, velocity=speed if i == 0 or rng.random() < 0.3 else 0.0)
-        for i, name in enumerate(names)
-    ]
-    for i, name in enumerate(names):
-        if rng.random() < 0.85:
-            other = names[i - 1] if i and rng.random() < 0.2 else GROUND
-            elements.append(Contact(f"c{i}", name, other, law, normal=float(rng.choice([1.0, 2.0]))))
-    for i, (a, b) in enumerate(pairwise(names)):
-        # some have no play at all
-        upper = 1.0 if lower == 1.0 and rng.random() < 0.2 else 1.1
-        elements.append(Gap(f"g{i}", a, b, lower=lower, upper=upper, stiffness=stiffness, damping=damping))
-    elements.append(Gap("end", "b0", GROUND, upper=0.3, stiffness=stiffness))
-    elements.append(
-        Force("b0", piecewise_linear([0.0, 1.0, 3.0, 4.0], [float(rng.choice([0, 1])), 3.0, -3.0, 0.0]))
-    )
-    return Scene(*elements)
-
-
-def apart(scene: Scene) -> bool:
-    """Tell whether no body touches ground and drives twice, so that its contacts form no loop."""
-    system = System(scene)
-    return Forest.why_not(system, system.loads(0.0, 4.0)) is None
-
-
-SOME = (10, 14)
-"""Seeds that are tried always, for they are quick and have trees of several rows."""
-
-
-@pytest.mark.parametrize(
-    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
-)
-def test_random_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, stop = random_forest(seed)
-    if apart(scene):
-        both(monkeypatch, scene, stop)
-
-
-@pytest.mark.parametrize(
-    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
-)
-def test_shaken_forests_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, stop = random_forest(seed)
-    if apart(scene):
-        both(monkeypatch, shaken(scene, seed), stop)
-
-
-@pytest.mark.parametrize(
-    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(60)]
-)
-@pytest.mark.parametrize("is_shaken", [False, True])
-def test_forests_with_gaps_move_alike(seed: int, is_shaken: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, stop = random_forest(seed)
-    if apart(scene):
-        scene = with_gaps(shaken(scene, seed) if is_shaken else scene, seed)
-        assert apart(scene)
-        both(monkeypatch, scene, stop)
-
-
-IN_ANOTHER_ORDER = (4, 17)
-"""Seeds with which two gaps touch in the same instant, but are named the other way round."""
-
-
-@pytest.mark.parametrize(
-    "seed",
-    [
-        seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow)
-        for seed in range(60)
-        if seed not in IN_ANOTHER_ORDER
-    ],
-)
-def test_chains_that_touch_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    both(monkeypatch, even_chain(seed), 3.97)
-
-
-def test_a_sine_that_opens_a_contact_is_followed_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sine_that_opens_a_contact_is_followed_as_a_whole() -> None:
     """``N = 5 + a sin(2 pi t)`` opens the contact where a is more than 5."""
     law, found = DryFriction(0.5, 0.3), []
     for amplitude in (4.9, 5.1):
@@ -264,15 +65,13 @@ def test_a_sine_that_opens_a_contact_is_followed_as_a_whole(monkeypatch: pytest.
             Contact("c", "b", GROUND, law, normal=sine(amplitude, 1.0, offset=5.0)),
             Force("b", 1.0),
         )
-        local, _ = both(monkeypatch, scene, 1.5)
+        local, _ = both(scene, 1.5)
         found.append(local.trajectory.is_patchwork)
         assert (local.normal("c").min() == 0) == (amplitude > 5)
     assert found == [True, False]
 
 
-def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(tmp_path: Path) -> None:
     """The table moves with v = 0.1 + 0.2 sin(4 t + 1); b slides when 0.8 m/s² are more than its friction holds.
 
     While it slides its acceleration is mu g; while it sticks, its velocity is the table's.
@@ -286,7 +85,7 @@ def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(
         Contact("rough", "tied", GROUND, DryFriction(0.1, 0.1), normal=10.0),
         Spring("tied", "table", stiffness=3.0),
     )
-    local, _ = both(monkeypatch, scene, 8.0)
+    local, _ = both(scene, 8.0)
     assert sum(isinstance(part, Patchwork) for part in local.trajectory.parts) > 0
     # it breaks away when 0.2 turn cos(turn t + phase) comes to -mu g
     first = next(event for event in local.events if event.contact == "c")
@@ -303,9 +102,7 @@ def test_what_a_shaken_drive_leads_moves_with_it_to_the_bit(
 
 
 @pytest.mark.parametrize("frequency", [1e-3, 1e-6, 1e-9, 1e-12])
-def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(
-    monkeypatch: pytest.MonkeyPatch, frequency: float
-) -> None:
+def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(frequency: float) -> None:
     """The integral of a slow sine is large, and what the drive has moved is a small difference of two of them."""
     scene = Scene(
         Drive("hand", velocity=sine(1.0, frequency, phase=0.7)),
@@ -313,7 +110,7 @@ def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(
         Contact("c", "b", GROUND, DryFriction(0.3, 0.2), normal=1.0),
         Spring("b", "hand", stiffness=2.0),
     )
-    local, _ = both(monkeypatch, scene, 10.0)
+    local, _ = both(scene, 10.0)
     assert local.trajectory.is_patchwork and local.energy().relative_error < 1e-14
     # 2 N/m come to 0.3 N where the hand has moved by 0.15 m
     first, turn = local.events[0], 2 * math.pi * frequency
@@ -321,15 +118,15 @@ def test_a_drive_that_swings_slowly_pulls_as_exactly_as_any(
     assert first.t * np.sinc(middle / math.pi) * math.sin(0.7 + middle) == pytest.approx(0.15, rel=1e-14)
 
 
-def test_sines_that_are_there_in_one_time_span_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sines_that_are_there_in_one_time_span_only() -> None:
     """Up to 10 s the normal force is cut off; then it is ``5 + 3 sin(pi t)``, whose share of 0.3 stops v = 1."""
-    monkeypatch.setattr(module, "_MANY", 1)
     normal = piecewise_linear([0.0, 10.0, 10.0, 20.0], [-9.0, -9.0, 5.0, 5.0]) + sine(3.0, 0.5)
     scene = Scene(
         Body("b", inertia=1.0, velocity=1.0), Contact("c", "b", GROUND, DryFriction(0.5, 0.3), normal=normal)
     )
-    assert not simulate(scene, (0.0, 5.0)).events
-    result = simulate(scene, (12.0, 14.0))
+    with validation.part_by_part():
+        assert not simulate(scene, (0.0, 5.0)).events
+        result = simulate(scene, (12.0, 14.0))
     assert result.trajectory.is_patchwork and [event.after for event in result.events] == [0]
     rest = result.events[0].t - 12.0
     assert 0.3 * (5.0 * rest + 3.0 / math.pi * (1.0 - math.cos(math.pi * rest))) == pytest.approx(
@@ -337,16 +134,16 @@ def test_sines_that_are_there_in_one_time_span_only(monkeypatch: pytest.MonkeyPa
     )
 
 
-def part_by_part(monkeypatch: pytest.MonkeyPatch, scene: Scene, stop: float, **options: Any) -> Result:
-    monkeypatch.setattr(module, "_MANY", 1)
-    result = simulate(scene, (0.0, stop), **options)
+def part_by_part(scene: Scene, stop: float, **options: Any) -> Result:
+    with validation.part_by_part():
+        result = simulate(scene, (0.0, stop), **options)
     # nothing was settled as a whole but at the start
     assert result.trajectory.is_patchwork and len(result.trajectory.parts) == 1
     return result
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_levels_that_fall_let_go(monkeypatch: pytest.MonkeyPatch, side: int) -> None:
+def test_levels_that_fall_let_go(side: int) -> None:
     """``N = 10 - 2 t``: 3 N forward go beyond 0.5 N at 2 s, 4 N backward beyond 0.8 N at 2.5 s."""
     law = DryFriction(0.5, 0.2, mu_static_backward=0.8, mu_coulomb_backward=0.3)
     normal = piecewise_linear([0.0, 4.0], [10.0, 2.0])
@@ -359,7 +156,7 @@ def test_levels_that_fall_let_go(monkeypatch: pytest.MonkeyPatch, side: int) -> 
         Force("one", 3.0 * side),
         Force("other", -4.0 * side),
     )
-    result = part_by_part(monkeypatch, scene, 4.0)
+    result = part_by_part(scene, 4.0)
     assert [(e.contact, e.after) for e in result.events] == [("c one", 1), ("c other", -1)]
     assert [e.t for e in result.events] == pytest.approx([2.0, 2.5], abs=1e-13)
     assert side * result.velocity("one")[-1] == pytest.approx(6.0 - 0.2 * 8.0, abs=1e-13)
@@ -369,9 +166,7 @@ def test_levels_that_fall_let_go(monkeypatch: pytest.MonkeyPatch, side: int) -> 
 
 @pytest.mark.parametrize("dwell", [0.01, 0.4, 300.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
-    monkeypatch: pytest.MonkeyPatch, side: int, dwell: float
-) -> None:
+def test_levels_rise_with_the_dwell_while_the_normal_force_falls(side: int, dwell: float) -> None:
     """A block comes to rest, and a pull of 1.3 t N takes it along."""
     law = DryFriction(0.5, 0.2, dwell=dwell)
     if side < 0:
@@ -381,7 +176,7 @@ def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
         Contact("c", "block", GROUND, law, normal=piecewise_linear([0.0, 4.0], [10.0, 2.0])),
         Force("block", piecewise_linear([0.0, 4.0], [0.0, side * 5.2])),
     )
-    result = part_by_part(monkeypatch, scene, 4.0)
+    result = part_by_part(scene, 4.0)
     # v = 1 + 0.65 t^2 - 2 t + 0.2 t^2
     rest = (2.0 - math.sqrt(4.0 - 4 * 0.85)) / (2 * 0.85)
 
@@ -394,9 +189,7 @@ def test_levels_rise_with_the_dwell_while_the_normal_force_falls(
 
 
 @pytest.mark.parametrize("speed", [0.7, 0.8, 0.9, 1.0, 1.1, 1.3])
-def test_a_loose_contact_turns_over_once_beside_one_that_rests(
-    monkeypatch: pytest.MonkeyPatch, speed: float
-) -> None:
+def test_a_loose_contact_turns_over_once_beside_one_that_rests(speed: float) -> None:
     """``v = sin(2 t) / 2 - speed cos(2 t)`` is 0 at ``(atan(2 speed) + k pi) / 2``; nothing presses any contact."""
     law, pulse = DryFriction(0.5, 0.5), piecewise_linear([5.0, 6.0], [0.0, 1.0])
     scene = Scene(
@@ -407,8 +200,8 @@ def test_a_loose_contact_turns_over_once_beside_one_that_rests(
         Force("turns", 1.0),
         Contact("loose", "turns", GROUND, law, normal=pulse),
     )
-    monkeypatch.setattr(module, "_MANY", 1)
-    events = simulate(scene, (0.0, 5.0)).events
+    with validation.part_by_part():
+        events = simulate(scene, (0.0, 5.0)).events
     turns = [0.5 * (math.atan(2 * speed) + k * math.pi) for k in range(3)]
     assert [(e.contact, e.after) for e in events] == [("loose", 1), ("loose", -1), ("loose", 1)]
     assert [e.t for e in events] == pytest.approx(turns, abs=1e-13)
@@ -452,11 +245,11 @@ def test_in_a_long_chain_what_is_far_goes_on(
     scene = chain(in_pairs)
     monkeypatch.setattr(parts, "_MANY", many)
     assert Forest(System(scene), math.inf).hops < 16
-    local, _ = both(monkeypatch, scene, 2.0)
+    local, _ = both(scene, 2.0)
     assert len(local.events) > 20
 
 
-def test_what_begins_at_its_level_is_followed_as_a_whole_at_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_begins_at_its_level_is_followed_as_a_whole_at_first() -> None:
     """5 N at a level of 5 N that fall, and then rise: pieces of both kinds are read as one motion."""
     law = DryFriction(0.5, 0.2, dwell=0.1)
     scene = Scene(
@@ -467,7 +260,7 @@ def test_what_begins_at_its_level_is_followed_as_a_whole_at_first(monkeypatch: p
         Contact("c", "block", "belt", law, normal=10.0),
         Force("held", piecewise_linear([0.0, 1.0, 2.5], [5.0, 4.0, 7.0])),
     )
-    local, whole = both(monkeypatch, scene, 3.0)
+    local, whole = both(scene, 3.0)
     assert {type(part) for part in local.trajectory.parts} == {Piece, Patchwork}
     # 4 + 2 (t - 1) are 5 N again at 1.5 s; the block has 3 - t, and the belt t / 2
     assert [(e.contact, e.after) for e in local.events] == [("at its level", 1), ("c", 0)]
@@ -496,7 +289,7 @@ def buffers(damping: float) -> Scene:
 @pytest.mark.parametrize("damping", [0.2, 3.0])
 def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, damping: float) -> None:
     """Each quantity by name is that of the scene followed as a whole, also where names are read one by one."""
-    local, whole = both(monkeypatch, buffers(damping), 1.0)
+    local, whole = both(buffers(damping), 1.0)
     assert local.trajectory.is_patchwork and len(local.events) > 60
     assert local.energy().relative_error < 1e-12
     local.save(tmp_path / "wagons.npz")
@@ -512,7 +305,7 @@ def test_wagons_with_buffers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, da
     assert {event.after for event in local.events} == set(Mode)
 
 
-def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_body_between_two_elastic_walls() -> None:
     """It is pushed back for half a period ``pi / omega``, and flies 0.4 m between; one beside it never touches."""
     scene = Scene(
         Body("ball", inertia=2.0, velocity=0.5),
@@ -520,7 +313,7 @@ def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> No
         Gap("walls", "ball", GROUND, lower=-0.2, upper=0.2, stiffness=50.0),
         Gap("far", "idle", "ball", lower=-9.0, stiffness=50.0),
     )
-    result = part_by_part(monkeypatch, scene, 5.0)
+    result = part_by_part(scene, 5.0)
     push, flight = math.pi / 5.0, 0.4 / 0.5
     times = [0.4 + k // 2 * (push + flight) + k % 2 * push for k in range(7)]
     assert [event.t for event in result.events] == pytest.approx(times, abs=1e-13)
@@ -537,21 +330,22 @@ def test_a_body_between_two_elastic_walls(monkeypatch: pytest.MonkeyPatch) -> No
     assert not fine.force("far").any() and result.energy().relative_error < 1e-14
 
 
-def test_a_ball_that_bounces_at_0(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_ball_that_bounces_at_0() -> None:
     """Where position and limit are both 0 nothing adds up in their difference; it comes down as fast as it left."""
     scene = Scene(
         Body("ball", inertia=1.0, velocity=1.0),
         Gap("floor", "ball", GROUND, lower=0.0, stiffness=1e4),
         Force("ball", -10.0),
     )
-    result = part_by_part(monkeypatch, scene, 3.0)
+    result = part_by_part(scene, 3.0)
     # x'' = -10 - 1e4 x from v = -1: back at 0 after the angle pi + 2 arctan(10 / 100)
     flight, push = 0.2, (math.pi + 2 * math.atan(0.1)) / 100.0
     times = [(k + 1) // 2 * flight + k // 2 * push for k in range(1, 10)]
     assert [event.t for event in result.events][:9] == pytest.approx(times, abs=1e-12)
 
 
-def test_wagons_that_touch_at_rest_start_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.slow
+def test_wagons_that_touch_at_rest_start_one_by_one() -> None:
     """All buffers are at their limit; nothing but the end of a ramp is settled as a whole, for no gap leaves it yet."""
     names, law = [f"w{i}" for i in range(20)], DryFriction(0.02, 0.01)
     scene = Scene(
@@ -563,7 +357,7 @@ def test_wagons_that_touch_at_rest_start_one_by_one(monkeypatch: pytest.MonkeyPa
         ),
         Force("w0", piecewise_linear([0.0, 1.0, 4.0], [0.0, 4.0, 4.0])),
     )
-    local, _ = both(monkeypatch, scene, 4.0)
+    local, _ = both(scene, 4.0)
     assert [type(part) for part in local.trajectory.parts] == [Patchwork, Patchwork]
     assert local.mode("g0")[-1] == Mode.FORWARD
 
@@ -584,30 +378,7 @@ def test_what_keeps_a_scene_with_gaps_from_being_followed_part_by_part() -> None
     assert why_not(stop, *(Body(f"more {i}", inertia=1.0) for i in range(9))) is None
 
 
-def with_followers(scene: Scene, seed: int) -> Scene:
-    """Return a scene with forces that follow other bodies, which do not feel them."""
-    rng = np.random.default_rng(seed + 3000)
-    names = [body.name for body in scene.bodies]
-    forces = []
-    for name in names:
-        if rng.random() < 0.5:
-            quantity = velocity if rng.random() < 0.5 else position
-            forces.append(Force(name, float(rng.uniform(-0.8, 0.8)) * quantity(str(rng.choice(names)))))
-    return Scene(*scene.elements, *forces)
-
-
-@pytest.mark.parametrize(
-    "seed", [seed if seed in SOME else pytest.param(seed, marks=pytest.mark.slow) for seed in range(40)]
-)
-def test_forests_with_forces_that_follow_others_move_alike(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    all_in_knots(monkeypatch)
-    scene, stop = random_forest(seed)
-    both(monkeypatch, with_followers(scene, seed), stop)
-
-
-def test_a_force_follows_a_body_that_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_force_follows_a_body_that_is_let_go() -> None:
     """A block let go after s = t - 1 = 0 gains ``v = (s + s^2) / 2``, another that it leads the integral of that."""
     scene = Scene(
         Body("a", inertia=1.0),
@@ -616,67 +387,19 @@ def test_a_force_follows_a_body_that_is_let_go(monkeypatch: pytest.MonkeyPatch) 
         Body("b", inertia=1.0),
         Force("b", 1.0 * velocity("a")),
     )
-    found = part_by_part(monkeypatch, scene, 2.0, t_eval=[1.5, 2.0])
+    found = part_by_part(scene, 2.0, t_eval=[1.5, 2.0])
     s = np.array([0.5, 1.0])
     np.testing.assert_allclose(found.velocity("a"), (s + s**2) / 2, rtol=1e-12)
     np.testing.assert_allclose(found.velocity("b"), s**2 / 4 + s**3 / 6, rtol=1e-12)
-
-
-def with_machines(scene: Scene, seed: int) -> Scene:
-    """Return a scene with machines beside its bodies: ties, levers, stops, clutches and loops, each on springs."""
-    rng = np.random.default_rng(seed + 2000)
-    elements, names = list(scene.elements), [body.name for body in scene.bodies]
-    for k in range(int(rng.integers(1, 4))):
-        family = str(rng.choice(["radii", "ties", "clutches", "gaps", "stops", "machines"]))
-        own = machine(family, int(rng.integers(1000)), f"k{k} ")
-        elements += own
-        bodies = [one.name for one in own if isinstance(one, Body) and one.inertia]
-        for _ in range(int(rng.integers(1, 4))):
-            ends = str(rng.choice(bodies)), str(rng.choice(names))
-            elements.append(
-                Spring(*ends, stiffness=float(rng.uniform(0.5, 6.0)), damping=float(rng.choice([0.0, 0.2])))
-            )
-    if rng.random() < 0.3:
-        slick = DryFriction(0.0, 0.0)
-        elements.append(Contact("slick", str(rng.choice(names)), "belt", slick, normal=2.0))
-    return Scene(*elements)
-
-
-def all_in_knots(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forest, "_MOST_IN_KNOTS", 1.0)
-
-
-JAMMED = 50
-"""Seed of a machine in which a drive presses stops and a clutch together: no motion is possible."""
-
-AS_SLOW_AS_ROUNDOFF = 16
-"""Seed with which a stop is hit at a velocity of 1e-12: whether that is an impact or a touch is roundoff."""
-
-
-@pytest.mark.parametrize(
-    "seed",
-    [
-        seed if seed < 4 else pytest.param(seed, marks=pytest.mark.slow)
-        for seed in range(60)
-        if seed not in (JAMMED, AS_SLOW_AS_ROUNDOFF)
-    ],
-)
-def test_forests_with_machines_move_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    all_in_knots(monkeypatch)
-    scene, stop = random_forest(seed)
-    scene = shaken(scene, seed) if seed % 3 == 0 else scene
-    both(monkeypatch, with_machines(with_gaps(scene, seed) if seed % 4 == 0 else scene, seed), stop)
 
 
 LEAVES_SMOOTHLY = 125
 """Number of a machine with a stop that opens with neither velocity nor acceleration."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
-def test_machines_followed_part_by_part_do_as_their_oracle(
-    family: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    all_in_knots(monkeypatch)
-    monkeypatch.setattr(module, "_MANY", 1)
-    for number in (1, 2, 3, 4, LEAVES_SMOOTHLY):
-        assert difference(family, "auto", number) < 1e-9
+def test_machines_followed_part_by_part_do_as_their_oracle(family: str) -> None:
+    with validation.part_by_part(knots=True):
+        for number in (1, 2, 3, 4, LEAVES_SMOOTHLY):
+            assert difference(family, "auto", number) < 1e-9

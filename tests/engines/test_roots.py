@@ -57,6 +57,7 @@ def test_the_first_of_many_roots() -> None:
     assert first_root(c) == pytest.approx(0.1, rel=1e-10)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=19))
 def test_random_polynomials_have_the_roots_that_numpy_finds(values: list[float]) -> None:

@@ -20,6 +20,7 @@ def test_a_scene_shows_its_schematic_and_its_elements():
         assert word in text
 
 
+@pytest.mark.slow
 def test_a_result_shows_figure_events_and_last_velocities(wheels):
     page = Checked(wheels._repr_html_())
     assert page.images == 1

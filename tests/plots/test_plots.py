@@ -87,6 +87,7 @@ def test_overview_of_the_benchmark(wheels):
     figure.draw_without_rendering()
 
 
+@pytest.mark.slow
 def test_legends_stand_beside_the_data(wheels):
     figure = plots.overview(wheels)
     figure.draw_without_rendering()
@@ -218,6 +219,7 @@ def test_many_bodies_become_a_raster(chain):
     drawn(ax)
 
 
+@pytest.mark.slow
 def test_overview_of_many_bodies(chain):
     figure = plots.overview(chain)
     main = figure.axes
@@ -422,6 +424,7 @@ def test_long_names_leave_room_for_the_axes():
     assert figure.axes[1].get_yticklabels()[0].get_text() == "c" * 16 + "…" + "c" * 16
 
 
+@pytest.mark.slow
 def test_every_label_is_text_that_the_font_has(chain, blocks):
     for figure in (plots.overview(chain), plots.overview(blocks)):
         assert sum(bool(text.get_text()) for text in figure.findobj(Text)) > 20

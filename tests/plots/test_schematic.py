@@ -181,6 +181,7 @@ def test_an_element_of_an_unknown_kind_is_a_labelled_link():
     assert found.label == ("holder", "magnet") and list(found.ends) == ["motor", "hub"]
 
 
+@pytest.mark.slow
 def test_more_than_a_dozen_bodies_are_counted():
     found = texts(plots.schematic(flywheel_chain(30)))
     assert "not drawn: 18 more bodies and drives, 18 more elements" in found

@@ -148,6 +148,7 @@ def test_positions_in_a_scene_with_and_without_springs() -> None:
     np.testing.assert_allclose(result.position("d"), path, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_drawing_many_blocks_asks_for_each_segment_only_a_few_times() -> None:
     few, many = (simulate(blocks(count), (0.0, 15.0)) for count in (14, 28))
     work = [calls(result.plot, own=True)[1] / len(result.scene.bodies) for result in (few, many)]

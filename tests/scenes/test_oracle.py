@@ -35,6 +35,7 @@ def block(
     }
 
 
+@pytest.mark.slow
 def test_it_owes_nothing_to_the_package() -> None:
     assert len(PARTS) == 7
     for path in PARTS:

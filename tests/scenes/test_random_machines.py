@@ -7,12 +7,12 @@ from random import Random
 
 import numpy as np
 import pytest
-from machines import machine
 
 from stickslip import Result, Scene, simulate
 from validation.against_oracles import OF_MACHINES, difference, truth
 from validation.machine_oracle import solve
 from validation.machine_scenes import FAMILIES
+from validation.part_by_part import machine
 
 
 def test_the_oracle_finds_the_impacts_of_a_slider() -> None:
@@ -109,6 +109,7 @@ def test_scenes_that_differed(number: int) -> None:
     assert difference("clutches", "auto", number) < 1e-11
 
 
+@pytest.mark.slow
 def test_rows_that_share_are_at_rest_however_the_search_came_there() -> None:
     """A contact at its level beside two clutches was let go one by one, and came to rest at velocity 0 again."""
     assert difference("machines", "auto", 228) < 1e-11

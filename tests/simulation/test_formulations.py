@@ -237,6 +237,7 @@ def test_soft_laws_in_every_formulation() -> None:
         np.testing.assert_allclose(other.y[:, -1], base.y[:, -1], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_sparse_multipliers() -> None:
     """A chain of 60 sprung blocks, large enough to be assembled sparse."""
     law = DryFriction(0.4, 0.3)

@@ -11,6 +11,7 @@ from stickslip import GROUND, Body, Contact, DryFriction, Force, Scene, piecewis
 from stickslip.benchmark import flywheel_chain
 
 
+@pytest.mark.slow
 def test_a_long_chain_builds_no_square_array() -> None:
     # a dense matrix of 4000 by 4000 numbers alone takes 128 MB
     scene = flywheel_chain(4000)

@@ -53,6 +53,7 @@ def forced(friction: float, frequency: float) -> Scene:
     )
 
 
+@pytest.mark.slow
 def test_periods_of_stick_slip_over_the_speed_of_the_belt() -> None:
     """2 (F_s - F_c) / (k v) + (2 pi - 2 atan((F_s - F_c) / (v sqrt(k m)))) sqrt(m / k)."""
     v = np.array([0.1, 0.2, 0.4, 0.8])

@@ -261,6 +261,7 @@ def test_two_blocks_on_a_belt() -> None:
     assert np.diff(last) == pytest.approx(cycle.period * np.ones(len(last) - 1), abs=1e-11)
 
 
+@pytest.mark.slow
 def test_a_longer_transient_leads_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where Newton's method fails from a transient, the search goes on after a longer one."""
     tried: list[search.Shot] = []
@@ -280,6 +281,7 @@ def test_a_longer_transient_leads_nearer(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(tried) == 3
 
 
+@pytest.mark.slow
 def test_early_events_do_not_tell_of_a_motion_that_dies_away() -> None:
     """Two blocks stick a few times and then slide for good, and a damper lets that decay."""
     scene = Scene(
@@ -369,6 +371,7 @@ def test_a_load_in_resonance_has_no_cycle() -> None:
         limit_cycle(scene, period=2 * math.pi, transient=0)
 
 
+@pytest.mark.slow
 def test_a_curve_at_rest_bends_no_derivative() -> None:
     """m = k = 1 on a belt; mu = 0.5 + 0.5 exp(-(w / 0.5)^2). Differences of the period by DOP853, located events."""
     scene = Scene(
@@ -509,6 +512,7 @@ def test_damped_belt_is_another_cycle() -> None:
 # What reads the time, what stays closed, and searches that lead nowhere
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [None, 5.0])
 def test_a_block_that_reads_the_time_is_refused(period: float | None) -> None:
     scene = Scene(
@@ -551,6 +555,7 @@ def test_a_dog_clutch_that_stays_closed() -> None:
     np.testing.assert_allclose(found, [math.exp(-0.3 * 2 / 2.7), 0.0, 0.0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_search_in_chaos_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """The Lorenz equations pull a body: each longer transient takes more steps, up to a limit."""
     monkeypatch.setattr(search, "_MOST_STEPS", 10_000)
@@ -569,6 +574,7 @@ def test_a_search_in_chaos_ends(monkeypatch: pytest.MonkeyPatch) -> None:
         limit_cycle(Scene(*pulled, block, Force("m", output("l"))))
 
 
+@pytest.mark.slow
 def test_what_has_died_away_is_said_to_have() -> None:
     scene = Scene(
         Body("block", inertia=1.0, velocity=0.1),
@@ -582,6 +588,7 @@ def test_what_has_died_away_is_said_to_have() -> None:
         limit_cycle(scene)
 
 
+@pytest.mark.slow
 def test_what_comes_back_once_by_chance_has_no_period_for_that() -> None:
     """A chaotic block on a belt under a sine (Popp and Stelter 1990): it is once near where it was 7 periods ago."""
     period = 2 * math.pi / 1.41

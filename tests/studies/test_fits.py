@@ -66,6 +66,7 @@ def test_friction_and_dwell_are_recovered_from_velocities() -> None:
     assert "+-" in str(found) and "c.law.dwell" in str(found)
 
 
+@pytest.mark.slow
 def test_a_coulomb_coefficient_takes_the_static_one_along() -> None:
     """A swing that friction stops, fitted from plain friction that is too weak."""
 
@@ -185,6 +186,7 @@ class Curve:
         return self.coulomb + (self.rest - self.coulomb) * float(np.exp(-((speed / self.velocity) ** 2)))
 
 
+@pytest.mark.slow
 def test_fields_of_a_kinetic_curve_are_parameters() -> None:
     def sliding(coulomb: float, velocity: float) -> Scene:
         law = DryFriction(0.6, 0.6, kinetic=Curve(coulomb, 0.5, velocity))
@@ -360,6 +362,7 @@ def test_where_no_other_values_can_be_simulated_nothing_is_fitted() -> None:
             fit(geared(3.5), parameters, data)
 
 
+@pytest.mark.slow
 def test_standard_errors_beside_a_parameter_that_ends_at_its_bound() -> None:
     """They are those of the derivatives there, by differences; the damping ends at 0."""
 

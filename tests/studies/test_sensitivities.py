@@ -320,6 +320,7 @@ def test_a_dead_band_that_is_left_and_entered_again(method: Any) -> None:
     assert found.events[1, 0] == pytest.approx(wanted, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_bristles_straighten_where_nothing_presses_them() -> None:
     """What they were before has no part in what the contact does when it is pressed again."""
     scene = Scene(
@@ -936,7 +937,9 @@ def test_functions_are_not_asked_beside_a_derivative_that_does_not_exist() -> No
 # What changes is measured in what it does
 
 
-@pytest.mark.parametrize(("start", "stop"), [(0.0, 30.3), (0.0, 1000.3), (1000.0, 1000.7)])
+@pytest.mark.parametrize(
+    ("start", "stop"), [(0.0, 30.3), pytest.param(0.0, 1000.3, marks=pytest.mark.slow), (1000.0, 1000.7)]
+)
 def test_by_a_frequency_late_in_a_run(start: float, stop: float) -> None:
     """``v' = sin(2 pi f t)``: ``v = (cos(w start) - cos(w stop)) / w``, and ``dv/df = 2 pi dv/dw``."""
     scene = Scene(Body("m", inertia=1.0), Force("m", sine(1.0, 1.0)))
