@@ -23,8 +23,8 @@ _AT_ONCE = 8
 _GROWTH, _LEAST = 4.0, 1e-9
 """How many times as many steps the next may join, and roughness that is none."""
 
-_LAST = 1e-8
-"""Part of its size that the last coefficient of a polynomial may have."""
+_LAST = 1e-5
+"""Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, about 1e-10."""
 
 _TINY = np.finfo(float).tiny
 
