@@ -22,6 +22,7 @@ from stickslip import (
     Gear,
     Karnopp,
     LuGre,
+    OneWay,
     Planetary,
     PreSlip,
     Result,
@@ -516,6 +517,72 @@ def test_a_cart_and_its_load_that_strike_a_wall_ever_more_softly(method: Any) ->
 
 
 @pytest.mark.slow
+def test_rebounds_that_accumulate_leave_others_alone() -> None:
+    """``v = v0 cos t`` of an oscillator that never comes to its stop, beside a ball that comes to rest at 0.6 s."""
+    scene = Scene(
+        Body("other", inertia=1.0, velocity=1.0),
+        Spring("other", GROUND, stiffness=1.0),
+        Stop("wide", "other", GROUND, lower=-5.0, upper=5.0),
+        Body("ball", inertia=1.0, position=0.2),
+        Force("ball", -10.0),
+        Stop("floor", "ball", GROUND, lower=0.0, restitution=0.5),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["other.velocity"])
+    assert not found.reasons and len(found.result.events) > 20
+    assert found.velocity("other", [0.5, 0.8, 2.0])[:, 0] == pytest.approx(np.cos([0.5, 0.8, 2.0]), abs=1e-11)
+
+
+def test_an_impact_goes_through_a_locked_clutch() -> None:
+    """A cart ``x = t^2 / 4`` runs into a wheel that a clutch keeps from running ahead of a drive of velocity d.
+
+    The wheel has the way ``d t - d^2 / 10``. They meet 0.1 later, at ``t = 2 (d + sqrt(0.9 d^2 + 0.1))``, when the cart
+    has ``t / 2``. The wheel cannot give way, so the cart goes on with ``1.5 d - t / 4``.
+    """
+    d = 0.3
+    scene = Scene(
+        Body("cart", inertia=1.0),
+        Body("wheel", inertia=0.2),
+        Drive("drive", velocity=d),
+        OneWay("clutch", "wheel", "drive"),
+        Stop("buffer", "cart", "wheel", upper=0.1, restitution=0.5),
+        Force("wheel", 1.0),
+        Force("cart", 0.5),
+    )
+    found = sensitivities(scene, (0.0, 2.0), ["drive.velocity"])
+    root = math.sqrt(0.9 * d**2 + 0.1)
+    meet, later = 2 * (d + root), 2 * (1 + 0.9 * d / root)
+    assert not found.reasons and found.result.events[1].t == pytest.approx(meet, abs=1e-13)
+    assert found.events[1] == pytest.approx([later], rel=1e-10)
+    assert found.velocity("cart", [2.0])[0] == pytest.approx([1.5 - 0.75 * later], rel=1e-10)
+    assert found.velocity("wheel", [2.0])[0] == pytest.approx([1.0], rel=1e-10)
+
+
+def test_an_impact_goes_through_a_clutch_with_a_gear() -> None:
+    """A motor of inertia 1 under 1 N drives a wheel of 0.2 by ``v_w = g v_m`` to a stop 0.2 away, which takes e = 0.6.
+
+    With ``m = 1 + 0.2 g^2`` it gets there at ``t = sqrt(0.4 m / g)``, and the wheel goes back with ``-0.6 g t / m``.
+    """
+    g = 0.5
+    scene = Scene(
+        Body("motor", inertia=1.0),
+        Body("wheel", inertia=0.2),
+        OneWay("clutch", "motor", "wheel", radius_a=g),
+        Force("motor", 1.0),
+        Stop("end", "wheel", GROUND, upper=0.2, restitution=0.6),
+    )
+    found = sensitivities(scene, (0.0, 1.1), ["clutch.radius_a"])
+    m = 1 + 0.2 * g**2
+    t = math.sqrt(0.4 * m / g)
+    later = 0.5 * t * (0.4 * g / m - 1 / g)
+    assert not found.reasons and found.result.events[0].t == pytest.approx(t, abs=1e-13)
+    assert found.events[0] == pytest.approx([later], rel=1e-10)
+    change = 1e-5
+    near = [simulate(scene.replace("clutch", radius_a=g + part), (0.0, 1.1)) for part in (change, -change)]
+    for body in ("motor", "wheel"):
+        difference = (near[0].velocity(body)[-1] - near[1].velocity(body)[-1]) / (2 * change)
+        assert found.velocity(body, [1.1])[0, 0] == pytest.approx(difference, rel=1e-8)
+
+
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
     height, gravity, e = 1e-2, 0.8, 0.3

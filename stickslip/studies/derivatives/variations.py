@@ -160,7 +160,8 @@ class Variation(Nearby):
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, q)
         hit = sides * system.relative_velocity(y, q) > 0
-        impact = VariedImpact(system if hit.any() else None, y[:n], u, u, none, sides, hit)
+        free = np.zeros(system.m, dtype=bool)
+        impact = VariedImpact(system if hit.any() else None, y[:n], u, u, none, sides, hit, free)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self.near_ones[k]):
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"
@@ -265,7 +266,8 @@ class Variation(Nearby):
         is_soft = (system.is_friction | system.is_gap).all()
         is_pushed = not is_soft and np.abs(u[1] - u[0]).max(initial=0.0) > REST * speed
         acts = system if is_pushed or hit.any() else None
-        return VariedImpact(acts, path.last[: system.n], u[0], u[1], pace, sides, hit)
+        closed = (piece.modes == 0) & ~(system.is_friction | system.is_gap | system.is_tie | hit)
+        return VariedImpact(acts, path.last[: system.n], u[0], u[1], pace, sides, hit, closed)
 
     # -- what is asked for -----------------------------------------------------------------------------------
 

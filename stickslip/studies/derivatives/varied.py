@@ -52,9 +52,10 @@ class VariedImpact:
     before: Array
     now: Array
     pace: Array
-    # (m,): at which limits stops are, and which of them are hit
+    # (m,): at which limits stops are, which of them are hit, and which rows are closed before
     sides: Modes
     hit: Mask
+    closed: Mask
 
     def after(self) -> Array:
         """Return the velocities after the jump."""
@@ -107,14 +108,30 @@ class VariedImpact:
 
         Velocities are those against the drives before the jump.
         """
+        change = self._kept_closed(system, change, u)
         largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
         speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]  # type: ignore[union-attr]
         h = PART * float(speeds.min(initial=np.abs([*self.v, *self.before, *self.now]).max(initial=0.0)))
         h /= largest
-        own, ahead, back = (
-            struck(system, apart + part * change, part * u, jump + part * u, self.sides, self.hit).v
-            for part in (0.0, h, -h)
-        )
-        return (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
+
+        def jumped(part: float) -> Array:
+            # by how much velocities jump: of bodies that nothing hits there is no roundoff
+            v = apart + part * change
+            return struck(system, v, part * u, jump + part * u, self.sides, self.hit).v - v
+
+        own, ahead, back = (jumped(part) for part in (0.0, h, -h))
+        return change + (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
+
+    def _kept_closed(self, system: System, change: Array, u: Array) -> Array:
+        """Return changes without what opens rows that are closed before, and stay so in all scenes near by.
+
+        What changes of the state open, changes of the scene close again: each alone would be a jump of its own.
+        """
+        rows = self.closed.nonzero()[0]
+        if not rows.size:
+            return change
+        levers = dense(system.G[rows])
+        opening = levers @ change + system.D[rows] @ u
+        return np.asarray(change - np.linalg.lstsq(levers, opening, rcond=None)[0])
