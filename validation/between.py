@@ -20,8 +20,6 @@ from stickslip import GROUND, Body, Contact, Damper, Drive, DryFriction, Result,
 from validation.rows import Array, Row, Tried, require
 from validation.tried import try_each
 
-__all__ = ["FAMILIES", "RUNS", "TIMES", "measure", "rows"]
-
 RUNS, TIMES = 30, 50
 """Runs of each family, and times asked for in a run."""
 

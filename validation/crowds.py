@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -120,21 +120,16 @@ def many_events(count: int) -> Answer:
     return event_error(changes(result), events[1:], 1.0), f"{len(result.events)} events, errors in s"
 
 
-def _rows() -> list[Row]:
-    rows: list[Row] = []
-
-    def add(name: str, what: str, source: str, check: Any, bound: float, **options: Any) -> None:
-        rows.append(extreme_row(name, what, source, check, bound, **options))
-
+def _rows() -> Iterator[Row]:
     for count in (1, 4):
-        add(
+        yield extreme_row(
             f"symmetry-{2 * count}",
             f"{2 * count} blocks lock on a hub in the same instant and break loose in the same instant; the hub rests",
             "t = 0.5 s and 1.5 s; velocity of the hub 0, exactly",
             partial(symmetric, count),
             1e-14,
         )
-    add(
+    yield extreme_row(
         "together-12",
         "12 blocks on a belt break and stick in the same instants",
         "straight lines",
@@ -142,7 +137,7 @@ def _rows() -> list[Row]:
         1e-13,
     )
     for kind in ("doubled", "triangle", "grounded", "complete"):
-        add(
+        yield extreme_row(
             f"loop-{kind}",
             f"stuck contacts in closed loops ({kind}): forces, in three formulations",
             "least norm, by pseudo-inverse",
@@ -150,7 +145,7 @@ def _rows() -> list[Row]:
             1e-8,
         )
     for count in (1, 2, 10, 100, 1000, 10_000):
-        add(
+        yield extreme_row(
             f"chain-{count}",
             f"{count} wheels in a row come to rest on each other: final speeds, and momentum on the way",
             "mean of the initial speeds",
@@ -160,7 +155,7 @@ def _rows() -> list[Row]:
             limit=60.0 if count < 10_000 else 1800.0,
         )
     for count in (1000, 100_000):
-        add(
+        yield extreme_row(
             f"events-{count}",
             f"{count} events in one run: time of each, in s",
             "2 k and 2 k + 1.5 s",
@@ -169,7 +164,6 @@ def _rows() -> list[Row]:
             quick=count <= 1000,
             limit=900.0,
         )
-    return rows
 
 
-ROWS = _rows()
+ROWS = list(_rows())

@@ -26,8 +26,6 @@ from validation.random_scenes import GRID, STOP, draw
 from validation.rows import Row, Tried, Wrong, changes
 from validation.tried import try_each
 
-__all__ = ["rows"]
-
 GRAZES, QUICK_GRAZES, INTEGRATED = 1000, 60, 30
 TIGHT = {"rtol": 1e-12, "atol": 1e-14}
 BOUND = 1e-8

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -170,17 +170,15 @@ STORIES: dict[str, tuple[Callable[[], Story], str, str]] = {
 _FREE_OF_SPRINGS = ("two-flywheels", "reference-flywheels-4", "reference-star")
 
 
-def _story_rows() -> list[Row]:
-    rows = []
+def _story_rows() -> Iterator[Row]:
     for name, (story, about, source) in STORIES.items():
         for formulation in FORMULATIONS:
             integrated = formulation != "contact-force" or name not in _FREE_OF_SPRINGS
             what = f"{about}: event times over the span, velocities over the largest ({formulation})"
             check = partial(told, story, formulation)
-            rows.append(
-                exact_row(f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED)
+            yield exact_row(
+                f"{name}/{formulation}", what, source, check, INTEGRATED if integrated else CLOSED
             )
-    return rows
 
 
 # Two bodies, one contact
@@ -312,61 +310,53 @@ def den_hartog(beta: float, r: float, formulation: str) -> Answer:
     return max(x, v), f"amplitude {float(motion.amplitude):.9g}, {len(result.events)} changes of mode"
 
 
-def _short_rows() -> list[Row]:
-    rows = []
+def _short_rows() -> Iterator[Row]:
     for f in FORMULATIONS:
         loose = f == "multiplier"
-        rows += [
-            exact_row(
-                f"stick-phase/{f}",
-                f"force and acceleration of two stuck bodies, inertias 1e-3 to 1e3 ({f})",
-                "Breedveld 2000, eqs. (1), (7); analytic.stick_phase",
-                partial(stick_phase, f),
-                CLOSED,
-            ),
-            exact_row(
-                f"lock-up/{f}",
-                f"time until two bodies lock, and the heat made, inertia ratios to 1e6 ({f})",
-                "momentum and energy of the relative motion; analytic.lock_up",
-                partial(lock_up, f),
-                INTEGRATED if loose else CLOSED,
-            ),
-            exact_row(
-                f"relaxation/{f}",
-                f"viscous relaxation: relative velocity, then rest although it never crosses 0 ({f})",
-                "w0 exp(-c t (1/m1 + 1/m2)); analytic.viscous_relaxation",
-                partial(relaxation, f),
-                INTEGRATED,
-            ),
-            exact_row(
-                f"coulomb-decay/{f}",
-                f"position, velocity and turning times of a decaying oscillation; where it stays ({f})",
-                "half cosines; Euphonics 8.2.3; analytic.coulomb_decay",
-                partial(turning_points, f),
-                INTEGRATED,
-            ),
-        ]
-    rows.append(
-        exact_row(
-            "stick-limit",
-            "force between stuck bodies as the inertia of one grows to 1e100, and against the ground",
-            "Breedveld 2000, eq. (2); analytic.stick_phase",
-            stick_limit,
-            1e-15,
+        yield exact_row(
+            f"stick-phase/{f}",
+            f"force and acceleration of two stuck bodies, inertias 1e-3 to 1e3 ({f})",
+            "Breedveld 2000, eqs. (1), (7); analytic.stick_phase",
+            partial(stick_phase, f),
+            CLOSED,
         )
+        yield exact_row(
+            f"lock-up/{f}",
+            f"time until two bodies lock, and the heat made, inertia ratios to 1e6 ({f})",
+            "momentum and energy of the relative motion; analytic.lock_up",
+            partial(lock_up, f),
+            INTEGRATED if loose else CLOSED,
+        )
+        yield exact_row(
+            f"relaxation/{f}",
+            f"viscous relaxation: relative velocity, then rest although it never crosses 0 ({f})",
+            "w0 exp(-c t (1/m1 + 1/m2)); analytic.viscous_relaxation",
+            partial(relaxation, f),
+            INTEGRATED,
+        )
+        yield exact_row(
+            f"coulomb-decay/{f}",
+            f"position, velocity and turning times of a decaying oscillation; where it stays ({f})",
+            "half cosines; Euphonics 8.2.3; analytic.coulomb_decay",
+            partial(turning_points, f),
+            INTEGRATED,
+        )
+    yield exact_row(
+        "stick-limit",
+        "force between stuck bodies as the inertia of one grows to 1e100, and against the ground",
+        "Breedveld 2000, eq. (2); analytic.stick_phase",
+        stick_limit,
+        1e-15,
     )
     for beta, r in ((0.8, 0.5), (2.0, 0.15), (1.25, 0.4)):
         for f in FORMULATIONS:
-            rows.append(
-                exact_row(
-                    f"den-hartog-{beta:g}/{f}",
-                    f"ten periods of steady forced motion, frequency ratio {beta:g}, friction {r:g} P ({f})",
-                    "Den Hartog 1930; analytic.den_hartog",
-                    partial(den_hartog, beta, r, f),
-                    INTEGRATED,
-                )
+            yield exact_row(
+                f"den-hartog-{beta:g}/{f}",
+                f"ten periods of steady forced motion, frequency ratio {beta:g}, friction {r:g} P ({f})",
+                "Den Hartog 1930; analytic.den_hartog",
+                partial(den_hartog, beta, r, f),
+                INTEGRATED,
             )
-    return rows
 
 
 ROWS = [*_story_rows(), *_short_rows()]

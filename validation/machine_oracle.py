@@ -12,15 +12,14 @@ leaves more than one answer, or none, the oracle says so and stops.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 
 import numpy as np
-from scipy.optimize import brentq
 
 from validation.machine_motion import Array, Data, Machine, Modes, Motion
-from validation.oracle import Event
+from validation.oracle import Event, root
 from validation.oracle_signals import just_after
 from validation.oracle_system import Doubt
 
@@ -49,7 +48,6 @@ class Solution:
 
     system: Machine
     known: float
-    initial: dict[str, int] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
     doubt: str = ""
@@ -304,7 +302,6 @@ class _Run:
         m, labels = self.machine, self._labels_of(motion)
         self._closed = dict(motion.modes.sides)
         if not self._labels:
-            self.solution.initial = {m.names[j]: mode for j, mode in labels.items()}
             for j in self._hit:
                 self.solution.events.append((self.t, m.names[j], self._hit[j], labels[j]))
         else:
@@ -344,11 +341,11 @@ class _Run:
                     if left[i] and after[i] < 0:
                         raise Doubt(self.t, "a row that leaves its mode at once")
                     continue
-                root = self._root(
+                found = self._root(
                     motion, i, tau, following, (values[i], after[i]), (rates[i], slopes[i]), zero[i]
                 )
-                if root is not None:
-                    zeros[i] = root
+                if found is not None:
+                    zeros[i] = found
             tau, values, rates = following, after, slopes
         if not zeros:
             return length, set()
@@ -379,18 +376,14 @@ class _Run:
         if values[0] <= 0:
             raise Doubt(self.t, "a row that leaves its mode")
         if values[1] < 0:
-            return _brent(guard, low, high)
+            return root(guard, low, high)
         if rates[0] < 0 < rates[1]:
-            lowest = _brent(slope, low, high)
+            lowest = root(slope, low, high)
             if abs(value := guard(lowest)) < 10 * zero:
                 raise Doubt(self.t + lowest, "a guard that touches 0")
             if value < 0:
-                return _brent(guard, low, lowest)
+                return root(guard, low, lowest)
         return None
-
-
-def _brent(f: Callable[[float], float], low: float, high: float) -> float:
-    return float(brentq(f, low, high, xtol=1e-16 * max(1.0, high), rtol=8.9e-16))
 
 
 class _Trial:

@@ -43,7 +43,7 @@ def machine(
         fixed.append({"name": "drive", "inertia": None, "velocity": _speed(draw, stop, jumps=not stops)})
     ends = [*names, "ground", *(["drive"] if fixed else [])]
     if ties and count > 2:
-        _tie(draw, names, speed, inertia, rows)
+        _tie(draw, speed, inertia, rows)
     for k in range(draw.whole(1, 3)):
         rows.append(_contact(draw, f"c{k}", _pair(draw, names, ends), stop, opens))
     if clutches:
@@ -103,7 +103,7 @@ def _contact(draw: _Draw, name: str, on: dict[str, float], stop: float, opens: b
     return {"kind": "contact", "on": on} | found
 
 
-def _tie(draw: _Draw, names: list[str], speed: list[float], inertia: list[float], rows: list[Scene]) -> None:
+def _tie(draw: _Draw, speed: list[float], inertia: list[float], rows: list[Scene]) -> None:
     """Tie some bodies, with speeds that agree; at times in a loop, or with a body without inertia."""
     kind = draw.one(["gear", "loop", "planetary", "lever", "two"])
     if kind == "planetary":

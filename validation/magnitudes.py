@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -199,28 +199,23 @@ def tolerance(rtol: float) -> Answer:
     return max(times, v) / rtol, f"error {max(times, v):.1e}"
 
 
-def _rows() -> list[Row]:
-    rows: list[Row] = []
-
-    def add(name: str, what: str, source: str, check: Any, bound: float, **options: Any) -> None:
-        rows.append(extreme_row(name, what, source, check, bound, **options))
-
+def _rows() -> Iterator[Row]:
     for k in (-12, -9, -6, -3, 3, 6, 9, 12):
-        add(
+        yield extreme_row(
             f"inertia-ratio-{power(10.0**k)}",
             f"two bodies of inertia ratio {power(10.0**k)}: time of locking, speeds, and the force of eq. (1)",
             "analytic.lock_up and stick_phase",
             partial(inertia_ratio, 10.0**k),
             1e-12,
         )
-    add(
+    yield extreme_row(
         "units",
         "the benchmark with forces, inertias and times times 1e-12, 1 and 1e12 in all combinations",
         "the same dimensionless problem; analytic.two_flywheels",
         partial(units, (-12, 0, 12)),
         1e-12,
     )
-    add(
+    yield extreme_row(
         "units-integrated",
         "the pulled block with forces, inertias and times times 1e-12 and 1e12 in all combinations",
         "the same dimensionless problem; analytic.pulled_block",
@@ -229,14 +224,14 @@ def _rows() -> list[Row]:
     )
     for k in (-2, -4, -6, -8, -10, -12, -14):
         v = 10.0**k
-        add(
+        yield extreme_row(
             f"creep-{power(v)}",
             f"pre-slip velocity {power(v)}: a held block creeps; velocity over the largest",
             "exponential approach in closed form",
             partial(creep, v),
             1e-6,
         )
-        add(
+        yield extreme_row(
             f"pre-slip-{power(v)}",
             f"pre-slip velocity {power(v)}: "
             + (
@@ -252,7 +247,7 @@ def _rows() -> list[Row]:
             limit=180.0,
         )
     for k in range(-9, 10, 3):
-        add(
+        yield extreme_row(
             f"dwell-{power(10.0**k)}",
             f"dwell time {power(10.0**k)} s: breakaway under a ramp, and the speed gained",
             "root of a t = (mu_s - (mu_s - mu_c) exp(-t/tau)) N, 40 digits",
@@ -260,7 +255,7 @@ def _rows() -> list[Row]:
             1e-12,
         )
     for k in (0, 1, 2, 4, 6):
-        add(
+        yield extreme_row(
             f"mu-ratio-ramp-{power(10.0**k)}",
             f"mu_s/mu_c = {power(10.0**k)}: breakaway under a ramp, and the speed gained",
             "t = mu_s N/a, then parabola",
@@ -268,7 +263,7 @@ def _rows() -> list[Row]:
             1e-12,
         )
         if k:
-            add(
+            yield extreme_row(
                 f"mu-ratio-pulled-{power(10.0**k)}",
                 f"mu_s/mu_c = {power(10.0**k)}: stick-slip of a pulled block over two cycles",
                 "analytic.pulled_block",
@@ -276,7 +271,7 @@ def _rows() -> list[Row]:
                 # a relative error of the position of 1e-9 shifts the next breakaway: omega x/v = 7 ratio times as much
                 max(1e-7, 7e-9 * 10.0**k),
             )
-    add(
+    yield extreme_row(
         "mu-ratio-pulled-1e+0",
         "mu_s = mu_c: a pulled block whose velocity touches 0 without staying there",
         "v (1 - cos(omega s))",
@@ -284,7 +279,7 @@ def _rows() -> list[Row]:
         1e-7,
     )
     for kind in ("triangle", "function"):
-        add(
+        yield extreme_row(
             f"pulse-{kind}",
             f"a pulse of 1e-6 s ({kind}) in 1e4 s: event times, velocity over the largest",
             "parabolas in exact arithmetic",
@@ -292,18 +287,17 @@ def _rows() -> list[Row]:
             # a function of absolute time sees it in steps of 9e-13 s
             2e-8 if kind == "triangle" else 5e-6,
         )
-    add(
+    yield extreme_row(
         "pulse-brake", "a brake of 1e-6 s in 1e4 s takes its impulse", "mu_c times impulse", short_brake, 1e-9
     )
     for k in range(-3, -14, -1):
-        add(
+        yield extreme_row(
             f"rtol-{power(10.0**k)}",
             f"pulled block at rtol {power(10.0**k)}: errors in units of rtol",
             "analytic.pulled_block",
             partial(tolerance, 10.0**k),
             1e3 if k > -12 else 1e4,
         )
-    return rows
 
 
-ROWS = _rows()
+ROWS = list(_rows())

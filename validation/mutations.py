@@ -28,7 +28,6 @@ _LEFT_OUT = (
     "*/multiplier",
     "events-*",
     "chain-100*",
-    "random-*",
     "units*",
     "pre-slip-*",
     "lugre",

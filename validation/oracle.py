@@ -87,12 +87,11 @@ class Solution:
 
 def solve(data: Data) -> Solution:
     """Return the motion of a scene given as plain data, see `System`."""
-    system = System(data)
-    run = _Run(system)
+    run = _Run(System(data))
     try:
         run.to_the_end()
     except Doubt as doubt:
-        run.solution.known, run.solution.doubt = min(run.settled, doubt.time), doubt.reason
+        run.solution.known, run.solution.doubt = min(run.t, doubt.time), doubt.reason
     return run.solution
 
 
@@ -101,7 +100,7 @@ class _Run:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._t, self._x, self._v = system.start, system.x0.copy(), system.v0.copy()
+        self.t, self._x, self._v = system.start, system.x0.copy(), system.v0.copy()
         self._modes: list[int] = []
         self._since: dict[int, float] = {}
         self._reached: set[int] = set()
@@ -114,29 +113,24 @@ class _Run:
     def _kind(self) -> type[Exponential | Integrated]:
         return Exponential if self._system.linear else Integrated
 
-    @property
-    def settled(self) -> float:
-        """The time up to which there is no doubt."""
-        return self._t
-
     def to_the_end(self) -> None:
         """Settle, move, settle, ... until the end."""
         system, stalls = self._system, 0
-        while self._t < system.stop:
-            before = self._t
+        while self.t < system.stop:
+            before = self.t
             settled = self._settle()
-            following = next((b for b in system.breaks if b > just_after(self._t)), system.stop)
-            self._move(settled, following if system.linear else min(following, self._t + system.span / PARTS))
-            stalls = stalls + 1 if self._t - before < 1e-14 * max(1.0, self._t) else 0
+            following = next((b for b in system.breaks if b > just_after(self.t)), system.stop)
+            self._move(settled, following if system.linear else min(following, self.t + system.span / PARTS))
+            stalls = stalls + 1 if self.t - before < 1e-14 * max(1.0, self.t) else 0
             if stalls > MOST_STALLS or len(self.solution.events) > MOST_EVENTS:
-                raise Doubt(self._t, "events without end")
+                raise Doubt(self.t, "events without end")
 
     # Settling
 
     def _settle(self) -> dict[int, int | None]:
         """Return the modes of all contacts just after now; None where one at rest is open."""
         system, first = self._system, not self._modes
-        self._v = system.driven(self._v, system.loads(self._t, 0.0))
+        self._v = system.driven(self._v, system.loads(self.t, 0.0))
         resting = self._resting()
         self._v = system.joined(self._v, resting)
         w = system.incidence @ self._v
@@ -144,11 +138,11 @@ class _Run:
         if first:
             since = {j: system.start - system.contacts[j].get("rested", 0.0) for j in resting}
         else:
-            since = {j: self._since.get(j, self._t) for j in resting}
+            since = {j: self._since.get(j, self.t) for j in resting}
         self._since = since
         still = np.zeros(system.size)
         now = Instant(
-            self._t, 0.0, self._x, self._v, moving, resting, since, self._reached, frozenset(), still
+            self.t, 0.0, self._x, self._v, moving, resting, since, self._reached, frozenset(), still
         )
         if system.pressed:
             now = self._pressed(now)
@@ -173,11 +167,11 @@ class _Run:
         stuck = tuple(j for j, mode in sorted(settled.items()) if mode == 0)
         a = now.balance(system, slipping, stuck, 0.0).acceleration
         length = TRIAL * system.span
-        motion = self._kind(system, self._t, length, (self._x, self._v), slipping, stuck, opened)
+        motion = self._kind(system, self.t, length, (self._x, self._v), slipping, stuck, opened)
         closing = set()
         for tau in length * 10.0 ** np.arange(-6.0, 0.1, 0.5):
             x, v = motion.at(tau)
-            coming = system.normals(system.loads(self._t, tau), x, v)
+            coming = system.normals(system.loads(self.t, tau), x, v)
             for j in [j for j in zero if abs(coming[j]) > 100 * NOTHING * system.force_scale]:
                 zero.remove(j)
                 if coming[j] > 0:
@@ -209,11 +203,11 @@ class _Run:
 
     def _move(self, settled: Mapping[int, int | None], stop: float) -> None:
         """Go on to the first event, or to `stop`."""
-        system, length = self._system, stop - self._t
+        system, length = self._system, stop - self.t
         stuck = tuple(j for j, mode in sorted(settled.items()) if mode == 0)
         slipping = {j: mode for j, mode in settled.items() if mode}
         opened = self._opened
-        motion = self._kind(system, self._t, length, (self._x, self._v), slipping, stuck, opened)
+        motion = self._kind(system, self.t, length, (self._x, self._v), slipping, stuck, opened)
         start = length * 10.0 ** np.arange(-9.0, -2.4, 0.5)
         grid = np.unique(np.concatenate([[0.0], start, np.linspace(0.0, length, motion.count + 1)]))
         states = [motion.at(tau) for tau in grid]
@@ -229,17 +223,17 @@ class _Run:
         self._note(modes)
         self._since = {j: t for j, t in self._since.items() if modes[j] == 0}
         while True:
-            watch = _Watch(system, motion, self._t, modes, stuck, self._since, speed, opened)
+            watch = _Watch(system, motion, self.t, modes, stuck, self._since, speed, opened)
             tau, self._reached = watch.first(grid, states, length)
             self._speed = max(self._speed, float(largest[np.searchsorted(grid, tau, side="right") - 1]))
             if self._speed > 1e-3 * speed:
                 break
             # beyond the event the motion would have grown: what counts as 0 is a part of what it was before
             speed = self._speed
-        end = stop if tau >= length else self._t + tau
-        self.solution.pieces.append(Piece(self._t, end, motion, tuple(modes), stuck, self._since, opened))
+        end = stop if tau >= length else self.t + tau
+        self.solution.pieces.append(Piece(self.t, end, motion, tuple(modes), stuck, self._since, opened))
         self._x, self._v = (part.copy() for part in motion.at(tau))
-        self._t = end
+        self.t = end
 
     def _closing(
         self, settled: Mapping[int, int | None], modes: Sequence[int], stuck: Sequence[int]
@@ -251,12 +245,12 @@ class _Run:
         }
         if found:
             slipping = {j: mode for j, mode in settled.items() if mode}
-            a = system.balance(self._t, 0.0, self._x, self._v, slipping, stuck, self._opened).acceleration
+            a = system.balance(self.t, 0.0, self._x, self._v, slipping, stuck, self._opened).acceleration
             if any(
                 abs(system.incidence[j] @ a) < 1e-9 * system.force_scale * system.mobility.max()
                 for j in found
             ):
-                raise Doubt(self._t, "a contact at rest whose force and level both start at 0")
+                raise Doubt(self.t, "a contact at rest whose force and level both start at 0")
         return found
 
     def _to_come(self, j: int, states: Sequence[State], speed: float) -> int:
@@ -274,10 +268,10 @@ class _Run:
             for name, before, after in zip(self._system.names, self._modes, modes, strict=True):
                 if before != after:
                     last = self._changed.get(name, -np.inf)
-                    if self._t - last < GRAZE * self._system.span:
+                    if self.t - last < GRAZE * self._system.span:
                         raise Doubt(last, "a graze")
-                    self._changed[name] = self._t
-                    self.solution.events.append((self._t, name, before, after))
+                    self._changed[name] = self.t
+                    self.solution.events.append((self.t, name, before, after))
         self._modes = modes
 
 
@@ -358,7 +352,7 @@ class _Watch:
             if values[i + 1] < 0:
                 if i + 1 == last and values[last] > -zero:
                     return None  # it comes to 0 at the end
-                return _root(guard, grid[i], grid[i + 1])
+                return root(guard, grid[i], grid[i + 1])
             if i > away[0] and _dips(*values[i - 1 : i + 2]):
                 lowest = minimize_scalar(
                     guard,
@@ -367,7 +361,7 @@ class _Watch:
                     options={"xatol": 1e-12 * grid[-1]},
                 )
                 if lowest.fun < 0:
-                    return _root(guard, grid[i - 1], float(lowest.x))
+                    return root(guard, grid[i - 1], float(lowest.x))
         return None
 
 
@@ -376,5 +370,6 @@ def _dips(left: float, middle: float, right: float) -> bool:
     return middle < min(left, right) and middle < 0.5 * max(left - middle, right - middle)
 
 
-def _root(guard: Callable[[float], float], low: float, high: float) -> float:
+def root(guard: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function comes to 0 between two times."""
     return float(brentq(guard, low, high, xtol=1e-16 * max(1.0, high), rtol=8.9e-16))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import pairwise
@@ -42,8 +42,6 @@ from validation.rows import Row, Tried, require, worst
 from validation.tried import try_each
 
 STOP = 4.0
-EVENTS = 1e-10
-"""Part of the span by which events may differ: gaps may close or open at velocities of 1e-5 of the largest."""
 PATIENCE = 60.0
 
 
@@ -53,19 +51,14 @@ PATIENCE = 60.0
 @contextmanager
 def part_by_part(knots: bool = False) -> Iterator[None]:
     """Follow all scenes part by part that can be, however few their bodies; `knots` also where most are in knots."""
-    with mock.patch.object(simulation, "_MANY", 1):
-        if not knots:
-            yield
-            return
-        with mock.patch.object(forest, "_MOST_IN_KNOTS", 1.0):
-            yield
-
-
-@contextmanager
-def as_a_whole() -> Iterator[None]:
-    """Follow no scene part by part."""
-    with mock.patch.object(simulation, "_MANY", 10**9):
+    in_knots = mock.patch.object(forest, "_MOST_IN_KNOTS", 1.0) if knots else nullcontext()
+    with mock.patch.object(simulation, "_MANY", 1), in_knots:
         yield
+
+
+def as_a_whole() -> Any:
+    """Follow no scene part by part."""
+    return mock.patch.object(simulation, "_MANY", 10**9)
 
 
 def both(scene: Scene, stop: float, knots: bool = False, **options: Any) -> tuple[Result, Result]:
@@ -99,7 +92,7 @@ def difference_of(local: Result, whole: Result) -> float:
         story, other = ([(e.before, e.after, e.cause) for e in events] for events in (here, there))
         require(story == other, f"events of {name}: {story} part by part, {other} as a whole")
         require(bool((local.mode(name) == whole.mode(name)).all()), f"other modes of {name}")
-        differences.append(worst([e.t for e in here], [e.t for e in there], stop) / EVENTS)
+        differences.append(worst([e.t for e in here], [e.t for e in there], stop) / 1e-11)
         differences.append(worst(local.force(name), whole.force(name)) / 1e-9)
         # levels that rise with the time at rest are as exact as the times of events; many are infinite
         alike = np.allclose(local.breakaway(name), whole.breakaway(name), rtol=1e-9, atol=0.0)
@@ -293,11 +286,6 @@ def _named(element: Any, prefix: str) -> Any:
 # Families: each draws a scene by its number
 
 
-def trees(number: int) -> Scene:
-    """Return what `random_forest` draws."""
-    return random_forest(number)
-
-
 def shaken_trees(number: int) -> Scene:
     """Return trees with sines."""
     return shaken(random_forest(number), number)
@@ -345,7 +333,7 @@ ALMOST_TOGETHER = (244,)
 """Two gaps close within a part in a billion of their play: they may be told to close in one instant, or in two."""
 
 FAMILIES = {
-    "trees": Family("bodies joined by contacts in trees, and by springs anyhow", trees),
+    "trees": Family("bodies joined by contacts in trees, and by springs anyhow", random_forest),
     "shaken": Family("trees with sines among forces, drives and normal forces", shaken_trees),
     "gaps": Family("trees with gaps between their bodies", trees_with_gaps),
     "chains": Family(

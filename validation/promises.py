@@ -12,8 +12,6 @@ from validation.random_scenes import STOP, draw
 from validation.rows import Row, Tried
 from validation.tried import try_each
 
-__all__ = ["ROWS"]
-
 SCENES = range(900, 910)
 """Random scenes that no other row runs."""
 ASKED = (1e-1, 1e-3, 1e-5)

@@ -16,8 +16,6 @@ from validation.against_oracles import scene_of
 from validation.oracle_scenes import FAMILIES
 from validation.rows import Row, Wrong
 
-__all__ = ["rows"]
-
 TOLERANCES = (1e-3, 1e-5, 1e-7)
 ENGINES: dict[str, dict[str, Any]] = {
     "BDF": {"method": "BDF"},

@@ -121,5 +121,5 @@ def _serve(line: Connection, prepare: Callable[[], None] | None) -> None:
             row: Any = line.recv()
         except (EOFError, KeyboardInterrupt):
             return
-        outcome = judge(row, time.perf_counter)
+        outcome = judge(row)
         line.send((outcome.error, outcome.seconds, outcome.remark, outcome.tried))

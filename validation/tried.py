@@ -11,8 +11,6 @@ from typing import Any
 
 from validation.rows import Outcome, Tried
 
-__all__ = ["Hung", "summary", "time_limit", "try_each"]
-
 
 class Hung(BaseException):
     """No answer within the time limit. Not an `Exception`: nothing may take it for an error of its own."""

@@ -26,7 +26,7 @@ from stickslip.plots.contact import (
     varying,
 )
 from stickslip.plots.fit import fit
-from stickslip.plots.limits import has_limits, stretch
+from stickslip.plots.limits import limited, stretch
 from stickslip.plots.motion import MANY, body_names, modes, velocities, velocity_units
 from stickslip.plots.schematic import schematic
 from stickslip.plots.style import (
@@ -129,7 +129,7 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
         (2.4, lambda ax, some=some: velocities(result, some, ax=ax))  # type: ignore[misc]
         for some in _by_unit(result, bodies)
     ]
-    blocks = [*result.scene.blocks, *result.scene.state_spaces, *result.scene.sampled][:_BLOCK_PANELS]
+    blocks = result.scene.all_blocks[:_BLOCK_PANELS]
     of_blocks: list[Panel] = [(1.4, lambda ax, name=own.name: block(result, name, ax=ax)) for own in blocks]  # type: ignore[misc]
     if not names:
         return found + of_blocks
@@ -139,8 +139,8 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
         found += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
     else:
         found.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
-    limited = [name for name in names if has_limits(result, name)][:_FORCE_PANELS]
-    found += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in limited]  # type: ignore[misc]
+    between = [name for name in names if name in limited(result)][:_FORCE_PANELS]
+    found += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in between]  # type: ignore[misc]
     loaded = [name for name in varying(result) if name in names]
     if loaded:
         found.append((1.4, lambda ax: normal_forces(result, loaded, ax=ax)))

@@ -11,12 +11,7 @@ from stickslip.results.readable import Readable
 from stickslip.results.units import units
 
 
-def has_limits(result: Readable, row: str) -> bool:
-    """Tell whether a row is a gap or a stop."""
-    return row in _limited(result)
-
-
-def _limited(result: Readable) -> dict[str, Any]:
+def limited(result: Readable) -> dict[str, Any]:
     """Return gaps and stops by name."""
     return {element.name: element for element in (*result.scene.gaps, *result.scene.stops)}
 
@@ -38,7 +33,7 @@ def stretch(result: Readable, row: str, *, ax: Any = None) -> Any:
     ValueError
         If there is no such gap or stop.
     """
-    elements = _limited(result)
+    elements = limited(result)
     if not isinstance(row, str) or row not in elements:
         known = ", ".join(map(repr, elements)) or "none"
         raise ValueError(f"stretch: no gap or stop is called {row!r}; known are {known}")

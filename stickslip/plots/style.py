@@ -111,17 +111,6 @@ def own_axes(ax: Any, width: float = 7.5, height: float = 3.2) -> Any:
     return ax
 
 
-def many_axes(axes: Any, count: int, what: str) -> list[Any]:
-    """Return axes given for the panels of a figure.
-
-    They must be as many as panels; `what` begins the message.
-    """
-    listed = list(axes) if isinstance(axes, Iterable) else [axes]
-    if len(listed) != count:
-        raise ValueError(f"{what}: {count} panels need as many axes, got {len(listed)}")
-    return [own_axes(ax) for ax in listed if ax is not None]
-
-
 def look(k: int) -> dict[str, Any]:
     """Return colour and line style of the k-th curve; broken lines are thinner than whole ones."""
     width = 1.9 if k % len(LINES) == 0 else 1.4
@@ -198,10 +187,14 @@ def wanted_names(
 
 def panels(axes: Any, heights: Sequence[float], what: str) -> list[Any]:
     """Return the axes given for the panels of a figure, or those of a new figure with panels of these heights."""
-    if axes is not None:
-        return many_axes(axes, len(heights), what)
-    figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
-    return list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    count = len(heights)
+    if axes is None:
+        figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
+        return list(figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    listed = list(axes) if isinstance(axes, Iterable) else [axes]
+    if len(listed) != count:
+        raise ValueError(f"{what}: {count} panels need as many axes, got {len(listed)}")
+    return [own_axes(ax) for ax in listed if ax is not None]
 
 
 def edges(centres: Array) -> Array:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from stickslip.equations.mode_equations import AT_HIGH, AT_LOW, FREE, velocity_dependent_in
 from stickslip.equations.one_thread import one_thread
 from stickslip.equations.path import gauss_nodes
-from stickslip.equations.reader import BlockPlace
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Sampled
@@ -206,13 +205,9 @@ class Samples(PickledByFields):
         line: NDArray[Any] = getattr(self, table)[j]
         return line
 
-    def block(self, name: str) -> BlockPlace:
-        """Return where a block stands."""
-        return _named(self.system.blocks, name, "block")
-
     def states_of(self, block: str) -> Array:
         """Return the states of a block, a line each."""
-        place = self.block(block)
+        place = _named(self.system.blocks, block, "block")
         states = slice(place.first, place.first_held)
         return self._clocked(states) if isinstance(place.block, Sampled) else self.y[states]
 
@@ -226,7 +221,7 @@ class Samples(PickledByFields):
 
     def outputs_of(self, block: str) -> Array:
         """Return the outputs of a block, a line each."""
-        place = self.block(block)
+        place = _named(self.system.blocks, block, "block")
         if isinstance(place.block, Sampled):
             return self._clocked(slice(place.first_held, place.end))
         return self.system.outputs_of(place, self.t, self.y, self.inputs)

@@ -134,16 +134,22 @@ class Link(Element):
         if self.a == self.b:
             raise ValueError(f"{self.label}: joins {self.a!r} to itself; name two different bodies")
 
-    def check_ends(self, free: frozenset[str], known: frozenset[str]) -> None:
-        """Refuse names of bodies that the scene does not know, and a link that joins nothing free."""
-        check_members(self.label, (self.a, self.b), free, known)
-
 
 class Row(Named):
     """An element with a row of its own: a named relative velocity and a force along it.
 
     The names of rows are unique in the scene.
     """
+
+    coefficients: Any
+
+
+class Held(Row):
+    """A row that is always held."""
+
+    def place(self, book: Book) -> None:
+        """Enter the row."""
+        book.row(self.name, self.coefficients, kind="tie")
 
 
 class Radii(Link):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Link, Row
-from stickslip.model.elements.book import Book
+from stickslip.model.elements.base import Held, Link
 
 
 @dataclass(frozen=True)
-class Gear(Row, Link):
+class Gear(Held, Link):
     """A pair of gears: ``v_a = ratio v_b``; its force lambda acts with -lambda on `a` and ``+ratio lambda`` on `b`.
 
     The law of Modelica's IdealGear: no losses, no backlash, no inertia.
@@ -43,7 +42,3 @@ class Gear(Row, Link):
     def coefficients(self) -> dict[str, float]:
         """Coefficients of the velocities in ``v_a - ratio v_b = 0``."""
         return {self.a: 1.0, self.b: -self.ratio}
-
-    def place(self, book: Book) -> None:
-        """Enter a row that is always held."""
-        book.row(self.name, self.coefficients, kind="tie")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
 
-from stickslip.model.elements.base import Row
-from stickslip.model.elements.book import Book
+from stickslip.model.elements.base import Held
 
 
 @dataclass(frozen=True)
-class Planetary(Row):
+class Planetary(Held):
     """A planetary gear: ``(1 + ratio) v_carrier = v_sun + ratio v_ring``.
 
     Its force lambda acts with ``-(1 + ratio) lambda`` on the carrier, ``+lambda`` on the sun and ``+ratio lambda`` on
@@ -55,7 +54,3 @@ class Planetary(Row):
     def coefficients(self) -> dict[str, float]:
         """Coefficients of the velocities in ``(1 + ratio) v_carrier - v_sun - ratio v_ring = 0``."""
         return {self.sun: -1.0, self.carrier: 1.0 + self.ratio, self.ring: -self.ratio}
-
-    def place(self, book: Book) -> None:
-        """Enter a row that is always held."""
-        book.row(self.name, self.coefficients, kind="tie")

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from stickslip.model.checks import finite
-from stickslip.model.elements.base import Row
-from stickslip.model.elements.book import Book
+from stickslip.model.elements.base import Held
 
 
 @dataclass(frozen=True)
-class Tie(Row):
+class Tie(Held):
     """A fixed relation between velocities: ``sum c_i v_i = 0`` for ever.
 
     Its force lambda is whatever keeps it so; it acts with ``-c_i lambda`` on body i, and does no work (the constraint
@@ -62,7 +61,3 @@ class Tie(Row):
     def to_dict(self) -> dict[str, Any]:
         """Return the tie as plain data."""
         return {"name": self.name, "coefficients": dict(self.coefficients)}
-
-    def place(self, book: Book) -> None:
-        """Enter a row that is always held."""
-        book.row(self.name, self.coefficients, kind="tie")

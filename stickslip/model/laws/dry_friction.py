@@ -197,12 +197,7 @@ class DryFriction(Law):
     @property
     def curved(self) -> bool:
         """Whether the kinetic coefficient depends on speed."""
-        return self.stribeck_velocity is not None or self.is_function
-
-    @property
-    def is_function(self) -> bool:
-        """Whether the kinetic coefficient is a function that the user gave."""
-        return self.kinetic is not None
+        return self.stribeck_velocity is not None or self.kinetic is not None
 
     def mu_k(self, speed: float, direction: int) -> float:
         """Return the kinetic coefficient at `speed` >= 0 for slip in `direction`."""

@@ -39,7 +39,7 @@ class Kinetic:
         self._isotropic = all(np.array_equal(x[0], x[1]) for x in (level, fall))
         self._bent, self._is_square = bool(fall.any()), bool((self.exponent == 2).all())
         self._functions: dict[int, Callable[[float], float]] = {
-            row: c.kinetic_at for row, c in enumerate(curves) if c.is_function
+            row: c.kinetic_at for row, c in enumerate(curves) if c.kinetic is not None
         }
 
     def __call__(self, w: Array) -> Array:

@@ -91,7 +91,7 @@ class BristleLaw(Law):
         core, name = self.core, type(self).__name__
         least = min(core.mu_c(1), core.mu_c(-1))
         works = max(core.mu_s(1), core.mu_s(-1), self.sigma[2]) > 0
-        if least == 0 and works and not core.is_function:
+        if least == 0 and works and core.kinetic is None:
             raise ValueError(
                 f"{name}: mu_coulomb must be positive, got 0: bristles without sliding friction are infinitely stiff; "
                 "use DryFriction, and a Damper for what is viscous"

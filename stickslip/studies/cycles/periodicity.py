@@ -138,7 +138,7 @@ class Coordinates:
     """
 
     def __init__(self, system: System, motion: Motion) -> None:
-        self.system, self.motion = system, motion
+        self.system = system
         n, size = system.n, system.size
         self.free = np.setdiff1d(np.arange(n), motion.equations.dependent)
         held = motion.equations.is_held

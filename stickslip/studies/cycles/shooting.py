@@ -60,9 +60,9 @@ class Shot:
         self.start, self.stop = first.y, last.kept_path.last
         aged = self.coordinates.aged
         self.ages = begin - first.since[aged]
-        self.ages_after = begin + period - last.since[aged]
+        ages_after = begin + period - last.since[aged]
         before, after = self.coordinates.of(self.start), self.coordinates.of(self.stop)
-        self.missed = np.concatenate([after - before, self.ages_after - self.ages])
+        self.missed = np.concatenate([after - before, ages_after - self.ages])
         self.sizes = self.coordinates.sizes(self.result)
         self.error = max(float(np.abs(self.missed / self.sizes).max(initial=0.0)), self._elsewhere)
 
@@ -112,23 +112,21 @@ class Shot:
         """How coordinates after one period follow those before."""
         return self._after(self._variation)
 
-    def _rate(self, number: int) -> Array:
-        """Return the rates of the coordinates at the start or at the end."""
-        piece = self.result.trajectory.pieces[number]
+    def _rate(self, number: int, tau: float, y: Array) -> Array:
+        """Return the rates of the coordinates in a state at a local time of a piece."""
         motion = self.result.trajectory.motion(number)
-        tau = 0.0 if number == 0 else piece.end
-        y = piece.y if number == 0 else piece.kept_path.last
         return np.concatenate([self.coordinates.of(motion.rate(tau, y)), np.ones(self.coordinates.aged.size)])
 
     @cached_property
     def rate_before(self) -> Array:
         """Rates of the coordinates at the start."""
-        return self._rate(0)
+        return self._rate(0, 0.0, self.start)
 
     @cached_property
     def rate_after(self) -> Array:
         """Rates of the coordinates at the end."""
-        return self._rate(len(self.result.trajectory.pieces) - 1)
+        pieces = self.result.trajectory.pieces
+        return self._rate(len(pieces) - 1, pieces[-1].end, self.stop)
 
     def solve(self, right: Array) -> tuple[Array, float]:
         """Return changes of start and period that change by how much the motion misses by `right`.
