@@ -41,6 +41,12 @@ ABOUT = {
     "Machines": "A third simulator, of ties, radii, one-way clutches, gaps and stops beside friction: ties are solved "
     "once by a null space, one-sided rows by trying all sets of them, motion is a matrix exponential. Random machines "
     "are compared with it as with the oracle, in the default engine to 1e-9 of the span.",
+    "Between computed points": "Results are read at any time, also between the points of a solver: velocities, forces, "
+    "modes and heat there against those at points that a run was told to compute.",
+    "Analysis": "Derivatives against differences of exact runs, limit cycles against long runs and closed forms, fits "
+    "against the numbers from which data were made, linear models against the motion.",
+    "Engines against each other": "What two engines say of one scene: series against CVODE, part by part against as a "
+    "whole. Motions that graze are decided as exact arithmetic decides.",
 }
 
 

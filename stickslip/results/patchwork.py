@@ -31,21 +31,28 @@ _VALUES = 64_000
 _ARRAYS = ("starts", "ticks", "piece_of_tick")
 """Fields of a patchwork that stand in files under their own names."""
 
-SHOWN = 10
-"""An open row stands as OPEN and so many times the mode that it shows."""
+_SHOWN = 10
 
 
-def _known_and_shown() -> Modes:
+def packed(mode: Modes, shown: Modes) -> Modes:
+    """Return numbers that stand for modes as the equations know them and, of open rows, for what these show.
+
+    An open row stands as OPEN and ten times the mode that it shows.
+    """
+    return np.asarray(np.where(mode == OPEN, OPEN + _SHOWN * shown, mode), dtype=np.int8)
+
+
+def _unpacked() -> Modes:
     """Return what the equations know, and what is shown, for all numbers that stand for modes, taken without sign."""
     found = np.stack(2 * [np.arange(256, dtype=np.uint8).astype(np.int8)])
     for shown in (-1, 0, 1):
-        found[:, (OPEN + SHOWN * shown) % 256] = OPEN, shown
+        found[:, (OPEN + _SHOWN * shown) % 256] = OPEN, shown
     # what carries its level is at rest
     found[1, [AT_HIGH, AT_LOW]] = 0
     return found
 
 
-_KNOWN_AND_SHOWN = _known_and_shown()
+_UNPACKED = _unpacked()
 
 _IN_ENTRY = 3
 """Times of an entry at which the range of what it gives is looked for."""
@@ -350,7 +357,7 @@ class Patchwork(PickledByFields):
     def modes(self, piece: Indices, t: Array, rows: slice = slice(None)) -> Modes:
         """Return modes of rows at times of pieces as the equations know them, and modes that they show: (2, m, k)."""
         inner = self._read(self.rows, piece, t, rows, lambda held, _: held.spread(self.rows.first))
-        found: Modes = _KNOWN_AND_SHOWN[:, inner.astype(np.uint8)]
+        found: Modes = _UNPACKED[:, inner.astype(np.uint8)]
         functions = self.system.piecewise
         if functions.count:
             own = functions.among(rows)

@@ -26,7 +26,7 @@ from stickslip.events.settle import Settled
 from stickslip.events.situation import Situation
 from stickslip.events.trees import Outcome, Tree, settle_tree
 from stickslip.model.arrays import Array, Indices, Mask, Modes
-from stickslip.results.patchwork import SHOWN, Patches
+from stickslip.results.patchwork import Patches, packed
 from stickslip.simulation.recorder import Recorder, cause_of
 
 _TIE = 1e-11
@@ -407,9 +407,7 @@ class Local:
         mode: Modes = parts.mode[rows]
         if parts.any_top:
             mode = np.where(parts.top[rows] != 0, parts.top[rows], mode)
-        if parts.opens:
-            mode = np.where(mode == OPEN, OPEN + SHOWN * parts.label[rows], mode)
-        return np.asarray(mode, dtype=np.int8)
+        return packed(mode, parts.label[rows]) if parts.opens else mode
 
     def _told(self, rows: Indices) -> Array:
         """Return since when contacts rest, and in which regions gaps are."""

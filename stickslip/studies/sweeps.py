@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import closing, nullcontext, suppress
-from itertools import chain, islice
+from itertools import islice
 from multiprocessing.connection import wait
 from pathlib import Path
 from queue import SimpleQueue
@@ -276,10 +276,16 @@ def _own_processes(function: Callable[..., Any], todo: Iterator[Task], workers: 
     A point that kills its process breaks the whole pool: the points then on their way are evaluated again
     one by one, which shows the culprit, before the others go on in a fresh pool.
     """
+    # the points of a broken pool
     lost: list[Task] = []
+
+    def until_it_breaks(first: Task) -> Iterator[Task]:
+        yield first
+        while not lost and (task := next(todo, None)) is not None:
+            yield task
+
     for task in todo:
-        others = iter(lambda: None if lost else next(todo, None), None)
-        yield from _in_pool(function, chain([task], others), workers, lost)
+        yield from _in_pool(function, until_it_breaks(task), workers, lost)
         while lost:
             yield from _in_pool(function, [lost.pop(0)], 1, None)
 

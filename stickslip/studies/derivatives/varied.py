@@ -44,7 +44,12 @@ class VariedPiece:
 
 @dataclass(frozen=True)
 class VariedImpact:
-    """How velocities jump at an instant; they do not where there is no system."""
+    """How velocities jump at an instant; they do not where there is no system.
+
+    Velocities are ``v = common + apart``: rows that impacts reach have the same relative velocities with `apart`, the
+    least ones, alone. The jump is piecewise linear. It adds to `apart` what depends on nothing else, so that it is
+    differenced there: differences beside what bodies have in common would be roundoff.
+    """
 
     system: System | None
     v: Array  # (n,): velocities of the bodies before
