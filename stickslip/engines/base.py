@@ -44,10 +44,6 @@ class Engine(Protocol):
         ...
 
 
-def _can(system: System, loads: Loads) -> str | None:
-    return None
-
-
 @dataclass(frozen=True)
 class Method:
     """What `simulate` has to know of an engine."""
@@ -57,7 +53,7 @@ class Method:
     formulations: tuple[str, ...] = ("contact-force",)  # those that it solves, as `simulate` takes them
     takes_steps: bool = False  # whether it needs the length of its steps
     # ``why_not(system, loads)`` says what in a scene it cannot follow, None if it can
-    why_not: Callable[[System, Loads], str | None] = _can
+    why_not: Callable[[System, Loads], str | None] = lambda system, loads: None
     # a velocity range in which a force turns over has to be so many times what the tolerances leave uncertain
     resolution: float = 1e3
     # how many times less accurately than states it knows forces; 0 where they follow from the states

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -109,21 +108,18 @@ class Cvode:
             out[0] = self._lookout.at(tau, self._motion.expand(tau, y), y)
 
         rtol, atol = self._tolerance
-        with warnings.catch_warnings():
-            # giving the pattern together with the exact Jacobian is meant
-            warnings.simplefilter("ignore", UserWarning)
-            return CVODE(
-                rate,
-                method=self._kind,
-                rtol=rtol,
-                atol=_shortest(self._motion.pick(atol)),
-                max_step=max_step if np.isfinite(max_step) else 0.0,
-                first_step=first,
-                jacfn=jacobian,
-                eventsfn=smallest_guard,
-                num_events=1,
-                **self._linear_solver.options(),
-            )
+        return CVODE(
+            rate,
+            method=self._kind,
+            rtol=rtol,
+            atol=_shortest(self._motion.pick(atol)),
+            max_step=max_step,
+            first_step=first,
+            jacfn=jacobian,
+            eventsfn=smallest_guard,
+            num_events=1,
+            **self._linear_solver.options(),
+        )
 
 
 class Selected:

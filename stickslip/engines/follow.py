@@ -37,8 +37,12 @@ _SHORT = (0.9, 0.5, 0.25, 0.1)
 
 
 def longest_step(motion: Motion, max_step: float, period: float) -> float:
-    """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens."""
-    return max_step if motion.stretch.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
+    """Return the longest step in s: a part of the loads' period, or a solver at rest steps over what happens.
+
+    It is 0 for none, as SUNDIALS has it.
+    """
+    longest = max_step if motion.stretch.is_straight else min(max_step, period / _STEPS_PER_PERIOD)
+    return longest if np.isfinite(longest) else 0.0
 
 
 def first_step(motion: Motion, rtol: float, atol: Array) -> float:

@@ -8,7 +8,6 @@ motion, ``Z Z^T lambda`` is added over the directions Z in which forces are not 
 from __future__ import annotations
 
 import contextlib
-import warnings
 from typing import Any
 
 import numpy as np
@@ -69,22 +68,15 @@ class Ida:
         def smallest_guard(tau: float, u: Array, rate: Array, out: Array) -> None:
             out[0] = lookout.at(tau, u[:size], u)
 
-        with warnings.catch_warnings():
-            # giving the pattern together with the exact Jacobian is meant
-            warnings.simplefilter("ignore", UserWarning)
-            solver = IDA(
-                residual,
-                eventsfn=smallest_guard,
-                num_events=1,
-                **self._options(motion, equations, horizon),
-            )
+        options = self._options(motion, equations, horizon)
+        solver = IDA(residual, eventsfn=smallest_guard, num_events=1, **options)
         solution = solver.solve(np.array([0.0, horizon]), equations.start, equations.start_rate)
         taus, points = lookout.points_of(solution)
         work.solvers += 1
         work.starts += 1
+        work.steps += taus.size - 1
         work.rate_calls += solution.nfev
         work.jacobian_calls += solution.njev
-        work.steps += taus.size - 1
         tolerance = self._rtol, self._atol
         path = path_through(motion, taus, points[:, :size].copy(), tolerance, "BDF", lookout.found)
         return solved(solution, path)
@@ -100,7 +92,6 @@ class Ida:
         return 0.0 if pace.max(initial=0.0) * longest >= _OWN_STEP else longest
 
     def _options(self, motion: Motion, equations: _Residual, horizon: float) -> dict[str, Any]:
-        max_step = longest_step(motion, self._task.max_step, self._task.loads.period)
         # IDA tests the error of the forces too: judge them by the largest forces about, of which they are the balance,
         # and no finer than what would change a velocity within the motion. A contact that is just being closed, or
         # that nothing pushes, has no force of its own to be judged by
@@ -110,7 +101,7 @@ class Ida:
         options: dict[str, Any] = {
             "rtol": self._rtol,
             "atol": np.concatenate([self._atol, of_forces]),
-            "max_step": max_step if np.isfinite(max_step) else 0.0,
+            "max_step": longest_step(motion, self._task.max_step, self._task.loads.period),
             "first_step": self._first_step(motion),
             "algebraic_idx": list(range(motion.y.size, equations.start.size)) or None,
             "jacfn": equations.jacobian,

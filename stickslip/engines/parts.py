@@ -285,11 +285,7 @@ class Parts:
 
     def rows_at(self, bodies: Indices) -> Indices:
         """Return the rows of some bodies; a row between two of them stands twice."""
-        forest = self.forest
-        if forest.row_of is not None:
-            rows = forest.row_of[bodies]
-            return rows[rows >= 0]
-        return forest.rows[spans(forest.rows_from, bodies)]
+        return self.forest.rows[spans(self.forest.rows_from, bodies)]
 
     def pass_borders(self, rows: Indices, places: Modes) -> Indices:
         """Let gaps go on beyond a border each, by its place among those of the region; return the groups they join."""
@@ -457,17 +453,13 @@ class Parts:
         out = (column < 0).nonzero()[0]
         outer = np.zeros((k, self.velocity.shape[1]))
         if out.size:
-            vs, xs = self._shifted(near[out], t)
-            np.add.at(outer, row[out], stiffness[out, None] * xs + damping[out, None] * vs)
+            x_out = self._positions_about(near[out], t)
+            v_out = x_out[:, 1:] * (self._ascending[:-1] / self.unit)
+            np.add.at(outer, row[out], stiffness[out, None] * x_out[:, :-1] + damping[out, None] * v_out)
             within = (column >= 0).nonzero()[0]
             row, column, stiffness, damping = row[within], column[within], stiffness[within], damping[within]
         both = _side_by_side(damping, stiffness, row, column, k)
         return Patch(t, bodies, v, x, both @ np.concatenate([v, x]) + outer[:, 0], both, outer, rows, near)
-
-    def _shifted(self, bodies: Indices, t: float) -> tuple[Array, Array]:
-        """Return the series of velocities and positions of some bodies about another time."""
-        x = self._positions_about(bodies, t)
-        return x[:, 1:] * (self._ascending[:-1] / self.unit), x[:, :-1]
 
     def _positions_about(self, bodies: Indices, t: float) -> Array:
         """Return the positions of bodies as series about `t`, which have a term more."""
@@ -622,8 +614,6 @@ class Parts:
     def _watch(self, patch: Patch, rest: Array, groups: Indices) -> tuple[Indices, Array]:
         """Enter what the rows of a patch watch: forces of held rows, relative velocities of all others."""
         forest, t, bodies = self.forest, patch.t, patch.bodies
-        if forest.row_of is not None:
-            return self._watch_apart(patch, rest)
         rows = distinct(self.rows_at(bodies))
         place = self.place
         place[bodies] = np.arange(bodies.size)
@@ -649,28 +639,6 @@ class Parts:
         place[bodies] = -1
         self.row_origin[rows] = t
         return rows, held
-
-    def _watch_apart(self, patch: Patch, rest: Array) -> tuple[Indices, Array]:
-        """Enter the same where every row joins one body to the ground or a drive."""
-        forest, bodies = self.forest, patch.bodies
-        assert forest.row_of is not None
-        rows = forest.row_of[bodies]
-        own = (rows >= 0).nonzero()[0]
-        rows = rows[own]
-        is_held = self.mode[rows] == 0
-        found = self.velocity[bodies[own]]
-        if self._any_drives:
-            u = self.drive_velocities(np.maximum(forest.drive[rows], 0), patch.t)
-            u *= (forest.drive[rows] >= 0)[:, None]
-            found[:, : u.shape[1]] -= u
-        terms = rest.shape[1]
-        if terms < found.shape[1]:
-            found[is_held, terms:] = 0.0
-        found[is_held, :terms] = rest[own[is_held]]
-        found *= forest.sign[rows, None]
-        self.watched[rows] = found
-        self.row_origin[rows] = patch.t
-        return rows, rows[is_held]
 
     def _relative_velocities(self, rows: Indices, t: float) -> Array:
         """Return the relative velocities of some rows as series about `t`."""

@@ -102,9 +102,7 @@ class Series:
                 c = c[: max(np.flatnonzero(c.any(axis=1)).tolist(), default=0) + 1]
             pieces.append(c)
             ends.append(tau)
-            if motion.has_left(tau, y):
-                break
-            if len(pieces) == _AT_ONCE:
+            if motion.has_left(tau, y) or len(pieces) == _AT_ONCE:
                 # nobody need keep a long motion whole: it goes on from here
                 break
         path = Path(np.array(ends), _padded(pieces, size), y, hit, touched=touched, watched=watched)
@@ -134,7 +132,7 @@ class Series:
             return step
         if step.touched is not None:
             return None
-        if step.root * step.h < _WORTH * max(motion.shortest_dwell, motion.stretch.longest_period):
+        if step.root * step.h < _WORTH * motion.dwell_times[:1].max(initial=motion.stretch.longest_period):
             return None
         # up to there no guard is 0
         weights = step.root ** np.arange(step.terms.shape[0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import builtins
 import logging
 import os
+import warnings
 from functools import cache
 from typing import Any
 
@@ -18,12 +19,19 @@ _LOGGER = logging.getLogger("stickslip.sundials")
 
 def CVODE(rate: Any, **options: Any) -> Any:
     """Return scikit-sundae's CVODE for a right-hand side."""
-    return _loaded()[0](rate, **options)
+    return _made(0, rate, options)
 
 
 def IDA(residual: Any, **options: Any) -> Any:
     """Return scikit-sundae's IDA for a residual."""
-    return _loaded()[1](residual, **options)
+    return _made(1, residual, options)
+
+
+def _made(which: int, function: Any, options: dict[str, Any]) -> Any:
+    with warnings.catch_warnings():
+        # giving the pattern together with the exact Jacobian is meant
+        warnings.simplefilter("ignore", UserWarning)
+        return _loaded()[which](function, **options)
 
 
 @cache

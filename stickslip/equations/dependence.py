@@ -217,12 +217,6 @@ class Dependence:
         known[key] = found
         return found
 
-    def _value(self, number: int, t: float, x: Array, tau: float, y: Array, friction: Friction | None) -> Any:
-        node = self.nodes[number]
-        return (
-            self._called(number, t, tuple(x.tolist())) if node.row < 0 else _power(node, x, tau, y, friction)
-        )
-
     def _in_floats(self, number: int) -> Callable[..., Any]:
         """Return a function of time and arguments in plain floats."""
 
@@ -294,8 +288,10 @@ class Dependence:
                 offset, slope = self._line(number, arguments[0], regions)
                 q[own] = offset + slope * arguments[0]
                 continue
-            if q.ndim == 1:
-                q[own] = self._value(number, t, arguments, tau, y, friction)
+            if q.ndim == 1 and node.row < 0:
+                q[own] = self._called(number, t, tuple(arguments.tolist()))
+            elif q.ndim == 1:
+                q[own] = _power(node, arguments, tau, y, friction)
             elif node.row < 0:
                 given = zip(t.tolist(), arguments.T.tolist(), strict=True)
                 q[own] = np.array([self._called(number, time, tuple(x)) for time, x in given]).T

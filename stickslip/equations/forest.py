@@ -197,8 +197,8 @@ class Forest:
 
     def takes(self, stretch: Stretch) -> bool:
         """Tell whether the loads of a stretch are lines and sines, and no sine opens a contact."""
-        if stretch.has_functions or not stretch.has_waves:
-            return not stretch.has_functions
+        if not stretch.has_waves:
+            return True
         last = stretch.value + (stretch.stop - stretch.start) * stretch.slope
         least = np.minimum(stretch.value, last) - stretch.amplitudes
         normals = stretch.sines.entry[stretch.sines.entry < self.m]

@@ -212,13 +212,8 @@ class Inputs:
         return tau < self._over
 
     @cached_property
-    def shortest_dwell(self) -> float:
-        """Shortest dwell time of the rows whose static coefficients are still rising, 0 where none are."""
-        return 1.0 / float(self._rate.max()) if self._rising.size else 0.0
-
-    @property
     def dwell_times(self) -> Array:
-        """Dwell times of the rows whose static coefficients are still rising, each once."""
+        """Dwell times of the rows whose static coefficients are still rising, each once, in order."""
         return np.unique(1.0 / self._rate) if self._rising.size else np.empty(0)
 
     def withheld(self, taus: Array) -> Array:
@@ -245,10 +240,9 @@ class Inputs:
     @property
     def may_be_bounded(self) -> bool:
         """Whether what bends the guards alone, rising levels and sines, moves nothing."""
-        has_waves = self.stretch.has_waves
-        if has_waves and self.dependence is not None:
+        if self.stretch.has_waves and self.dependence is not None:
             return False
-        return not self.rises_push and (self.waves_rest or not has_waves)
+        return not self.rises_push and self.waves_rest
 
     # -- series --------------------------------------------------------------------------------------------
 

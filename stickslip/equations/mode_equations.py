@@ -324,9 +324,7 @@ class ModeEquations:
             if not frozen and (self.feeds_back or of is not None):
                 # what follows the start asks for more
                 order = max(order, ORDER)
-            found = TaylorMap(
-                system, *self._with_guards, self.watched_count, self.consistent, order, frozen, link, waves
-            )
+            found = TaylorMap(system, *self._with_guards, self.consistent, order, frozen, link, waves)
             if len(self._maps) >= _MOST_MAPS:
                 self._maps.pop(next(iter(self._maps)))
             self._maps[key] = found

@@ -159,7 +159,7 @@ def chebyshev_nodes(order: int) -> Array:
 def from_nodes(order: int) -> Array:
     """Return the matrix from values at the Chebyshev points to Chebyshev coefficients."""
     places = 2 * chebyshev_nodes(order) - 1
-    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(places, order)))
+    return np.asarray(np.linalg.inv(chebvander(places, order)))
 
 
 @lru_cache(maxsize=64)

@@ -200,12 +200,9 @@ class System:
     def _place_laws(self, book: Book) -> None:
         c = self.laws
         kinds = np.array([row.kind for row in book.rows], dtype=str)
-        self.is_friction, self.is_tie, self.is_one_way = (
-            kinds == "friction",
-            kinds == "tie",
-            kinds == "one-way",
+        self.is_friction, self.is_tie, self.is_one_way, self.is_gap, self.is_stop = (
+            kinds == kind for kind in ("friction", "tie", "one-way", "gap", "stop")
         )
-        self.is_gap, self.is_stop = kinds == "gap", kinds == "stop"
         self.has_stops = bool(self.is_stop.any())
         self.restitution = np.array([row.restitution for row in book.rows])
         self.all_friction = bool(self.is_friction.all())

@@ -46,7 +46,7 @@ def is_quickly_made(system: System, columns: int, rows: int) -> bool:
 class TaylorMap:
     """The map from states, inputs and dwells to the Taylor coefficients in one set of modes.
 
-    `of_states` and `of_inputs` are the maps from states, and from inputs and dwells, to rates, `watched` quantities and
+    `of_states` and `of_inputs` are the maps from states, and from inputs and dwells, to rates, watched quantities and
     guards. `consistent` writes dependent velocities through the independent ones, given those of the drives; `link`
     enters the inputs that depend linearly on the state into columns of inputs, from columns of states. Where it is
     `frozen`, static coefficients keep their values.
@@ -57,7 +57,6 @@ class TaylorMap:
         system: System,
         of_states: Array,
         of_inputs: Array,
-        watched: int,
         consistent: Callable[[Array, Array], Array],
         order: int,
         frozen: bool,

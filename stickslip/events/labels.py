@@ -81,7 +81,8 @@ def _first_terms(motion: Motion, order: int, slow: float, uncertain: Array) -> t
     """Return the sign of each row's first Taylor coefficient that is more than roundoff, and which rows hardly move."""
     m = motion.system.m
     expansion = motion.start if order == 2 else motion.expand(0.0, motion.y, order)
-    magnitude, horizon = _magnitudes(motion, order), max(motion.horizon, np.finfo(float).tiny)
+    sizes = np.array([z[:m] for _, z in motion.magnitudes(order + 1)])
+    magnitude, horizon = with_time(sizes, sizes, motion.t), max(motion.horizon, np.finfo(float).tiny)
     to_come, rise, push = np.zeros(m), np.zeros(m), np.zeros(m)
     for k in range(1, order + 1):
         term = expansion.z[k, :m]
@@ -93,9 +94,3 @@ def _first_terms(motion: Motion, order: int, slow: float, uncertain: Array) -> t
         rise += np.abs(term) * horizon ** (k - 1)
         push += magnitude[k] * horizon ** (k - 1)
     return to_come, (rise <= _CALM * push) | (rise * horizon <= slow)
-
-
-def _magnitudes(motion: Motion, order: int = 2) -> Array:
-    """Return what adds up in the Taylor coefficients of the relative velocities."""
-    sizes = np.array([z[: motion.system.m] for _, z in motion.magnitudes(order + 1)])
-    return with_time(sizes, sizes, motion.t)
