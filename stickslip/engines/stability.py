@@ -25,13 +25,13 @@ _NEAR_REST = 3.0
 class Unstable(Exception):
     """A step is too long for a scene.
 
-    An eigenvalue of the Jacobian in 1/s is the reason, and `longest` the longest step in s that it allows.
+    An eigenvalue of the Jacobian in 1/s is the reason; `longest` is the longest step in s that it allows.
     """
 
     def __init__(self, eigenvalue: complex, longest: float) -> None:
         value = f"{eigenvalue.real:.3g}" if eigenvalue.imag == 0 else f"{eigenvalue:.3g}"
         super().__init__(f"an eigenvalue of {value} /s allows {longest:.4g} s at most there")
-        self.eigenvalue, self.longest = eigenvalue, longest
+        self.longest = longest
 
 
 class Stability:
@@ -45,7 +45,7 @@ class Stability:
     """
 
     def __init__(self, growth: Sequence[float]) -> None:
-        self._series = growth
+        self._growth = growth
         self._longest: WeakKeyDictionary[ModeEquations, float] = WeakKeyDictionary()
 
     def check(self, motion: Motion, h: float, taus: Array, states: Array) -> None:
@@ -107,7 +107,7 @@ class Stability:
             raise Unstable(complex(bad[worst]), float(limits[worst]))
 
     def _grows(self, z: Complex) -> Mask:
-        growing: Mask = np.abs(np.polyval(self._series, z)) > 1.0 + _ROUNDOFF
+        growing: Mask = np.abs(np.polyval(self._growth, z)) > 1.0 + _ROUNDOFF
         return growing & (np.abs(z) > 1.0 + _ROUNDOFF)
 
     def _limits(self, values: Complex, h: float) -> Array:

@@ -20,11 +20,11 @@ _BY_DIFFERENCES = 1e-9
 AT_LIMIT = 1e-10
 """Part of its level within which a force is at it."""
 
-STRETCH_ROUNDOFF = 1e-15
-"""Part of what adds up in a stretch within which a stop is at its limit."""
-
 _AS_FIRED = 1e-6
 """The same for a row that an event has just found there."""
+
+STRETCH_ROUNDOFF = 1e-15
+"""Part of what adds up in a stretch within which a stop is at its limit."""
 
 _NEAR = 1e-5
 """A held row this near to its level, as a part of it, deserves a closer look."""
@@ -33,10 +33,15 @@ _NEAR_IN_TIME = 1e-12
 _TIME = 1e-15
 """Part of the time that is uncertain."""
 
-_DIFFERENCED = 1e-6
+DIFFERENCED = 1e-6
+"""Part of what adds up in second and higher coefficients that is uncertain in motions that are not linear: there these
+are differences."""
+
 NEVER, _DOWN = np.iinfo(np.intp).max, -1
-_HIGHEST = 8
-_ORDERS = np.arange(1.0, _HIGHEST + 2)[:, None]
+HIGHEST = 8
+"""Order up to which coefficients are looked at where lower ones are 0."""
+
+_ORDERS = np.arange(1.0, HIGHEST + 2)[:, None]
 _NO_ROWS = np.empty(0, dtype=np.intp)
 
 
@@ -124,7 +129,7 @@ class GuardsAtStart(GuardValues):
                 continue
             limits, flat = found
             if not motion.is_linear:
-                limits[1] += _DIFFERENCED * self._changes[2, i]
+                limits[1] += DIFFERENCED * self._changes[2, i]
             order = self._way_out(i, limits, flat)
             if order == _DOWN:
                 self.violated[i] = True
@@ -189,7 +194,7 @@ class GuardsAtStart(GuardValues):
             return NEVER
         # higher orders, which only springs and oscillating loads have
         coefficients, adds_up, majorant = self._higher
-        for k in range(3, _HIGHEST + 1):
+        for k in range(3, HIGHEST + 1):
             value = coefficients[k, i]
             limit = 10 * (AT_LIMIT * adds_up[k, i] + ROUNDOFF * majorant[k, i])
             if abs(value) > limit and abs(value) * horizon**k > flat:
@@ -229,8 +234,8 @@ class GuardsAtStart(GuardValues):
     @cached_property
     def _higher(self) -> tuple[Array, Array, Array]:
         motion = self.motion
-        adds_up = motion.guard_magnitudes(self.rows, _HIGHEST + 1)
-        return self.series(motion.expand(0.0, motion.y, _HIGHEST)), adds_up, self._with_time(adds_up)
+        adds_up = motion.guard_magnitudes(self.rows, HIGHEST + 1)
+        return self.series(motion.expand(0.0, motion.y, HIGHEST)), adds_up, self._with_time(adds_up)
 
     @cached_property
     def majorant(self) -> Array:

@@ -111,7 +111,7 @@ class Loads:
         return self.breaks[i] if i < len(self.breaks) else stop
 
     def after(self, t: float) -> Stretch:
-        """Return the stretch that begins at `t` or goes on there."""
+        """Return the stretch that begins at `t` or goes on there, with the present regions of tables."""
         number = bisect_right(self.breaks, t)
         found = self._known.get(number)
         if found is None:

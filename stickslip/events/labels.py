@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards_at_start import AT_LIMIT, ROUNDOFF, with_time
+from stickslip.equations.guards_at_start import AT_LIMIT, DIFFERENCED, HIGHEST, ROUNDOFF, with_time
 from stickslip.equations.mode_equations import OPEN
 from stickslip.equations.motion import Motion
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array, Mask, Modes
 
-_DIFFERENCED = 1e-6
-_HIGHEST = 8
 _CALM = 1e-7
 """A relative acceleration this small, as a part of what the single forces would cause, is none."""
 
@@ -67,7 +65,7 @@ def _to_come(
     to_come, calm = _first_terms(motion, 2, slow, uncertain)
     if motion.is_linear and np.any(is_open & resting & (to_come == 0)):
         # orders that only springs and oscillating loads have
-        to_come, calm = _first_terms(motion, _HIGHEST, slow, uncertain)
+        to_come, calm = _first_terms(motion, HIGHEST, slow, uncertain)
     calm &= ~crossed
     # a velocity that has died away keeps its sign, but where held rows leave nothing to come but what drives do
     free = ~motion.equations.locked(slice(None), but_by_drives=True)
@@ -88,7 +86,7 @@ def _first_terms(motion: Motion, order: int, slow: float, uncertain: Array) -> t
         term = expansion.z[k, :m]
         part: Any = uncertain if k == 1 else ROUNDOFF if k == 2 else 10 * AT_LIMIT
         if k > 1 and not motion.is_linear:
-            part = _DIFFERENCED
+            part = DIFFERENCED
         significant = np.abs(term) > part * magnitude[k]
         to_come = np.where((to_come == 0) & significant, np.sign(term), to_come)
         rise += np.abs(term) * horizon ** (k - 1)

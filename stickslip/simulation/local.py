@@ -169,7 +169,7 @@ class Local:
         if bodies.size:
             patch = parts.patch(bodies, t)
             self._tick(t, False)
-            self._expand(patch, patch.v, t, np.empty(0, dtype=np.intp))
+            self._expand(patch, patch.v, t, _NONE)
 
     def _expand(self, patch: Patch, v: Array, t: float, started: Indices) -> None:
         """Expand a patch, enter it among the results, and look at its guards.
@@ -272,7 +272,7 @@ class Local:
             where = np.argsort(forest.first[patch.bodies[where]])
         bodies = patch.bodies[where]
         inside = [parts.inside[g] for g in groups if g in parts.inside]
-        rows = np.concatenate(inside) if inside else np.empty(0, dtype=np.intp)
+        rows = np.concatenate(inside) if inside else _NONE
         rows = np.concatenate([[j], rows[rows != j]])
         force = patch.coupling[where] + parts.forces_at(bodies, t)[:, 0]
         normal = parts.normals(rows, t)[:, 0]

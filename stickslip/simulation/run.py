@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -83,7 +84,7 @@ class Run:
         # restarts without progress, events since the last look at the time, that time, and the rows that changed last
         self._standing = self._hits = 0
         self._looked_at = self.t
-        self._recent: list[int] = []
+        self._recent: deque[int] = deque(maxlen=20)
         self.restarts = self.most_guards = self.samples = 0
         self.now: Settled | None = None
         tables = system.dependence is not None and system.dependence.tables
@@ -230,7 +231,7 @@ class Run:
 
     def _passed(self, t: float, j: int) -> None:
         """Go on to an event of a row that was settled where it is."""
-        self._recent = [*self._recent[-19:], j]
+        self._recent.append(j)
         self._go_to(t, not self.system.piecewise.count)
         self.restarts += 1
 
@@ -249,7 +250,7 @@ class Run:
         before = shown_at_end(motion, path, now.labels)
         since = np.where(before == 0, motion.since, t)
         alone = None if relaxed or t >= motion.stretch.stop else alone_at_limit(now.guards, path)
-        if alone is not None and self._keeps_regions(now, path.last, t):
+        if alone is not None and self._enter_regions(now, path.last, t):
             uncertain = self._wanted.uncertainty(self._fastest).velocity_uncertainty
             following = with_one(now, t, path.last, since, *alone, uncertain)
             if following is not None:
@@ -272,11 +273,12 @@ class Run:
         if following is None:
             return None
         y = np.concatenate([path.last[: self.system.first_block], blocks])
-        self._keeps_regions(now, y, t)
+        self._enter_regions(now, y, t)
+        # once more: the stretch now has the regions just entered
         return carried_on(now, self.loads.after(t), t, y, following)
 
-    def _keeps_regions(self, now: Settled, y: Array, t: float) -> bool:
-        """Find the regions of tables where a motion ends, and tell whether all are the same as before."""
+    def _enter_regions(self, now: Settled, y: Array, t: float) -> bool:
+        """Enter the regions of tables at the end of a motion, and tell whether all are the same as before."""
         if self._borders is None:
             return True
         nothing = np.zeros(self.system.m, dtype=bool)
@@ -389,7 +391,7 @@ class Run:
             cause = "jump of velocities"
         else:
             cause = cause_of(before, after, fired)
-        self._recent = [*self._recent[-19:], j]
+        self._recent.append(j)
         self.recorder.note(t, j, before, after, cause)
 
     def _go_to(self, t: float, hit: bool) -> None:
