@@ -583,6 +583,41 @@ def test_an_impact_goes_through_a_clutch_with_a_gear() -> None:
         assert found.velocity(body, [1.1])[0, 0] == pytest.approx(difference, rel=1e-8)
 
 
+@pytest.mark.parametrize("far", [(), (Stop("far", "b", GROUND, lower=-9.0, upper=9.0),)])
+def test_a_geared_impact_on_a_moving_wall(far: tuple[Stop, ...]) -> None:
+    """A pair of inertia ``M = m + 4`` is driven by 3 N m to a wall at ``0.5 + V t``, and rebounds with e = 0.5.
+
+    It is there at ``t1``, where ``a t1^2 / 2 - V t1 = 0.5`` with ``a = 3 / M``, and then has
+    ``v = V - e (a t1 - V) + a (t - t1)``. A stop that is never met changes nothing.
+    """
+    m, wall, e, stop = 2.0, -0.1, 0.5, 1.7
+    scene = Scene(
+        Body("a", inertia=m),
+        Body("b", inertia=1.0),
+        Gear("g", "a", "b", ratio=0.5),
+        Force("a", 3.0),
+        Drive("d", velocity=wall),
+        Stop("wall", "a", "d", upper=0.5, restitution=e),
+        *far,
+    )
+    found = sensitivities(scene, (0.0, stop), ["a.inertia", "d.velocity", "wall.restitution", "wall.upper"])
+    a = 3.0 / (m + 4.0)
+    root = math.sqrt(wall**2 + a)
+    t1 = (wall + root) / a
+    by_a = (1 / (2 * root) - t1) / a
+    by_wall = (1 + wall / root) / a
+    by_limit = 1 / root
+    speed = -e * (t1 + a * by_a) + stop - t1 - a * by_a
+    wanted = [
+        speed * -a / (m + 4.0),
+        1 + e - (1 + e) * a * by_wall,
+        -(a * t1 - wall),
+        -(1 + e) * a * by_limit,
+    ]
+    assert not found.reasons
+    assert found.velocity("a", [stop])[0] == pytest.approx(wanted, rel=1e-9)
+
+
 def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     """As above: t_n = fall (1 + 2 (e + ... + e^n)), by the height ``h`` over a floor at 0.4 m t_n / (2 h)."""
     height, gravity, e = 1e-2, 0.8, 0.3

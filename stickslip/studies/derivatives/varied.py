@@ -46,9 +46,9 @@ class VariedPiece:
 class VariedImpact:
     """How velocities jump at an instant; they do not where there is no system.
 
-    Velocities are ``v = common + apart``: rows that impacts reach have the same relative velocities with `apart`, the
-    least ones, alone. The jump is piecewise linear. It adds to `apart` what depends on nothing else, so that it is
-    differenced there: differences beside what bodies have in common would be roundoff.
+    The jump depends only on the relative velocities of rows that impacts reach, and is piecewise linear in them. So it
+    is differenced at the least velocities of bodies and drives that have the same: differences beside velocities that
+    all have in common would be roundoff.
     """
 
     system: System | None
@@ -76,11 +76,11 @@ class VariedImpact:
         if self.system is None:
             return self.v
         w, own = self._relative(self.system, self.before), self._relative(system, before)
-        apart, change = self._least(system, w), self._least(system, own - w)
-        jump, none = now - before, np.zeros_like(before)
-        moved, _ = self._linear(system, apart, change, jump, none)
-        met = struck(system, apart, none, jump, self.sides, self.hit).v
-        return np.asarray(self.v - apart - change + met + moved)
+        (v, u), (change, turn) = self._least(system, w), self._least(system, own - w)
+        jump = now - before
+        moved, _ = self._linear(system, v, u, change, turn, jump)
+        met = struck(system, v, u, u + jump, self.sides, self.hit).v
+        return np.asarray(self.v - v - change + met + moved)
 
     def along(self, change: Array, later: float) -> tuple[Array, float]:
         """Return the derivative of the velocities after the jump, and by how much those to the two sides differ.
@@ -90,8 +90,8 @@ class VariedImpact:
         if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
         # only relative velocities count: what bodies have in common brings no more than its roundoff
-        apart = self._least(self.system, self._relative(self.system, self.before))
-        return self._linear(self.system, apart, change, self.now - self.before, self.pace * later)
+        v, u = self._least(self.system, self._relative(self.system, self.before))
+        return self._linear(self.system, v, u, change, self.pace * later, self.now - self.before)
 
     @property
     def _rigid(self) -> Indices:
@@ -102,19 +102,21 @@ class VariedImpact:
         """Return the relative velocities of the rows that impacts reach."""
         return np.asarray(system.G[self._rigid] @ self.v + system.D[self._rigid] @ before)
 
-    def _least(self, system: System, w: Array) -> Array:
-        """Return the least velocities of bodies at which the rows that impacts reach have such relative velocities."""
-        return np.asarray(np.linalg.lstsq(dense(system.G[self._rigid]), w, rcond=None)[0], dtype=float)
+    def _least(self, system: System, w: Array) -> tuple[Array, Array]:
+        """Return the least velocities of bodies and drives at which rows that impacts reach have relative ones `w`."""
+        levers = np.hstack([dense(system.G[self._rigid]), system.D[self._rigid]])
+        found = np.asarray(np.linalg.lstsq(levers, w, rcond=None)[0], dtype=float)
+        return found[: system.n], found[system.n :]
 
     def _linear(
-        self, system: System, apart: Array, change: Array, jump: Array, u: Array
+        self, system: System, v: Array, u: Array, change: Array, turn: Array, jump: Array
     ) -> tuple[Array, float]:
         """Return the derivative of the jump along changes of velocities and of those of drives, and its kink.
 
-        Velocities are those against the drives before the jump.
+        Before it bodies have `v` and drives `u`, which change by `change` and `turn`; drives jump by `jump`.
         """
-        change = self._kept_closed(system, change, u)
-        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
+        change = self._kept_closed(system, change, turn)
+        largest = max(float(np.abs(change).max(initial=0.0)), float(np.abs(turn).max(initial=0.0)))
         if largest == 0:
             return np.zeros_like(change), 0.0
         speeds = np.abs(self.system.G @ self.v + self.system.D @ self.before)[self.hit]  # type: ignore[union-attr]
@@ -123,13 +125,13 @@ class VariedImpact:
 
         def jumped(part: float) -> Array:
             # by how much velocities jump: of bodies that nothing hits there is no roundoff
-            v = apart + part * change
-            return struck(system, v, part * u, jump + part * u, self.sides, self.hit).v - v
+            bodies, drives = v + part * change, u + part * turn
+            return struck(system, bodies, drives, drives + jump, self.sides, self.hit).v - bodies
 
         own, ahead, back = (jumped(part) for part in (0.0, h, -h))
         return change + (ahead - back) / (2 * h), float(np.abs(ahead + back - 2 * own).max() / h)
 
-    def _kept_closed(self, system: System, change: Array, u: Array) -> Array:
+    def _kept_closed(self, system: System, change: Array, turn: Array) -> Array:
         """Return changes without what opens rows that are closed before, and stay so in all scenes near by.
 
         What changes of the state open, changes of the scene close again: each alone would be a jump of its own.
@@ -138,5 +140,5 @@ class VariedImpact:
         if not rows.size:
             return change
         levers = dense(system.G[rows])
-        opening = levers @ change + system.D[rows] @ u
+        opening = levers @ change + system.D[rows] @ turn
         return np.asarray(change - np.linalg.lstsq(levers, opening, rcond=None)[0])
