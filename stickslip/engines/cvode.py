@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.engines.base import Method, Task
-from stickslip.engines.follow import LOCAL, Lookout, Reach, first_step, follow, longest_step
+from stickslip.engines.base import LOCAL, Method, Task
+from stickslip.engines.follow import Lookout, Reach, first_step, follow, longest_step
 from stickslip.engines.linear_solver import LinearSolver, band_order
 from stickslip.engines.progress import Progress
 from stickslip.engines.series import Series

@@ -18,9 +18,6 @@ from stickslip.equations.motion import Motion
 from stickslip.equations.path import Path
 from stickslip.model.arrays import Array
 
-LOCAL = 0.1
-"""Local error allowed per step, as a part of the tolerance asked for: what a run of steps adds up is larger."""
-
 _STEPS_PER_PERIOD = 8
 
 _ROOT = 2

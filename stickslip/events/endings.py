@@ -139,12 +139,13 @@ def jumped(
     labels: Modes,
     crossed: Indices,
     margin: float,
-    is_exact: bool,
+    errors: Array | None,
 ) -> Jump:
     """Return what impacts and jumping drives do at `t`, the end of a path.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than `margin` stay, and those whose flight is roundoff, or lost in the errors of a solver.
+    rebound with less than `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver in the
+    states; exact engines have none.
     """
     system, y, n = motion.system, path.last, motion.system.n
     if not (system.drives or system.has_stops):
@@ -164,8 +165,7 @@ def jumped(
     if not hit.any() and (system.is_friction | system.is_gap).all():
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     if hit.any():
-        ahead = loads.after(t).stop - t
-        margin = max(margin, _slowest_flight(motion, path, q, hit, ahead if is_exact else None))
+        margin = max(margin, _slowest_flight(motion, path, q, hit, loads.after(t).stop - t, errors))
     found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
@@ -176,11 +176,13 @@ def jumped(
     return Jump(np.asarray(change > SAME * speed), y, sides, hit, found)
 
 
-def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: float | None) -> float:
+def _slowest_flight(
+    motion: Motion, path: Path, q: Array, hit: Mask, ahead: float, errors: Array | None
+) -> float:
     """Return the speed below which stops that are hit come back before it can be told that they have left.
 
-    With the acceleration a towards its limit a stop is back at 0 after 2 v / a. A solver knows its distance but for
-    roundoff. An exact engine knows it as a part of what the speed makes of it in the time `ahead`, too.
+    With the acceleration a towards its limit a stop is ``v^2 / 2 a`` away at most. A solver knows that but for its
+    `errors`; an exact engine but for roundoff, and as a part of what the speed makes of it in the time `ahead`, too.
     """
     system, functions = motion.system, motion.system.piecewise
     rate = motion.rate(float(path.taus[-1]), path.last)
@@ -189,10 +191,13 @@ def _slowest_flight(motion: Motion, path: Path, q: Array, hit: Mask, ahead: floa
         pace = pace + system.abs_D @ np.abs(system.drive_accelerations(q))
     _, _, size = functions.limits(path.last, q, path.largest)
     some = functions.is_stop & hit[functions.row]
-    rough = 2.0 * (ROUNDOFF if ahead is None else STRETCH_ROUNDOFF) * size[some]
-    slowest = np.sqrt(rough * pace[functions.row[some]])
-    if ahead is not None:
-        slowest = np.minimum(slowest, _TOLD * rough / ahead)
+    if errors is not None:
+        # of a stop that is hit the last flight may have been as low as this one
+        _, _, lost = functions.limits(np.zeros_like(errors), np.zeros_like(q), errors)
+        rough = 2.0 * np.maximum(ROUNDOFF * size, lost)[some]
+        return float(np.sqrt(rough * pace[functions.row[some]]).max(initial=0.0))
+    rough = 2.0 * STRETCH_ROUNDOFF * size[some]
+    slowest = np.minimum(np.sqrt(rough * pace[functions.row[some]]), _TOLD * rough / ahead)
     return float(slowest.max(initial=0.0))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stickslip.engines.base import Engine, Task
+from stickslip.engines.base import LOCAL, Engine, Task
 from stickslip.equations.forest import Forest
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Span
@@ -222,7 +222,7 @@ class Run:
             return
         self.restarts += 1
         path = Path(np.array([0.0, t - motion.t]), np.zeros((1, 1, end.y.size)), end.y, hit)
-        jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, True)
+        jump = jumped(motion, self.loads, path, t, before, crossed, self._wanted.rebound, None)
         stops = local.arrived(t)
         touching = (end.touching | (before == 0)) & ~jump.parted | stops
         labels = np.where(stops, 0, before)
@@ -291,7 +291,14 @@ class Run:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
         jump = jumped(
-            motion, self.loads, path, t, now.labels, at.crossed, self._wanted.rebound, is_exact=not uncertain
+            motion,
+            self.loads,
+            path,
+            t,
+            now.labels,
+            at.crossed,
+            self._wanted.rebound,
+            LOCAL * self._wanted.atol if uncertain else None,
         )
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted

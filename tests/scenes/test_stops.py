@@ -27,10 +27,12 @@ from stickslip import (
     Stop,
     Tie,
     explain,
+    feedback,
     load,
     piecewise_linear,
     simulate,
     sine,
+    velocity,
 )
 
 ENGINES: dict[str, tuple[dict[str, Any], float]] = {
@@ -74,6 +76,40 @@ def test_a_slider_between_rigid_stops(options: dict[str, Any], off: float) -> No
     ledger = result.energy()
     assert ledger.impacts["walls"][-1] + ledger.contacts["dry"][-1] == pytest.approx(12.5, abs=30 * off)
     assert "struck its upper limit at relative velocity 4.9497" in result.explain()
+
+
+def last_bounce(height: float, restitution: float, drag: float) -> float:
+    """Return when a ball of 1 kg at rest has bounced its last, with a drag of ``drag v^2`` in N.
+
+    From a height h it falls for ``acosh(exp(k h)) / sqrt(g k)``, and has ``v^2 = g (1 - exp(-2 k h)) / k`` then. Thrown
+    up at v it rises for ``atan(v sqrt(k / g)) / sqrt(g k)``, by ``log(1 + k v^2 / g) / 2 k``.
+    """
+    g, k, t = 9.81, drag, 0.0
+    while height > 1e-16:
+        # acosh(1 + x) for small x
+        x = math.expm1(k * height)
+        t += math.log1p(x + math.sqrt(x * (x + 2))) / math.sqrt(g * k)
+        v = restitution * math.sqrt(-g * math.expm1(-2 * k * height) / k)
+        t += math.atan(v * math.sqrt(k / g)) / math.sqrt(g * k)
+        height = math.log1p(k * v**2 / g) / (2 * k)
+    return t
+
+
+@pytest.mark.parametrize("method", ["auto", "Adams"])
+@pytest.mark.parametrize("restitution", [0.5, 0.6])
+@pytest.mark.parametrize("height", [0.05, 0.25, 0.3, 0.5])
+def test_a_ball_bounces_to_rest_in_air(height: float, restitution: float, method: Any) -> None:
+    """Nothing but forces that a function tells moves the ball, so that the solver learns as it goes how fast it is."""
+    scene = Scene(
+        Body("ball", inertia=1.0, position=height),
+        Stop("ground", "ball", GROUND, lower=0.0, restitution=restitution),
+        Force("ball", feedback(lambda v: -9.81 - 0.01 * v * abs(v), velocity("ball"))),
+    )
+    result = simulate(scene, (0.0, 3.0), method=method)
+    assert [event.cause for event in result.events] == ["impact"] * len(result.events)
+    assert result.mode("ground")[-1] == Mode.BACKWARD and result.velocity("ball")[-1] == 0
+    assert result.events[-1].t == pytest.approx(last_bounce(height, restitution, 0.01), abs=1e-4)
+    assert abs(result.position("ball")[-1]) < 1e-10
 
 
 @every_engine
