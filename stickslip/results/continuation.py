@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.equations.guards_at_start import ROUNDOFF
+from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Modes
@@ -34,7 +34,13 @@ def final_scene(trajectory: Trajectory) -> Scene:
     at = Samples.at_local(trajectory, number, end)
     inner, shown = (table[:, 0] for table in trajectory.modes(number, end))
     since = trajectory.since_when(number, end)[:, 0]
-    velocities, y = _velocities(at, _fastest(trajectory, at), shown), within_stops(system, at.y[:, 0], inner)
+    fastest = _fastest(trajectory, at)
+    velocities = _velocities(at, fastest, shown)
+    reach = np.zeros(system.n + system.drives)
+    reach[: system.n] = fastest * (stop - trajectory.span.start) + [
+        abs(b.position) for b in system.scene.bodies
+    ]
+    y = on_stops(system, at.y[:, 0], inner, reach)
     # a run that an event has stopped right after a sample takes that sample again: it goes on from before it
     earlier = (trajectory.starts < stop).nonzero()[0][-1:]
     before = Samples.at_local(trajectory, earlier, trajectory.ends[earlier]) if earlier.size else None
@@ -75,8 +81,12 @@ def _position(at: Samples, y: Array, name: str) -> float:
     return float(at.position(name)[0] if state is None else y[state])
 
 
-def within_stops(system: System, y: Array, modes: Modes) -> Array:
-    """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff."""
+def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
+    """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff.
+
+    Bodies that have been as far as `reach` (n + drives,) keep the roundoff of that. A limit of 0 cannot tell it from a
+    flight, so that at such limits it is taken off.
+    """
     functions = system.piecewise
     closed = functions.is_stop & (modes[functions.row] == 0)
     if not closed.any():
@@ -88,7 +98,12 @@ def within_stops(system: System, y: Array, modes: Modes) -> Array:
     rows = functions.row[closed]
     lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])[:, system.placed]
     found = y.copy()
-    found[system.n : system.first_bristle] += np.linalg.lstsq(lines, change, rcond=None)[0]
+    places = found[system.n : system.first_bristle]
+    places += np.linalg.lstsq(lines, change, rcond=None)[0]
+    members = lines != 0
+    rough = STRETCH_ROUNDOFF * np.where(members, reach[system.placed], 0.0).max(axis=1)
+    at_0 = np.where(members, np.abs(places), 0.0).max(axis=1) <= rough
+    places[members[at_0].any(axis=0)] = 0.0
     return found
 
 

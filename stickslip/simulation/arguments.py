@@ -27,6 +27,9 @@ Times = Sequence[float] | NDArray[Any]
 _BROKEN = 1e-9
 """Part of the largest speed by which velocities at the start may break a tie; they are projected."""
 
+_NO_DISTANCE = 1e-15
+"""Distance in m or rad that is none: positions near a limit of 0 may have the roundoff of larger ones."""
+
 _MOST_STEPS = 1e10
 """So many steps take a day; whoever wants fewer may press Ctrl-C."""
 
@@ -164,7 +167,7 @@ def check_stops(system: System, loads: Loads, start: float, step: float | None) 
         )
     y, functions = system.at_start(), system.piecewise
     upper, lower, size = functions.limits(y, loads.after(start).at(start), y)
-    beyond = (np.minimum(upper, lower) < -_BROKEN * size).nonzero()[0]
+    beyond = (np.minimum(upper, lower) < -np.maximum(_BROKEN * size, _NO_DISTANCE)).nonzero()[0]
     for k in beyond.tolist():
         stop = stops[system.rows[functions.row[k]].name]
         limit, side = (stop.upper, "upper") if upper[k] < lower[k] else (stop.lower, "lower")

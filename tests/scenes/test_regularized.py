@@ -708,3 +708,29 @@ def test_bristles_whose_normal_force_ends_on_a_ramp(
     second = solve_ivp(rates, (0.3 + 1e-12, 0.5 - 1e-9), first, **exact).y[:, -1]
     result = simulate(scene, (0.0, 0.7), **tolerances)
     assert result.velocity("a")[-1] == pytest.approx(second[0] + 0.2 * force, abs=2e-7)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("lever", [1.0, -2.0])
+@pytest.mark.parametrize("part", [0.0, 1e-15, -1e-15])
+@pytest.mark.parametrize(("push", "slope"), [(2.0, 1.6), (0.45, None)])
+def test_a_start_at_the_pre_slip_velocity(
+    side: int, lever: float, part: float, push: float, slope: float | None
+) -> None:
+    """A push beyond the level of 0.5 N makes it slip against 0.4 N; one below slows it, towards 0.45 / 0.5 of that."""
+    law = PreSlip(DryFriction(0.5, 0.4), velocity=0.01)
+    scene = Scene(
+        Body("b", inertia=1.0, velocity=side * 0.01 * (1 + part) / lever),
+        Contact("c", "b", GROUND, law, normal=1.0, radius_a=lever),
+        Force("b", side * push * lever),
+    )
+    result = simulate(scene, (0.0, 10.0 / lever**2), rtol=1e-10, atol=1e-13)
+    assert not result.events
+    w = result.relative_velocity("c")[-1] * side
+    if part > 0 or slope is not None:
+        slope = (push - 0.4) * lever**2
+        assert result.mode("c")[0] == side
+        assert w == pytest.approx(0.01 + slope * 10.0 / lever**2, rel=1e-9)
+    else:
+        assert result.mode("c")[0] == 0
+        assert w == pytest.approx(0.01 * push / 0.5, rel=1e-9)

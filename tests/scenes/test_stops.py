@@ -136,6 +136,17 @@ def test_a_bouncing_ball_comes_to_rest(options: dict[str, Any], off: float) -> N
     assert result.energy().impacts["floor"][-1] == pytest.approx(2 * g, abs=30 * off)
 
 
+def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
+    """``0.3 - 3 * 0.1`` is 5.6e-17 below 0: it lies on the floor; 1e-12 are refused as the user's."""
+    law = Stop("floor", "m", GROUND, lower=0.0)
+    result = simulate(
+        Scene(Body("m", inertia=1.0, position=0.3 - 3 * 0.1), law, Force("m", -1.0)), (0.0, 1.0)
+    )
+    assert not result.events and result.force("floor")[-1] == -1.0
+    with pytest.raises(ValueError, match="beyond its lower limit 0"):
+        simulate(Scene(Body("m", inertia=1.0, position=-1e-12), law), (0.0, 1.0))
+
+
 def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
     """A ball at 0.4 m, impacts as above with e = 0.06: from ``v = 1e-6 m/s`` on its flights are roundoff of 0.4 m."""
     g, e, height = 0.8, 0.06, 1e-3

@@ -16,7 +16,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 from stickslip.model.elements import Block, Body, Contact, Drive, StateSpace
 from stickslip.model.scene import Scene
-from stickslip.results.continuation import within_stops
+from stickslip.results.continuation import on_stops
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import Direction
 
@@ -199,7 +199,7 @@ def started(scene: Scene, system: System, y: Array, aged: Indices, ages: Array, 
     `aged` are the rows with a dwell time that rest, and `ages` for how long in s. In these modes contacts with a pre-
     slip velocity remember that they slip.
     """
-    y = within_stops(system, y, modes)
+    y = on_stops(system, y, modes, np.zeros(system.n + system.drives))
     rested = dict(zip([system.rows[j].name for j in aged], ages.tolist(), strict=True))
     rows = {row.name: j for j, row in enumerate(system.rows)}
     ends: dict[str, int] = {body.name: k for k, body in enumerate((*scene.bodies, *scene.drives))}
