@@ -10,6 +10,9 @@ from typing import Any
 from stickslip.model.checks import check_entries, check_takes, finite, sequence
 from stickslip.model.signals import Constant, Function, Line, PiecewiseLinear, Signal, Sine, as_signal
 
+_FASTEST = 1e100
+"""Frequency in 1/s of which powers and products can still be computed."""
+
 
 def piecewise_linear(times: Iterable[float], values: Iterable[float]) -> Signal:
     """Return straight lines between the points ``(times[i], values[i])``.
@@ -107,7 +110,7 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
     Raises
     ------
     ValueError, TypeError
-        If a number is not finite.
+        If a number is not finite, or the frequency beyond 1e100.
     """
     wave = Sine(
         finite(amplitude, "sine: amplitude"),
@@ -115,6 +118,8 @@ def sine(amplitude: float, frequency: float, phase: float = 0.0, offset: float =
         finite(phase, "sine: phase"),
         finite(offset, "sine: offset"),
     )
+    if abs(wave.frequency) > _FASTEST:
+        raise ValueError(f"sine: frequency must be at most {_FASTEST:g} in size, got {wave.frequency:g}")
     return wave if wave.amplitude and wave.frequency else Constant(wave(0.0))
 
 

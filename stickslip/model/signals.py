@@ -21,6 +21,11 @@ from stickslip.model.checks import as_number, finite, name_of
 from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
+_MOST_PERIODS = 1e6
+"""So many periods take half a minute to look through for zeros."""
+
+_SURELY = 1e-12
+"""Part of what adds up in a sum of sines by which it is above 0 for sure."""
 _REFLECTED: dict[np.ufunc, str] = {
     np.add: "__radd__",
     np.subtract: "__rsub__",
@@ -445,7 +450,16 @@ class Clipped(Signal):
     def of(cls, base: Signal, start: float, stop: float) -> Signal:
         """Find the zero crossings of a curved signal, each by root finding."""
         base = base.within(start, stop)
-        distance = time_scale(base, stop - start) / _SAMPLES_PER_PERIOD
+        least, size = _lower_bound(base)
+        if least > _SURELY * size:
+            return base
+        period = time_scale(base, stop - start)
+        if stop - start > _MOST_PERIODS * period:
+            raise ValueError(
+                f"a normal force comes to 0 in some of {(stop - start) / period:.3g} periods of {period:.3g} s, too "
+                f"many to look through; simulate {_MOST_PERIODS:g} of them at most, or keep it above 0"
+            )
+        distance = period / _SAMPLES_PER_PERIOD
         ends = (start, *base.breaks(start, stop), stop)
         kinks, positive = positive_pieces(base.at, base.slope, ends, distance)
         if not any(positive):
@@ -480,6 +494,23 @@ class Clipped(Signal):
     def clipped(self, start: float, stop: float) -> Signal:
         """Return the signal itself."""
         return self
+
+
+def _lower_bound(signal: Signal) -> tuple[float, float]:
+    """Return what a signal is never below, -inf where that is not known, and what adds up in that."""
+    least = size = 0.0
+    for part in signal.parts():
+        match part:
+            case Constant(value=low):
+                lowest, most = low, abs(low)
+            case PiecewiseLinear(values=values):
+                lowest, most = min(values), max(map(abs, values))
+            case Sine(amplitude=amplitude, offset=offset):
+                lowest, most = offset - abs(amplitude), abs(offset) + abs(amplitude)
+            case _:
+                return -math.inf, 0.0
+        least, size = least + lowest, size + most
+    return least, size
 
 
 def time_scale(signal: Signal, span: float) -> float:

@@ -205,6 +205,12 @@ def _scene_of(about: Mapping[str, Any], scene: Any, path: Target) -> Scene:
     if scene is not None:
         if not isinstance(scene, Scene):
             raise TypeError(f"load: scene must be a Scene, got {type(scene).__name__}")
+        # the names tell whether another scene was simulated where one of them holds code
+        given = _scene_to_dict(scene)
+        if given is not None and about["scene"] not in (None, json.loads(json.dumps(given))):
+            raise ValueError(
+                f"load: {path} holds the motion of another scene than the one given; leave scene out to get that"
+            )
         return scene
     if about["scene"] is None:
         raise ValueError(f"load: the scene of {path} holds code that no file can; give load(path, scene=...)")

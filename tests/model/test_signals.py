@@ -198,6 +198,15 @@ def test_sums_and_clipped_signals_keep_within_the_time_span_too() -> None:
     assert (BRAKE.within(0.0, 2.0), sine(1, 1).within(0.0, 2.0)) == (BRAKE, sine(1, 1))
 
 
+def test_a_sine_that_stays_above_0_is_not_looked_through() -> None:
+    above = sine(0.1, 1e9, offset=1.0) + piecewise_linear([0.0, 1.0], [0.5, -0.8])
+    assert above.clipped(0.0, 1.0) == above
+    with pytest.raises(ValueError, match=r"1e\+09 periods of 1e-09 s.* simulate 1e\+06"):
+        (above - 0.2).clipped(0.0, 1.0)
+    with pytest.raises(ValueError, match="sine: frequency must be at most"):
+        sine(1.0, 1e308)
+
+
 # arithmetic
 
 

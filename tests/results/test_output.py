@@ -147,6 +147,14 @@ def test_code_is_asked_for(tmp_path):
         stickslip.load(tmp_path / "r.npz", flywheel_benchmark())
 
 
+def test_another_scene_is_refused_where_the_file_holds_the_simulated_one(tmp_path):
+    scene = Scene(Body("m", inertia=1.0, velocity=0.3), Force("m", sine(1.0, 2.0)))
+    output.save(simulate(scene, (0.0, 1.0)), tmp_path / "r.npz")
+    assert stickslip.load(tmp_path / "r.npz", scene).scene == scene
+    with pytest.raises(ValueError, match=r"the motion of another scene.*leave scene out"):
+        stickslip.load(tmp_path / "r.npz", scene.replace("m", inertia=3.0))
+
+
 def test_a_scene_of_the_same_size_with_other_names_is_not_taken_for_the_one_simulated(tmp_path):
     def made(*names):
         bodies = [Body(name, inertia=k + 1.0, velocity=k + 1.0) for k, name in enumerate(names)]
