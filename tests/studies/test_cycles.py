@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from stickslip import (
     DryFriction,
     Force,
     Gap,
+    Gear,
     LuGre,
     Scene,
     Signal,
@@ -602,3 +604,61 @@ def test_what_comes_back_once_by_chance_has_no_period_for_that() -> None:
     with pytest.raises(CycleError) as failure:
         limit_cycle(scene, period=period)
     assert "repeats only after" not in str(failure.value)
+
+
+@pytest.mark.parametrize("second", [0.0, 5.0])
+def test_a_tie_is_no_position_of_its_own(second: float) -> None:
+    """Geared shafts on springs are one oscillator ``2 x'' + 0.4 x' + k x``; its multipliers have the size ``exp(-0.1)``."""
+    springs = [Spring("n", GROUND, stiffness=second)] if second else []
+    scene = Scene(
+        Body("m", inertia=1.0),
+        Body("n", inertia=1.0),
+        Gear("g", "m", "n", ratio=1.0),
+        Force("m", sine(1.0, 1.0)),
+        Spring("m", GROUND, stiffness=20.0, damping=0.4),
+        *springs,
+    )
+    found = limit_cycle(scene, period=1.0)
+    assert found.stable and np.abs(found.multipliers) == pytest.approx(np.full(2, math.exp(-0.1)), rel=1e-8)
+
+
+def test_a_geared_stick_slip_oscillator_is_that_of_one_body() -> None:
+    """The same inertia and stiffness on one shaft or on two: the same period, and all is forgotten while it sticks."""
+
+    def stick_slip(*shafts: Any, inertia: float, stiffness: float) -> Scene:
+        return Scene(
+            Body("m", inertia=inertia, velocity=0.1),
+            Drive("belt", velocity=0.1),
+            Contact("c", "m", "belt", DryFriction(1.5, 1.0), normal=1.0),
+            Spring("m", GROUND, stiffness=stiffness),
+            *shafts,
+        )
+
+    shafts = (
+        Body("n", inertia=1.0, velocity=0.1),
+        Gear("g", "m", "n", ratio=1.0),
+        Spring("n", GROUND, stiffness=0.5),
+    )
+    one = limit_cycle(stick_slip(inertia=2.0, stiffness=2.0))
+    two = limit_cycle(stick_slip(*shafts, inertia=1.0, stiffness=1.5))
+    assert two.period == pytest.approx(one.period, rel=1e-10)
+    assert two.stable and not one.multipliers.any() and not two.multipliers.any()
+
+
+@pytest.mark.parametrize("anchor", ["table", GROUND])
+def test_where_a_drive_is_does_not_deviate(anchor: str) -> None:
+    """Hits on a table that swings: two multipliers, those of the body, whether a spring reads the table's place or not.
+
+    Their product is ``exp(-c T / m)`` by damping, times ``e^2`` for each impact.
+    """
+    scene = Scene(
+        Body("a", inertia=6.0, position=-0.1),
+        Spring("a", anchor, stiffness=6.0, damping=0.3),
+        Drive("table", velocity=sine(0.4, 0.4)),
+        Stop("wall", "a", "table", upper=0.0, restitution=0.8),
+    )
+    found = limit_cycle(scene, period=7.5)
+    hits = len(found.result.events)
+    assert hits and found.stable and found.multipliers.size == 2
+    wanted = math.exp(-0.3 * 7.5 / 6.0) * 0.8 ** (2 * hits)
+    assert np.prod(found.multipliers).real == pytest.approx(wanted, rel=1e-7)

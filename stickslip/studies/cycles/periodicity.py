@@ -120,14 +120,23 @@ class Closing:
         return np.concatenate([y[:n], self._read @ y[n:first], y[first:]])
 
 
-def _movable(system: System, held: Mask, read: Array) -> Array:
-    """Return the combinations of positions that closed stops leave free, of those that are read."""
-    closed = (held & system.is_stop).nonzero()[0]
-    if not closed.size:
+def movable(system: System, read: Array, closed: Mask) -> Array:
+    """Return the changes of positions, a line each, that change combinations which are read.
+
+    Drives are where they are told to be; ties and `closed` rows let nothing change that they hold.
+    """
+    rows = (system.is_tie | closed).nonzero()[0]
+    lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])
+    # what they hold of positions that are no states may be anything
+    others = np.setdiff1d(np.arange(lines.shape[1]), system.placed)
+    bodies = others[others < system.n]
+    if rows.size and bodies.size:
+        lines = scipy.linalg.null_space(lines[:, bodies].T).T @ lines
+    fixed = np.concatenate([lines[:, system.placed], np.eye(system.placed.size)[system.placed >= system.n]])
+    if not fixed.size:
         return read
-    lines = np.hstack([dense(system.G[closed]), dense(system.D[closed])])[:, system.placed]
-    fixed = scipy.linalg.orth(lines.T)
-    _, sizes, found = np.linalg.svd(read - read @ fixed @ fixed.T)
+    basis = scipy.linalg.orth(fixed.T)
+    _, sizes, found = np.linalg.svd(read - read @ basis @ basis.T)
     return np.asarray(found[: np.count_nonzero(sizes > 1e-9)])
 
 
@@ -143,15 +152,18 @@ class Coordinates:
         self.free = np.setdiff1d(np.arange(n), motion.equations.dependent)
         held = motion.equations.is_held
         self.aged = system.dwelling[held[system.dwelling]]
-        self._read = _movable(system, held, read_positions(system))
+        read = read_positions(system)
+        changes = movable(system, read, held & system.is_stop)
+        # how far these are changed tells what is read
+        self._read = changes if changes is read else np.linalg.pinv(read @ changes.T) @ read
         more = size - system.first_bristle
-        count = self.free.size + self._read.shape[0] + more
+        count = self.free.size + changes.shape[0] + more
         # from coordinates to states: held velocities follow, what forces do not read stays
         self.to_states = np.zeros((size, count))
         self.to_states[self.free, np.arange(self.free.size)] = 1.0
         none = np.zeros((system.drives, count))
         self.to_states = motion.equations.consistent(self.to_states, none)
-        self.to_states[n : system.first_bristle, self.free.size : count - more] = self._read.T
+        self.to_states[n : system.first_bristle, self.free.size : count - more] = changes.T
         self.to_states[system.first_bristle :, count - more :] = np.eye(more)
         self.size = count + self.aged.size
 

@@ -15,6 +15,7 @@ from stickslip.studies.cycles.periodicity import (
     Closing,
     Coordinates,
     middle_of,
+    movable,
     position_size,
     read_positions,
     scene_at,
@@ -210,9 +211,8 @@ class Shot:
         found[np.abs(found) <= _ZERO] = 0.0
         found = found[np.argsort(-np.abs(found), kind="stable")]
         # where held rows leave fewer coordinates, what they forget has the multiplier 0
-        ties = (
-            np.linalg.matrix_rank(dense(self.system.G)[self.system.is_tie]) if self.system.is_tie.any() else 0
-        )
-        read = read_positions(self.system).shape[0] + self.system.size - self.system.first_bristle
-        count = self.system.n - int(ties) + read - (not self.forced)
+        system = self.system
+        ties = np.linalg.matrix_rank(dense(system.G)[system.is_tie]) if system.is_tie.any() else 0
+        places = movable(system, read_positions(system), np.zeros(system.m, dtype=bool)).shape[0]
+        count = system.n - int(ties) + places + system.size - system.first_bristle - (not self.forced)
         return np.concatenate([found, np.zeros(max(count - found.size, 0), dtype=complex)])[:count]
