@@ -608,7 +608,7 @@ def test_what_comes_back_once_by_chance_has_no_period_for_that() -> None:
 
 @pytest.mark.parametrize("second", [0.0, 5.0])
 def test_a_tie_is_no_position_of_its_own(second: float) -> None:
-    """Geared shafts on springs are one oscillator ``2 x'' + 0.4 x' + k x``; its multipliers have the size ``exp(-0.1)``."""
+    """Geared shafts on springs are one oscillator ``2 x'' + 0.4 x' + k x``; multipliers have the size ``exp(-0.1)``."""
     springs = [Spring("n", GROUND, stiffness=second)] if second else []
     scene = Scene(
         Body("m", inertia=1.0),

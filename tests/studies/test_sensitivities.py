@@ -22,6 +22,7 @@ from stickslip import (
     Gear,
     Karnopp,
     LuGre,
+    Mode,
     OneWay,
     Planetary,
     PreSlip,
@@ -530,6 +531,26 @@ def test_rebounds_that_accumulate_leave_others_alone() -> None:
     found = sensitivities(scene, (0.0, 2.0), ["other.velocity"])
     assert not found.reasons and len(found.result.events) > 20
     assert found.velocity("other", [0.5, 0.8, 2.0])[:, 0] == pytest.approx(np.cos([0.5, 0.8, 2.0]), abs=1e-11)
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("speed", [1.7, 1.75, 1.8])
+def test_a_ball_chatters_to_rest_on_a_table_that_shakes(speed: float, restitution: float) -> None:
+    """However heavy, it moves alike; an oscillator beside it has ``exp(-t / 10) (cos w t - sin(w t) / 10 w)``."""
+    scene = Scene(
+        Body("other", inertia=1.0),
+        Spring("other", GROUND, stiffness=2.0, damping=0.2),
+        Body("ball", inertia=1.0),
+        Drive("table", velocity=sine(speed, 1.0)),
+        Force("ball", -9.81),
+        Stop("floor", "ball", "table", lower=0.0, restitution=restitution),
+    )
+    t, w = 1.2, math.sqrt(1.99)
+    found = sensitivities(scene, (0.0, t), ["ball.inertia", "other.velocity"])
+    own = math.exp(-0.1 * t) * (math.cos(w * t) - 0.1 / w * math.sin(w * t))
+    assert not found.reasons and found.result.mode("floor")[-1] == Mode.BACKWARD
+    assert found.velocity("ball", [t])[0] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert found.velocity("other", [t])[0] == pytest.approx([0.0, own], abs=1e-10)
 
 
 def test_an_impact_goes_through_a_locked_clutch() -> None:

@@ -20,6 +20,9 @@ _GRAZING = 1e-7
 """A guard that falls more slowly than this part of what adds up in its slope grazes, unless it has come down like that
 from where it could be told from 0."""
 
+_ABOUT = 0.1
+"""Part of the speed at which a guard left 0 with which it comes back about as fast."""
+
 _TOLD = 1e-9
 """A guard of this part of its size can be told from 0, also where CVODE has computed it."""
 
@@ -125,20 +128,27 @@ class VariedGuards:
             steep = np.nan_to_num(np.abs(falls) / slopes[fired], posinf=np.inf)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
+        i, fall = int(fired[first]), float(falls[first])
         names = sorted({self.label(int(i)) for i in fired})
-        rebound = self._flies(int(fired[first]), tau, abs(float(falls[first])))
+        rebound = self._flies(i, tau, abs(fall))
         if rebound <= _SHORT:
             return begin.copy(), {}
-        if steep[first] <= _GRAZING < rebound and not self._comes_down(int(fired[first]), size, falls[first]):
+        grazes = steep[first] <= _GRAZING < rebound
+        if grazes and not (self._comes_back(i, fall) or self._comes_down(i, size, fall)):
             why = f"{names[0]} grazes: its guard comes to 0 with slope 0"
             return np.full(count, np.nan), dict.fromkeys(range(count), why)
-        times = -moved[first] / falls[first]
+        times = -moved[first] / fall
         off = np.abs(moved + falls[:, None] * times)
         limit = TIE * (np.abs(moved) + np.abs(falls[:, None] * times)) + 1e-9 * size[fired][:, None]
         apart = (off > limit).any(axis=0)
         times[apart] = np.nan
         why = f"events of {' and '.join(names)} fall together"
         return np.asarray(times), dict.fromkeys(apart.nonzero()[0].tolist(), why)
+
+    def _comes_back(self, i: int, falls: float) -> bool:
+        """Tell whether a guard that has left 0 falls about as fast as it left, as in each of many short flights."""
+        guards = self.guards
+        return bool(guards.order[i] == 1 and -falls > _ABOUT * guards.first[1, i])
 
     def _comes_down(self, i: int, size: Array, falls: float) -> bool:
         """Tell whether a guard falls at its end as it did on average since it could be told from 0.
