@@ -34,6 +34,11 @@ def test_cycles_are_alike_wherever_they_begin() -> None:
             (STICK, SLIP),
             "'d' ceases to reverse (its relative velocity grazes 0)",
         ),
+        (
+            ("s: OPEN -> OPEN", STICK, SLIP),
+            (STICK, SLIP),
+            "'s' ceases to be met (its stretch only just comes to a limit)",
+        ),
         ((STICK, SLIP), (BACK, SLIP), "'c' changes its order of sticking, reversing and slipping"),
         (
             (STICK, SLIP),

@@ -31,9 +31,12 @@ def in_words(a: Cycle, b: Cycle) -> str:
         names, too = ({one.split(":")[0] for one in some} for some in (found, others))
         for name in sorted(names):
             if name not in too:
-                sticks = any(one.startswith(f"{name}:") and "STUCK" in one for one in found)
-                does = "stick" if sticks else "reverse"
-                parts.append(f"{name!r} {word} to {does} (its relative velocity grazes 0)")
+                own = " ".join(one for one in found if one.startswith(f"{name}:"))
+                if "OPEN" in own:
+                    does = "be met (its stretch only just comes to a limit)"
+                else:
+                    does = f"{'stick' if 'STUCK' in own else 'reverse'} (its relative velocity grazes 0)"
+                parts.append(f"{name!r} {word} to {does}")
             elif found is new:
                 parts.append(f"{name!r} changes its order of sticking, reversing and slipping")
     return "; ".join(parts) or "the same changes of modes come in another order"
