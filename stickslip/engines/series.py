@@ -170,7 +170,7 @@ class Series:
         self._speed = speed if self._speed is None else np.maximum(self._speed, speed)
         if not guards.is_plain:
             g = _divided(g, guards.order if tau == 0 else np.where(guards.order == NEVER, NEVER, 0))
-        root, guard, touches = self._first(g, motion, guards)
+        root, guard, touches = self._first(g, motion, guards, h if tau == 0 else None)
         return _Step(terms, h, root, guard, int(guards.row[guard]) if touches else None, frozen)
 
     @staticmethod
@@ -207,13 +207,21 @@ class Series:
             reach = min(reach, found)
         return reach
 
-    def _floor(self, motion: Motion, guards: Guards, i: int) -> float:
-        """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start."""
+    def _floor(self, motion: Motion, guards: Guards, i: int, first: float | None) -> float:
+        """Return what a guard has the roundoff of: the largest speeds so far, or forces at the start.
+
+        In the `first` step, of that length, a border that is left is measured from where it is at the start: it has the
+        roundoff of velocities.
+        """
+        if first is not None and guards.is_border[i] and guards.order[i] == 1:
+            return float(guards.majorant[1, i]) * first
         if guards.is_velocity[i]:
             return float((motion.system.abs_G[[guards.row[i]]] @ self._speed)[0])
         return float(guards.value_scale[i])
 
-    def _first(self, g: Array, motion: Motion, guards: Guards) -> tuple[float | None, int, bool]:
+    def _first(
+        self, g: Array, motion: Motion, guards: Guards, first: float | None
+    ) -> tuple[float | None, int, bool]:
         """Return the first root in (0, 1] of any guard, which guard it is, and if it only touches 0."""
         close, bernstein = may_vanish(g)
         self.work.guards_excluded += g.shape[1] - close.size
@@ -232,7 +240,7 @@ class Series:
             c, own = g[:, i], b
             if found is not None:
                 c, own = c * found ** np.arange(c.size), None
-            floor = self._floor(motion, guards, i)
+            floor = self._floor(motion, guards, i, first)
             root, only = first_touch(c, floor, own) if may_stick[i] else (first_root(c, floor, own), False)
             self.work.guards_isolated += 1
             if root is not None:

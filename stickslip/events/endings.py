@@ -181,8 +181,9 @@ def _slowest_flight(
 ) -> float:
     """Return the speed below which stops that are hit come back before it can be told that they have left.
 
-    With the acceleration a towards its limit a stop is ``v^2 / 2 a`` away at most. A solver knows that but for its
-    `errors`; an exact engine but for roundoff, and as a part of what the speed makes of it in the time `ahead`, too.
+    A stop is ``v^2 / 2 a`` away at most, where the acceleration a is what those of its ends add up to. A solver knows
+    that but for its `errors`; an exact engine but for roundoff, and as a part of what the speed makes of it in the time
+    `ahead`, too.
     """
     system, functions = motion.system, motion.system.piecewise
     rate = motion.rate(float(path.taus[-1]), path.last)

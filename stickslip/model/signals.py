@@ -22,7 +22,7 @@ from stickslip.model.crossings import positive_pieces
 
 _SAMPLES_PER_PERIOD = 16
 _MOST_PERIODS = 1e6
-"""So many periods take half a minute to look through for zeros."""
+"""Looking through so many periods for zeros takes half a minute."""
 
 _SURELY = 1e-12
 """Part of what adds up in a sum of sines by which it is above 0 for sure."""
@@ -456,7 +456,7 @@ class Clipped(Signal):
         period = time_scale(base, stop - start)
         if stop - start > _MOST_PERIODS * period:
             raise ValueError(
-                f"a normal force comes to 0 in some of {(stop - start) / period:.3g} periods of {period:.3g} s, too "
+                f"a normal force may come to 0 in {(stop - start) / period:.3g} periods of {period:.3g} s, too "
                 f"many to look through; simulate {_MOST_PERIODS:g} of them at most, or keep it above 0"
             )
         distance = period / _SAMPLES_PER_PERIOD

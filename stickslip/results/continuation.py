@@ -84,8 +84,8 @@ def _position(at: Samples, y: Array, name: str) -> float:
 def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     """Return a state in which closed stops are not beyond their limits, where positions near 0 leave roundoff.
 
-    Bodies that have been as far as `reach` (n + drives,) keep the roundoff of that. A limit of 0 cannot tell it from a
-    flight, so that at such limits it is taken off.
+    Bodies that have been no farther away than `reach` (n + drives,) keep the roundoff of that. Beside a limit of 0 it
+    would be a flight, so that there it is taken off.
     """
     functions = system.piecewise
     closed = functions.is_stop & (modes[functions.row] == 0)
@@ -94,6 +94,7 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     q = np.zeros(system.inputs)
     q[-1] = 1.0
     upper, lower, _ = functions.limits(y, q, y)
+    limits = np.minimum(*(np.abs(one) for one in functions.limits(np.zeros_like(y), q, y)[:2]))
     change = np.where(upper < lower, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
     rows = functions.row[closed]
     lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])[:, system.placed]
@@ -102,7 +103,7 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     places += np.linalg.lstsq(lines, change, rcond=None)[0]
     members = lines != 0
     rough = STRETCH_ROUNDOFF * np.where(members, reach[system.placed], 0.0).max(axis=1)
-    at_0 = np.where(members, np.abs(places), 0.0).max(axis=1) <= rough
+    at_0 = (limits[closed] == 0) & (np.where(members, np.abs(places), 0.0).max(axis=1) <= rough)
     places[members[at_0].any(axis=0)] = 0.0
     return found
 

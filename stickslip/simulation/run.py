@@ -290,16 +290,8 @@ class Run:
     ) -> tuple[Situation, Jump]:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
-        jump = jumped(
-            motion,
-            self.loads,
-            path,
-            t,
-            now.labels,
-            at.crossed,
-            self._wanted.rebound,
-            LOCAL * self._wanted.atol if uncertain else None,
-        )
+        errors, margin = LOCAL * self._wanted.atol if uncertain else None, self._wanted.rebound
+        jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, margin, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:

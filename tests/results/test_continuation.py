@@ -291,6 +291,20 @@ def test_a_pile_at_rest_on_stops_goes_on(stop: float) -> None:
     assert abs(then.position("high")[-1]) < 1e-15
 
 
+def test_a_body_at_rest_near_a_limit_of_0_stays_there() -> None:
+    """A stop at 1e-9 m is no stop at 0, however long the body lies there."""
+    scene = Scene(
+        Body("m", inertia=1.0, position=-1.0, velocity=1.0),
+        Force("m", 1.0),
+        Stop("s", "m", GROUND, upper=1e-9),
+    )
+    first = simulate(scene, (0.0, 5e6))
+    then = first.final_scene()
+    assert first.position("m")[-1] == pytest.approx(1e-9, abs=1e-15)
+    assert then.bodies[0].position == 1e-9
+    assert not simulate(then, (5e6, 6e6)).events
+
+
 def test_a_final_scene_is_data_like_any_other() -> None:
     scene = simulate(belt(), (0.0, 1.234)).final_scene()
     assert Scene.from_dict(scene.to_dict()) == scene

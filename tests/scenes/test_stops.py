@@ -147,6 +147,30 @@ def test_a_start_beyond_a_limit_of_0_by_roundoff() -> None:
         simulate(Scene(Body("m", inertia=1.0, position=-1e-12), law), (0.0, 1.0))
 
 
+@pytest.mark.parametrize("origin", [300.0, 1e4, 1e6])
+def test_a_ball_bounces_on_a_plate_wherever_the_origin_is(origin: float) -> None:
+    """Flights are far shorter than roundoff of the places, and told from the velocities all the same."""
+
+    def dropped(at: float) -> Result:
+        scene = Scene(
+            Body("ball", inertia=1.0, position=at + 1.0),
+            Body("plate", inertia=10.0, position=at),
+            Stop("contact", "ball", "plate", lower=0.0, restitution=0.5),
+            Force("ball", -9.81),
+            Spring("plate", GROUND, stiffness=1000.0, damping=10.0, rest=at),
+        )
+        return simulate(scene, (0.0, 4.0))
+
+    here, there = dropped(0.0), dropped(origin)
+    impacts = times(there, "contact")
+    assert 20 < len(impacts) <= len(here.events)
+    assert impacts[:15] == pytest.approx(times(here, "contact")[:15], abs=1e-14 * max(origin, 1e3))
+    assert there.velocity("ball")[-1] == pytest.approx(
+        here.velocity("ball")[-1], abs=1e-12 * max(origin, 1e3)
+    )
+    assert there.mode("contact")[-1] == Mode.BACKWARD
+
+
 def test_a_solver_does_not_rebound_where_the_flight_is_roundoff() -> None:
     """A ball at 0.4 m, impacts as above with e = 0.06: from ``v = 1e-6 m/s`` on its flights are roundoff of 0.4 m."""
     g, e, height = 0.8, 0.06, 1e-3

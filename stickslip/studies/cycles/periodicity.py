@@ -46,8 +46,10 @@ def _check_blocks(system: System, times: Sequence[float], later: float | None) -
 
     Some time `later`, or at all times where that is None, they have to be the same.
     """
+    if not any(isinstance(place.block, Block) for place in system.blocks.values()):
+        return
     y = system.at_start()
-    q = system.loads(0.0, 1.0).after(0.0).at(0.0)
+    q = system.loads(0.0, later or 1.0).after(0.0).at(0.0)
     if system.dependence is not None:
         system.dependence.fill(q, y, 0.0, 0.0, None)
     for place in system.blocks.values():
@@ -154,7 +156,7 @@ class Coordinates:
         self.aged = system.dwelling[held[system.dwelling]]
         read = read_positions(system)
         changes = movable(system, read, held & system.is_stop)
-        # how far these are changed tells what is read
+        # from what is read follows how far each of these is changed
         self._read = changes if changes is read else np.linalg.pinv(read @ changes.T) @ read
         more = size - system.first_bristle
         count = self.free.size + changes.shape[0] + more

@@ -23,8 +23,9 @@ _AT_ONCE = 8
 _GROWTH, _LEAST = 4.0, 1e-9
 """How many times as many steps the next may join, and roughness that is none."""
 
-_LAST = 1e-5
-"""Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, about 1e-10."""
+_LAST = 1e-6
+"""Part of its size that the last coefficient of a polynomial may have: what is left out is far smaller, 1e-11 in smooth
+motions and 1e-10 where a function has a kink in its slope."""
 
 _TINY = np.finfo(float).tiny
 
