@@ -42,6 +42,9 @@ from validation.rows import Row, Tried, require, worst
 from validation.tried import try_each
 
 STOP = 4.0
+EVENTS = 1e-10
+"""Part of the span by which events may differ: gaps may close or open at velocities of 1e-5 of the largest."""
+
 PATIENCE = 60.0
 
 
@@ -92,7 +95,7 @@ def difference_of(local: Result, whole: Result) -> float:
         story, other = ([(e.before, e.after, e.cause) for e in events] for events in (here, there))
         require(story == other, f"events of {name}: {story} part by part, {other} as a whole")
         require(bool((local.mode(name) == whole.mode(name)).all()), f"other modes of {name}")
-        differences.append(worst([e.t for e in here], [e.t for e in there], stop) / 1e-11)
+        differences.append(worst([e.t for e in here], [e.t for e in there], stop) / EVENTS)
         differences.append(worst(local.force(name), whole.force(name)) / 1e-9)
         # levels that rise with the time at rest are as exact as the times of events; many are infinite
         alike = np.allclose(local.breakaway(name), whole.breakaway(name), rtol=1e-9, atol=0.0)
