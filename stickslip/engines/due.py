@@ -191,9 +191,9 @@ class Due:
 
     def _way_out(self, j: int, g: Array, border: int, t: float) -> int:
         """Return the order with which a border of a gap leaves 0, negative if downwards; 0 where that is not clear."""
-        unit, row = self._parts.unit, np.array([j])
+        unit = self._parts.unit
         stretch, rate, _ = np.abs(self._system.piecewise.border[border]).tolist()
-        size = stretch * float(self._sizes(row)[1][0]) * unit
+        size = self._slope_size(j, border)
         if rate:
             size += rate * self._pull(j, t) * unit
         first, second = g[1:3].tolist()
@@ -204,6 +204,11 @@ class Due:
         if abs(second) > _CLEAR * 0.5 * stretch * self._pull(j, t) * unit**2:
             return 2 if second > 0 else -2
         return 0
+
+    def _slope_size(self, j: int, border: int) -> float:
+        """Return what adds up in how fast the stretch comes to a border of a gap, in units of the series."""
+        stretch = abs(float(self._system.piecewise.border[border, 0]))
+        return stretch * float(self._sizes(np.array([j]))[1][0]) * self._parts.unit
 
     def _pull(self, j: int, t: float) -> float:
         """Return what adds up in the second derivative of the stretch of a gap."""
@@ -301,7 +306,10 @@ class Due:
         g *= (span / self._parts.unit) ** np.arange(g.shape[1])
         for place, size in enumerate(sizes.tolist()):
             if g[place, 0] <= np.abs(g[place, 1:]).sum():
-                self._enter(j, g[place], t, span, place, size)
+                # a border that is left is measured from where it is at the start
+                border = int(borders[place])
+                floor = self._slope_size(j, border) if self._zeros[border] == 1 else size
+                self._enter(j, g[place], t, span, place, floor)
 
     def crosses(self, j: int, t: float) -> bool:
         """Tell whether a gap goes on beyond the border that it comes to at time `t`, clearly so; no stop does."""

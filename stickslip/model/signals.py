@@ -26,6 +26,7 @@ _MOST_PERIODS = 1e6
 
 _SURELY = 1e-12
 """Part of what adds up in a sum of sines by which it is above 0 for sure."""
+
 _REFLECTED: dict[np.ufunc, str] = {
     np.add: "__radd__",
     np.subtract: "__rsub__",

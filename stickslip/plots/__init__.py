@@ -139,7 +139,8 @@ def _panels(result: Readable, bodies: Sequence[str] | None, names: list[str]) ->
         found += [(1.6, lambda ax, name=name: contact_forces(result, name, ax=ax)) for name in names]  # type: ignore[misc]
     else:
         found.append((2.2, lambda ax: load_of_contacts(result, names, ax=ax)))
-    between = [name for name in names if name in limited(result)][:_FORCE_PANELS]
+    elements = limited(result)
+    between = [name for name in names if name in elements][:_FORCE_PANELS]
     found += [(1.5, lambda ax, name=name: stretch(result, name, ax=ax)) for name in between]  # type: ignore[misc]
     loaded = [name for name in varying(result) if name in names]
     if loaded:

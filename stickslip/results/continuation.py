@@ -94,8 +94,11 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     q = np.zeros(system.inputs)
     q[-1] = 1.0
     upper, lower, _ = functions.limits(y, q, y)
-    limits = np.minimum(*(np.abs(one) for one in functions.limits(np.zeros_like(y), q, y)[:2]))
-    change = np.where(upper < lower, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
+    is_upper = upper < lower
+    change = np.where(is_upper, np.minimum(upper, 0.0), np.maximum(-lower, 0.0))[closed]
+    # seen from 0 their distances are the limits themselves
+    upper, lower, _ = functions.limits(np.zeros_like(y), q, y)
+    limits = np.where(is_upper, upper, lower)[closed]
     rows = functions.row[closed]
     lines = np.hstack([dense(system.G[rows]), dense(system.D[rows])])[:, system.placed]
     found = y.copy()
@@ -103,7 +106,7 @@ def on_stops(system: System, y: Array, modes: Modes, reach: Array) -> Array:
     places += np.linalg.lstsq(lines, change, rcond=None)[0]
     members = lines != 0
     rough = STRETCH_ROUNDOFF * np.where(members, reach[system.placed], 0.0).max(axis=1)
-    at_0 = (limits[closed] == 0) & (np.where(members, np.abs(places), 0.0).max(axis=1) <= rough)
+    at_0 = (limits == 0) & (np.where(members, np.abs(places), 0.0).max(axis=1) <= rough)
     places[members[at_0].any(axis=0)] = 0.0
     return found
 

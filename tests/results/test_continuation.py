@@ -47,6 +47,8 @@ from stickslip import (
     triangle,
     velocity,
 )
+from stickslip.equations.system import System
+from stickslip.results.continuation import on_stops
 
 DRY = DryFriction(0.4, 0.25, dwell=0.3)
 
@@ -303,6 +305,16 @@ def test_a_body_at_rest_near_a_limit_of_0_stays_there() -> None:
     assert first.position("m")[-1] == pytest.approx(1e-9, abs=1e-15)
     assert then.bodies[0].position == 1e-9
     assert not simulate(then, (5e6, 6e6)).events
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_only_a_limit_of_0_takes_roundoff_off(side: int) -> None:
+    """Closed at 1e-9 m, though its other limit is 0, or at 0; it has been 1e7 m away, whose roundoff is 1e-8 m."""
+    limits = sorted([0.0, side * 1e-9])
+    system = System(Scene(Body("m", inertia=1.0), Stop("s", "m", GROUND, lower=limits[0], upper=limits[1])))
+    for at, then in ((side * 1e-9, side * 1e-9), (side * 1e-12, 0.0)):
+        found = on_stops(system, np.array([0.0, at]), np.zeros(1, dtype=np.int8), np.array([1e7]))
+        assert found.tolist() == [0.0, then]
 
 
 def test_a_final_scene_is_data_like_any_other() -> None:

@@ -160,8 +160,8 @@ class Variation(Nearby):
         none = np.zeros_like(u)
         sides, _ = at_stops(system, y, q)
         hit = sides * system.relative_velocity(y, q) > 0
-        free = np.zeros(system.m, dtype=bool)
-        impact = VariedImpact(system if hit.any() else None, y[:n], u, u, none, sides, hit, free)
+        acts, nothing = system if hit.any() else None, np.zeros(system.m, dtype=bool)
+        impact = VariedImpact(acts, y[:n], u, u, none, sides, hit, closed=nothing)
         for k, direction in enumerate(self.directions):
             if len(direction.near) != len(self.near_ones[k]):
                 why = "the breaks of the loads fall together or a load begins to be cut off at 0"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -75,8 +76,8 @@ class VariedImpact:
         """
         if self.system is None:
             return self.v
-        w, own = self._relative(self.system, self.before), self._relative(system, before)
-        (v, u), (change, turn) = self._least(system, w), self._least(system, own - w)
+        own = self._relative(system, before)
+        (v, u), (change, turn) = self._least(system, self._own), self._least(system, own - self._own)
         jump = now - before
         moved, _ = self._linear(system, v, u, change, turn, jump)
         met = struck(system, v, u, u + jump, self.sides, self.hit).v
@@ -89,11 +90,20 @@ class VariedImpact:
         """
         if self.system is None or not (np.isfinite(change).all() and np.isfinite(later)):
             return change, 0.0
-        # only relative velocities count: what bodies have in common brings no more than its roundoff
-        v, u = self._least(self.system, self._relative(self.system, self.before))
-        return self._linear(self.system, v, u, change, self.pace * later, self.now - self.before)
+        return self._linear(self.system, *self._apart, change, self.pace * later, self.now - self.before)
 
-    @property
+    @cached_property
+    def _own(self) -> Array:
+        assert self.system is not None
+        return self._relative(self.system, self.before)
+
+    @cached_property
+    def _apart(self) -> tuple[Array, Array]:
+        # only relative velocities count: what bodies have in common brings no more than its roundoff
+        assert self.system is not None
+        return self._least(self.system, self._own)
+
+    @cached_property
     def _rigid(self) -> Indices:
         assert self.system is not None
         return np.asarray((~(self.system.is_friction | self.system.is_gap)).nonzero()[0])

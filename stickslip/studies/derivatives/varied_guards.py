@@ -128,8 +128,8 @@ class VariedGuards:
             steep = np.nan_to_num(np.abs(falls) / slopes[fired], posinf=np.inf)
         # of guards that fall together, the one that grazes least tells the time
         first = int(np.argmax(steep))
-        i, fall = int(fired[first]), float(falls[first])
         names = sorted({self.label(int(i)) for i in fired})
+        i, fall = int(fired[first]), float(falls[first])
         rebound = self._flies(i, tau, abs(fall))
         if rebound <= _SHORT:
             return begin.copy(), {}
