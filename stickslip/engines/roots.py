@@ -17,6 +17,12 @@ _ROUNDOFF = 2e-15
 _STEPS = 50.0
 """In so many steps the roundoff of a quantity adds up."""
 
+_LONG = 5
+"""So many terms a Taylor series has at least: it ends where they no longer matter. A polynomial may go on for ever."""
+
+_FAR_DOWN = 0.1
+"""Where a polynomial touches 0 before this part of the interval, that is looked for again, with the roundoff there."""
+
 _FEW = 64
 """Polynomials up to which it takes no longer to look at all Bernstein coefficients than at some."""
 
@@ -68,7 +74,7 @@ def first_root(
     saves time, and so do the `bernstein` coefficients.
     """
     c = coefficients.tolist()
-    found = _first(c, _in_bernstein(coefficients, bernstein), _noise(c, floor), guess)
+    found = _first(c, _in_bernstein(coefficients, bernstein), floor, guess)
     first = 0.0
     while found is not None and floor:
         back = _back(c, found, _STEPS * _ROUNDOFF * floor)
@@ -76,7 +82,7 @@ def first_root(
             break
         first = back
         rest = _from(coefficients, first)
-        found = _first(rest.tolist(), _in_bernstein(rest, None), _noise(rest.tolist(), floor), None)
+        found = _first(rest.tolist(), _in_bernstein(rest, None), max(floor, _size(c, first)), None)
         found = None if found is None else first + found * (1 - first)
     return found
 
@@ -88,11 +94,17 @@ def first_touch(
 
     It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
     """
-    lowered = coefficients.tolist()
-    noise, bernstein = _noise(lowered, floor), _in_bernstein(coefficients, bernstein)
-    near = _STEPS * noise
-    lowered[0] -= near
-    root = 0.0 if lowered[0] <= 0 else _first(lowered, bernstein - near, noise, None)
+    c = coefficients.tolist()
+    near = _STEPS * _ROUNDOFF * max(_size(c, 1.0), floor)
+    lowered = [c[0] - near, *c[1:]]
+    root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)
+    if root is not None and root < _FAR_DOWN and len(c) < _LONG:
+        # there the terms are smaller: less by what adds up at each place
+        part = _STEPS * _ROUNDOFF
+        lowered = [a - part * abs(a) for a in c]
+        lowered[0] -= part * floor
+        root = _below(lowered, _in_bernstein(np.array(lowered), None), floor)
+        near = 0.0 if root is None else part * (floor + _size(c, root))
     if root is None:
         return None, False
     turn = _turn(lowered, root, 2 * near)
@@ -105,9 +117,14 @@ def _in_bernstein(coefficients: Array, known: Array | None) -> Array:
     return _to_bernstein(coefficients.size - 1) @ coefficients if known is None else known
 
 
-def _noise(c: list[float], floor: float) -> float:
-    """Return the roundoff of the terms of a polynomial and of its floor."""
-    return _ROUNDOFF * max(sum(map(abs, c)), floor)
+def _size(c: list[float], place: float) -> float:
+    """Return how large the terms of a polynomial are at a place, added up; those of a series at its end."""
+    if place == 1.0 or len(c) >= _LONG:
+        return sum(map(abs, c))
+    size = 0.0
+    for a in c[::-1]:
+        size = size * place + abs(a)
+    return size
 
 
 def _turn(c: list[float], root: float, depth: float) -> float | None:
@@ -136,14 +153,21 @@ def _from(coefficients: Array, first: float) -> Array:
     return np.pad(shifted, (0, coefficients.size - shifted.size))
 
 
-def _first(c: list[float], bernstein: Array, noise: float, guess: float | None) -> float | None:
+def _below(c: list[float], bernstein: Array, floor: float) -> float | None:
+    """Return where a polynomial is first negative, 0 where it is so at once or not positive."""
+    return 0.0 if c[0] <= 0 else _first(c, bernstein, floor, None)
+
+
+def _first(c: list[float], bernstein: Array, floor: float, guess: float | None) -> float | None:
     # each half is a map of what it is a half of: most of those behind the first root are never asked for
     stack: list[tuple[Array | None, Array, float, float, int]] = [(None, bernstein, 0.0, 1.0, 0)]
     while stack:
         half, of, low, high, depth = stack.pop()
         b = of if half is None else half @ of
         values = b.tolist()
-        if min(values) >= -noise:
+        least = min(values)
+        # terms far down in the interval have the roundoff of what they are there
+        if least >= 0 or least >= -(noise := _ROUNDOFF * max(_size(c, high), floor)):
             continue
         if values[-1] < -noise and values[0] >= -noise and _changes(values, noise) == 1:
             if guess is None:

@@ -90,20 +90,20 @@ class PiecewiseMatrices:
         return found
 
     def limits(self, y: Array, q: Array, largest: Array) -> tuple[Array, Array, Array]:
-        """Return how far each stop is from its upper and from its lower limit, and what adds up in that.
+        """Return how far each stop is from its upper and from its lower limit, and what adds up at the nearer one.
 
         Infinite where there is no limit; a line per function. `largest` are the sizes of the states.
         """
         q = q[: self.border_q.shape[1]]
         depth = self.border_y @ y + self.border_q @ q
         size = self.abs_border_y @ np.maximum(np.abs(y), np.abs(largest)) + self.abs_border_q @ np.abs(q)
-        upper, lower, sizes = np.full(self.count, np.inf), np.full(self.count, np.inf), np.zeros(self.count)
-        of_stops = self.is_stop[self.owner]
-        for side, found in ((1, upper), (2, lower)):
-            some = of_stops & (self.beyond == side)
-            found[self.owner[some]] = depth[some]
-        np.maximum.at(sizes, self.owner[of_stops], size[of_stops])
-        return upper, lower, sizes
+        # (2, functions): the upper and the lower side
+        distances, sizes = np.full((2, self.count), np.inf), np.zeros((2, self.count))
+        for side in (0, 1):
+            some = self.is_stop[self.owner] & (self.beyond == side + 1)
+            distances[side, self.owner[some]], sizes[side, self.owner[some]] = depth[some], size[some]
+        upper, lower = distances
+        return upper, lower, np.where(upper < lower, *sizes)
 
     def shown(self, labels: Modes, regions: Regions) -> Modes:
         """Return the modes that rows show, with those that show regions."""

@@ -232,6 +232,21 @@ def test_a_touch_is_found_where_it_is_asked_for(place: float, depth: float) -> N
     assert first_touch(first, 1.0) == (pytest.approx(0.5 * place, rel=1e-9), False)
 
 
+@pytest.mark.parametrize("length", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("gap", [1e-3, 0.4, 0.499])
+def test_roots_far_down_have_the_roundoff_of_the_terms_there(length: float, gap: float) -> None:
+    """``gap - t + t^2 / 2`` over a long time: its root is ``1 - sqrt(1 - 2 gap)``."""
+    c = np.array([gap, -length, 0.5 * length**2])
+    root = 2 * gap / (1 + (1 - 2 * gap) ** 0.5)
+    assert first_root(c, floor=gap) == pytest.approx(root / length, rel=1e-14)
+    place, only = first_touch(c, gap)
+    assert place == pytest.approx(root / length, rel=1e-14) and not only
+    # what turns above 0 there has none, and what turns at 0 touches it
+    assert first_root(c + [0.501 - gap, 0.0, 0.0], floor=0.5) is None
+    assert first_touch(c + [0.501 - gap, 0.0, 0.0], 0.5) == (None, False)
+    assert first_touch(c + [0.5 - gap, 0.0, 0.0], 0.5) == (pytest.approx(1 / length, rel=1e-6), True)
+
+
 # Tangencies, decided as exact arithmetic decides
 
 

@@ -591,3 +591,39 @@ def test_what_is_pressed_against_a_stop_stays_there_as_friction_turns_over(
     pressed = 30.0 - 0.7 * w * np.cos(w * late.t + phase) - late.force("rub")
     np.testing.assert_allclose(late.force("stop"), pressed, rtol=0, atol=1e-5)
     assert not [e for e in result.events if e.contact == "stop" and e.t > 3.0]
+
+
+@pytest.mark.parametrize("lower", [-math.inf, -1e12, -1e30])
+@pytest.mark.parametrize(
+    ("duration", "method"), [(2.0, "BDF"), (2.0, "series"), (1e3, "series"), (1e6, "series")]
+)
+def test_a_limit_near_by_is_met_however_long_the_run_or_far_the_other_limit(
+    lower: float, duration: float, method: str
+) -> None:
+    """``x = t - t^2 / 2`` meets 0.499 at ``1 - sqrt(1 - 2 * 0.499)``, and with e = 1 never comes back."""
+    stop = Stop("wall", "m", GROUND, lower=lower, upper=0.499, restitution=1.0)
+    scene = Scene(Body("m", inertia=1.0, velocity=1.0), Force("m", -1.0), stop)
+    result = simulate(scene, (0.0, duration), method=method)
+    met = 1 - 0.002**0.5
+    (event,) = result.events
+    assert event.cause == "impact" and event.after is Mode.OPEN
+    assert event.t == pytest.approx(met, abs=1e-14 if method == "series" else 1e-7)
+    flown = duration - met
+    place = 0.499 - (1 - met) * flown - 0.5 * flown**2
+    assert result.position("m")[-1] == pytest.approx(place, rel=1e-13 if method == "series" else 1e-7)
+
+
+@pytest.mark.parametrize("length", [1e-6, 1e-3])
+@pytest.mark.parametrize("bodies", [1, 40])
+def test_an_impact_soon_in_a_run_of_months(length: float, bodies: int) -> None:
+    """``x = t + t^2 / 2`` meets `length` at ``sqrt(1 + 2 length) - 1`` and stays there, alone and among others."""
+    scene = Scene(
+        *(Body(f"m{k}", inertia=1.0, velocity=1.0) for k in range(bodies)),
+        *(Force(f"m{k}", 1.0) for k in range(bodies)),
+        *(Stop(f"s{k}", f"m{k}", GROUND, upper=(k + 1) * length) for k in range(bodies)),
+    )
+    result = simulate(scene, (0.0, 5e6))
+    limits = length * np.arange(1, bodies + 1)
+    met = 2 * limits / (1 + np.sqrt(1 + 2 * limits))
+    np.testing.assert_allclose([event.t for event in result.events], met, rtol=1e-13)
+    np.testing.assert_allclose([result.position(f"m{k}")[-1] for k in range(bodies)], limits, rtol=1e-13)
