@@ -91,6 +91,10 @@ class Motion(Inputs):
         if self.is_linear and equations.is_small:
             self.first = self.start = self.expand(0.0, y, 2)
 
+    def __reduce__(self) -> tuple[type[Motion], tuple[ModeEquations, Stretch, float, Array, Array]]:
+        """Leave out of a pickle what is kept: it follows from what a motion begins with."""
+        return Motion, (self.equations, self.stretch, self.t, self.y, self.since)
+
     # -- rates -----------------------------------------------------------------------------------------------
 
     def law_arguments(

@@ -103,7 +103,7 @@ class PiecewiseMatrices:
             some = self.is_stop[self.owner] & (self.beyond == side + 1)
             distances[side, self.owner[some]], sizes[side, self.owner[some]] = depth[some], size[some]
         upper, lower = distances
-        return upper, lower, np.where(upper < lower, *sizes)
+        return upper, lower, np.where(upper < lower, sizes[0], sizes[1])
 
     def shown(self, labels: Modes, regions: Regions) -> Modes:
         """Return the modes that rows show, with those that show regions."""

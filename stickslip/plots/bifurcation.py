@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.style import COLOURS, STUDY, check_is, own_axes, within_or_beside
+from stickslip.plots.style import AS_IT_IS, COLOURS, STUDY, check_is, own_axes, within_or_beside
 from stickslip.results.units import units
 
 _SIGNS = {"fold": "D", "crossing": "s", "flip": "^", "torus": "v", "sequence": "P", "end": "X"}
@@ -64,9 +64,9 @@ def bifurcation(branch: Any, body: str | None = None, *, ax: Any = None) -> Any:
                 bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
             )
     parameter = f"{branch.parameter} [{branch.unit}]" if branch.unit else branch.parameter
-    ax.set(
-        xlabel=parameter,
-        ylabel="period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]",
+    ax.set_xlabel(parameter, **AS_IT_IS)
+    ax.set_ylabel(
+        "period [s]" if body is None else f"amplitude of {body} [{_unit(branch, body)}]", **AS_IT_IS
     )
     within_or_beside(ax)
     return ax

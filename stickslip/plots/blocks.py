@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stickslip.plots.style import FINE, look, of_result, over_time, own_axes, short
+from stickslip.plots.style import FINE, labelled, look, of_result, over_time, own_axes, short
 from stickslip.results.readable import Readable
 
 _CURVES = 8
@@ -40,7 +40,7 @@ def block(result: Readable, name: str, *, ax: Any = None) -> Any:
             curves[_numbered("state", k, len(states))] = values
     shown = list(curves.items())[:_CURVES]
     for k, (label, values) in enumerate(shown):
-        ax.plot(fine.t, values, label=label, **look(k))
+        ax.plot(fine.t, values, label=labelled(label), **look(k))
     if len(curves) > len(shown):
         ax.plot([], [], linestyle="none", label=f"and {len(curves) - len(shown)} more")
     return over_time(ax, short(name), f"block {name}")

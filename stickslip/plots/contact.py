@@ -24,6 +24,7 @@ from stickslip.plots.style import (
     contact_names,
     dots,
     even_points,
+    labelled,
     look,
     name_of_points,
     of_result,
@@ -137,7 +138,7 @@ def normal_forces(result: Readable, contacts: Sequence[str] | None = None, *, ax
         return ax
     fine = result.fit_for_plot(FINE)
     for k, name in enumerate(names):
-        ax.plot(fine.t, fine.normal(name), label=name, **look(k))
+        ax.plot(fine.t, fine.normal(name), label=labelled(name), **look(k))
     return over_time(ax, NORMAL)
 
 
@@ -179,7 +180,7 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
     unit = units(result.scene, element)
     ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
-    beside(ax, title=f"contact {contact}", alignment="left")
+    beside(ax, title=f"{element.noun()} {contact}", alignment="left")
     return ax
 
 

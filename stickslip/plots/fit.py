@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stickslip.plots.style import COLOURS, TIME, check_is, panels, within_or_beside
+from stickslip.plots.style import AS_IT_IS, COLOURS, TIME, check_is, panels, within_or_beside
 from stickslip.results.units import units
 
 
@@ -36,8 +36,8 @@ def fit(found: Any, *, axes: Any = None) -> Any:
         top.plot(
             smooth.t, getattr(smooth, one.quantity)(one.of), color="black", linewidth=1.0, label="fitted"
         )
-        top.set_ylabel(f"{one.name} [{unit}]")
-        top.set_title(record.name, loc="left", fontsize="medium")
+        top.set_ylabel(f"{one.name} [{unit}]", **AS_IT_IS)
+        top.set_title(record.name, loc="left", fontsize="medium", **AS_IT_IS)
         below.plot(one.t, left[record.label(one)], **dots)
         below.axhline(0.0, color="0.35", linewidth=0.8)
         below.set_ylabel(f"residual [{unit}]")

@@ -13,6 +13,7 @@ from matplotlib.path import Path
 from stickslip.model.arrays import Array
 from stickslip.model.modes import Mode
 from stickslip.plots.style import (
+    AS_IT_IS,
     FINE,
     TIME,
     WITH_DOTS,
@@ -22,6 +23,7 @@ from stickslip.plots.style import (
     dots,
     even_points,
     keep_names_inside,
+    labelled,
     look,
     name_of_points,
     of_result,
@@ -94,7 +96,7 @@ def _velocity_curves(result: Readable, names: list[str], labels: list[str], ax: 
     few = computed.t.size <= WITH_DOTS
     driven = {drive.name for drive in result.scene.drives}
     for k, name in enumerate(names):
-        ax.plot(fine.t, fine.velocity(name), label=labels[k], zorder=2, **look(k))
+        ax.plot(fine.t, fine.velocity(name), label=labelled(labels[k]), zorder=2, **look(k))
         if few and name not in driven:
             ax.plot(computed.t, computed.velocity(name), zorder=3, **dots(k))
     ax.margins(x=0.01)
@@ -216,7 +218,7 @@ def _mode_strips(fine: Readable, names: list[str], ax: Any) -> None:
                 # edges and hatches would cover all of it
                 look |= {"linewidth": 0.0, "hatch": None, "snap": False}
             ax.broken_barh(bars, (place - height / 2, height), **look)
-    ax.set_yticks(range(len(names)), [short(name) for name in names])
+    ax.set_yticks(range(len(names)), [short(name) for name in names], **AS_IT_IS)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.margins(x=0.01)
     ax.tick_params(axis="y", length=0)

@@ -33,7 +33,7 @@ from stickslip.model.laws.dry_friction import DryFriction
 from stickslip.model.scene import Scene
 from stickslip.model.signals import Constant, Signal
 from stickslip.plots import symbols
-from stickslip.plots.style import new_figure, own_axes
+from stickslip.plots.style import AS_IT_IS, new_figure, own_axes
 from stickslip.results.units import units
 
 MOST = 12
@@ -172,7 +172,8 @@ class _Drawing:
         if note:
             ax.text(left + 0.05, lowest + 0.05, note, va="bottom", style="italic")
         for text in ax.texts:
-            text.set_fontsize(_POINTS * shrunk * (0.9 if text.get_gid() == "symbol" else 1.0))
+            size = _POINTS * shrunk * (0.9 if text.get_gid() == "symbol" else 1.0)
+            text.set(fontsize=size, **AS_IT_IS)
         for line in (*ax.lines, *ax.patches):
             line.set_linewidth(line.get_linewidth() * min(shrunk, 1.0))
         return ax

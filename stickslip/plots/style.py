@@ -94,7 +94,13 @@ def of_result(draw: Callable[P, T]) -> Callable[P, T]:
 
     @wraps(draw)
     def checked(*args: P.args, **given: P.kwargs) -> T:
-        check_result(args[0] if args else given.get("result"), draw.__name__)
+        result = args[0] if args else given.get("result")
+        check_result(result, draw.__name__)
+        runs = result.runs  # type: ignore[attr-defined]
+        if not any(run.success or run.trajectory.pieces for run in runs):
+            raise ValueError(
+                f"{draw.__name__}: nothing was computed that could be drawn: the run failed at its start"
+            )
         return draw(*args, **given)
 
     return checked
@@ -128,6 +134,18 @@ def short(text: str) -> str:
     return text if len(text) <= 2 * _END + 1 else f"{text[:_END]}…{text[-_END:]}"
 
 
+AS_IT_IS: dict[str, Any] = {"parse_math": False}
+"""How texts with names are drawn: a dollar in a name begins no formula."""
+
+_SHOWN = "\u200b"
+"""Before a label that begins with an underscore, which legends leave out."""
+
+
+def labelled(name: str) -> str:
+    """Return the label of a curve that is called so, whatever it begins with."""
+    return _SHOWN + name if name.startswith("_") else name
+
+
 def beside(ax: Any, **options: Any) -> None:
     """Put the legend to the right of the axes; within them where nothing makes room beside them."""
     if not options and not ax.get_legend_handles_labels()[0]:
@@ -137,7 +155,7 @@ def beside(ax: Any, **options: Any) -> None:
         look = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "frameon": False, "fontsize": "small"}
     legend = ax.legend(**look, **options)
     for text in (*legend.get_texts(), legend.get_title()):
-        text.set_text(short(text.get_text()))
+        text.set(text=short(text.get_text().removeprefix(_SHOWN)), **AS_IT_IS)
 
 
 def makes_room(ax: Any) -> bool:
@@ -147,7 +165,8 @@ def makes_room(ax: Any) -> bool:
 
 def over_time(ax: Any, ylabel: str, title: str = "") -> Any:
     """Name axes of time, and the curves beside them; return the axes."""
-    ax.set(xlabel=TIME, ylabel=ylabel)
+    ax.set_xlabel(TIME)
+    ax.set_ylabel(ylabel, **AS_IT_IS)
     ax.margins(x=0.01)
     beside(ax, **({"title": title, "alignment": "left"} if title else {}))
     return ax
@@ -155,7 +174,7 @@ def over_time(ax: Any, ylabel: str, title: str = "") -> Any:
 
 def even_points(result: SomeResult) -> SomeResult:
     """Return the result at evenly spaced times, enough for the columns of a picture."""
-    return result.sample(_COLUMNS) if result.is_dense else result
+    return result.sample(_COLUMNS) if result.is_dense and result.t.size else result
 
 
 def mark_events(ax: Any, result: Readable) -> None:
@@ -188,10 +207,13 @@ def wanted_names(
 def panels(axes: Any, heights: Sequence[float], what: str) -> list[Any]:
     """Return the axes given for the panels of a figure, or those of a new figure with panels of these heights."""
     count = len(heights)
+    if not count:
+        raise ValueError(f"{what}: nothing is asked for that could be drawn; name a body or a contact")
     if axes is None:
         figure = new_figure(9.0, 0.6 + sum(heights), layout="constrained")
         return list(figure.subplots(count, 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
-    listed = list(axes) if isinstance(axes, Iterable) else [axes]
+    given = axes.ravel() if isinstance(axes, np.ndarray) else axes
+    listed = list(given) if isinstance(given, Iterable) else [given]
     if len(listed) != count:
         raise ValueError(f"{what}: {count} panels need as many axes, got {len(listed)}")
     return [own_axes(ax) for ax in listed if ax is not None]
@@ -207,12 +229,15 @@ def edges(centres: Array) -> Array:
 
 def raster(ax: Any, t: Array, rows: NDArray[Any], names: list[str], **options: Any) -> Any:
     """Draw a row of colours per name over time, the first on top, and return the mesh."""
+    if not t.size:
+        t, rows = np.zeros(1), np.full((len(names), 1), np.nan)
     places = np.arange(len(names) + 1) - 0.5
     keep = np.concatenate([[True], np.diff(t) > 0])
     mesh = ax.pcolormesh(edges(t[keep]), places, rows[:, keep], rasterized=True, **options)
     ax.invert_yaxis()
     every = max(1, -(-len(names) // 20))
-    ax.set_yticks(range(0, len(names), every), [short(name) for name in names[::every]], fontsize="small")
+    listed = [short(name) for name in names[::every]]
+    ax.set_yticks(range(0, len(names), every), listed, fontsize="small", **AS_IT_IS)
     keep_names_inside(ax)
     return mesh
 

@@ -22,7 +22,7 @@ _ROUNDOFF = 1e-15
 """Part of the impulses of all forces that a body may have as a momentum though nothing moves it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnergyLedger:
     """The energies of a motion at the times `t`, in J; work and heat count from the start.
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,13 +112,17 @@ def read(path: Target, scene: Scene | Sequence[Scene] | None = None) -> Kept | l
     Where signals or laws of the scene are code that no file holds, it has to be given; of runs in a row that of each.
     """
     try:
-        with np.load(file_path(path, "load"), allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
+        with file_path(path, "load").open("rb") as opened:
+            if not is_zipfile(opened):
+                raise ValueError("no archive")
+            opened.seek(0)
+            with np.load(opened, allow_pickle=False) as file:
+                data = {name: file[name] for name in file.files}
         in_a_row = "runs" in data
         runs = [_under(f"run.{k}.", data) for k in range(int(data["runs"]))] if in_a_row else [data]
         abouts = [json.loads(str(run["about"])) for run in runs]
         formats = {about["format"] for about in abouts}
-    except (AttributeError, KeyError, ValueError, EOFError):
+    except (AttributeError, KeyError, ValueError, EOFError, BadZipFile, zlib.error):
         raise ValueError(f"load: {path} was not written by stickslip's save, or only in part") from None
     for known in formats - {_FORMAT}:
         raise ValueError(

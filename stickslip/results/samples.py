@@ -39,7 +39,7 @@ _MOST_NODES = 10
 """Gauss nodes per step; exact for polynomials of degree 19, and for products of two series to the last bit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples(PickledByFields):
     """A trajectory at some times."""
 

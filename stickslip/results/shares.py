@@ -35,6 +35,8 @@ def _times(samples: Samples, row: str) -> dict[Mode, float]:
     trajectory, j = samples.trajectory, samples.row(row)
     gaps = samples.system.rows[j].kind in ("gap", "stop")
     times = dict.fromkeys(_OF_GAPS if gaps else _OF_CONTACTS, 0.0)
+    if not trajectory.pieces:
+        raise ValueError(f"share of {row!r}: nothing was computed, the run failed at its start")
     if not trajectory.is_dense:
         raise ValueError(
             f"share of {row!r}: the motion between the outputs was not kept; simulate with dense_output=True"

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,9 +46,7 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     parts = [_columns(run.samples, placed) for run in result.runs]
     sizes = [run.samples.t.size for run in result.runs]
     names = dict.fromkeys(name for part in parts for name in part)
-    found: dict[str, NDArray[Any]] = {
-        name: joined([part.get(name) for part in parts], sizes) for name in names
-    }
+    found = _Columns({name: joined([part.get(name) for part in parts], sizes) for name in names})
     if result.is_dense or not result.t.size:
         ledger = result.energy()
         found |= {f"heat {name}": heat for name, heat in ledger.contacts.items()}
@@ -62,6 +60,25 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     return found
 
 
+class _Columns(dict[str, NDArray[Any]]):
+    """Columns by name, of which none takes the place of another."""
+
+    def __ior__(self, more: Any) -> Self:  # type: ignore[override, misc]
+        self._refuse(self.keys() & more.keys())
+        return super().__ior__(more)
+
+    def __setitem__(self, name: str, column: NDArray[Any]) -> None:
+        self._refuse({name} & self.keys())
+        super().__setitem__(name, column)
+
+    @staticmethod
+    def _refuse(twice: set[str]) -> None:
+        for name in sorted(twice):
+            raise ValueError(
+                f"columns: two columns are called {name!r}; give one of the elements another name"
+            )
+
+
 def _moving(system: System) -> list[str]:
     return [*system.names, *(drive.name for drive in system.scene.drives)]
 
@@ -72,7 +89,7 @@ def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
     moving = _moving(system)
     names = [row.name for row in system.rows]
     frictional = [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
-    found: dict[str, NDArray[Any]] = {"time": samples.t}
+    found = _Columns({"time": samples.t})
     found |= {f"velocity {name}": samples.velocity(name) for name in moving}
     found |= {f"position {name}": samples.position(name) for name in moving if name in placed}
     found |= {f"force {name}": samples.force(name) for name in names}

@@ -28,7 +28,7 @@ _AT_ONCE = 2_000_000
 """Coefficients that are put together at once."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Piece:
     """One motion, from one event or break of the loads to the next."""
 
@@ -106,7 +106,7 @@ class Pieces(PickledByFields, Sequence[Piece]):
         return self.parts[place], number - int(self.firsts[place])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory(PickledByFields):
     """All pieces of a simulated motion, in order of time."""
 

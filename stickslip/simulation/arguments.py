@@ -60,7 +60,9 @@ def between(name: str, value: float, low: float, high: float, what: str = "simul
     """Return a number that lies between two others."""
     number = finite(value, f"{what}: {name}")
     if not low < number < high:
-        raise ValueError(f"{what}: {name} must lie between {low:g} and {high:g}, got {number:g}")
+        raise ValueError(
+            f"{what}: {name} must lie between {low:g} and {high:g}, neither of them, got {number:g}"
+        )
     return number
 
 

@@ -25,7 +25,7 @@ from stickslip.simulation.presented import Presented
 from stickslip.simulation.result import Result
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Joined(Presented):
     """Results of runs in a row; each quantity is read by name as of a single one.
 
@@ -162,12 +162,12 @@ def _shown(result: Result, piece: int, tau: float) -> dict[str, Mode]:
     }
 
 
-def join(results: Sequence[Result]) -> Joined:
+def join(results: Sequence[Result | Joined]) -> Joined:
     """Return the results of runs in a row as one.
 
     Parameters
     ----------
-    results : sequence of Result
+    results : sequence of Result or Joined
         Each begins where the one before ends, from its `final_scene` or any other scene.
 
     Raises
@@ -175,12 +175,14 @@ def join(results: Sequence[Result]) -> Joined:
     TypeError, ValueError
         If there is none, one is no result, or one does not begin where the one before has ended.
     """
-    listed = tuple(in_order(results, "join: results", "Result(...)"))
-    if not listed:
+    given = in_order(results, "join: results", "Result(...)")
+    if not given:
         raise ValueError("join: there are no results; give at least one")
+    for result in given:
+        if not isinstance(result, Result | Joined):
+            raise TypeError(f"join: expected results of simulate or join, got {reprlib.repr(result)}")
+    listed = tuple(run for result in given for run in result.runs)
     for number, result in enumerate(listed):
-        if not isinstance(result, Result):
-            raise TypeError(f"join: expected results, got {reprlib.repr(result)}")
         if not result.trajectory.pieces:
             raise ValueError(
                 f"join: of run {number + 1} nothing was computed, or nothing was kept; leave it out"

@@ -40,6 +40,10 @@ class SimulationError(RuntimeError):
         super().__init__(message)
         self.t, self.modes, self.result = t, dict(modes), result
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let it come back from another process with all that it hands over."""
+        return type(self), (*self.args, self.t, self.modes, self.result), self.__dict__
+
 
 class SimulationInterrupted(KeyboardInterrupt):
     """A simulation that was interrupted from the keyboard.
@@ -54,8 +58,12 @@ class SimulationInterrupted(KeyboardInterrupt):
         super().__init__(message)
         self.result = result
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let it come back from another process with all that it hands over."""
+        return type(self), (*self.args, self.result), self.__dict__
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Result(Presented):
     """A simulated motion, in the manner of scipy's `solve_ivp`; ``result(t)`` are the states at any times `t` in s.
 
@@ -102,12 +110,12 @@ class Result(Presented):
         They are `t_eval`; or the steps of a fixed-step method; or so close that straight lines between them are right
         to 1e-3 of each quantity's range. Without `t_eval` every event stands twice (left and right limit).
         """
-        return self.samples.t
+        return _locked(self.samples.t)
 
     @property
     def y(self) -> Array:
         """States, shape (size, n): velocities, positions that springs or quantities read, bristles, blocks."""
-        return self.samples.y
+        return _locked(self.samples.y)
 
     @property
     def nfev(self) -> int:
@@ -216,3 +224,10 @@ class Result(Presented):
         lines = [self.message, *map(str, self.events)]
         lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))
         return "\n".join(lines)
+
+
+def _locked(stored: Array) -> Array:
+    """Return an array that cannot be written to, of the same data."""
+    found = stored.view()
+    found.flags.writeable = False
+    return found

@@ -30,7 +30,7 @@ _AT_CORNER = 1e-9
 """Part of its size within which a quantity is at a corner of a force."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LinearModel:
     """``x' = A x + B u``, ``y = C x + D u`` for small deviations from a motion in fixed modes.
 

@@ -18,7 +18,7 @@ from stickslip.simulation.simulate import simulate
 from stickslip.studies.parameters import named_parameters, with_values
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SceneRuns:
     """Runs of a scene with some of its numbers changed: what `sweep` evaluates at each point."""
 

@@ -38,6 +38,10 @@ class SweepInterrupted(KeyboardInterrupt):
         self.result = result
         super().__init__(f"sweep interrupted, {len(result.pending)} points pending; .result has the others")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let it come back from another process with its result."""
+        return type(self), (self.result,), self.__dict__
+
 
 def sweep(
     function: Callable[..., float | Mapping[str, Any]],

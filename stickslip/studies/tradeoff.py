@@ -105,6 +105,8 @@ class Tradeoff:
         if (error is None) == (time is None):
             raise TypeError(f"recommend: give either error= or time=, got error={error!r}, time={time!r}")
         flag(may_creep, "recommend: may_creep")
+        if time is not None:
+            finite(time, "recommend: time")
         if error is not None and finite(error, "recommend: error") < self.limit:
             raise ValueError(
                 f"recommend: error={error:g} is below what the reference can tell; allow {self.limit:.2g}"

@@ -242,9 +242,12 @@ def test_roots_far_down_have_the_roundoff_of_the_terms_there(length: float, gap:
     place, only = first_touch(c, gap)
     assert place == pytest.approx(root / length, rel=1e-14) and not only
     # what turns above 0 there has none, and what turns at 0 touches it
-    assert first_root(c + [0.501 - gap, 0.0, 0.0], floor=0.5) is None
-    assert first_touch(c + [0.501 - gap, 0.0, 0.0], 0.5) == (None, False)
-    assert first_touch(c + [0.5 - gap, 0.0, 0.0], 0.5) == (pytest.approx(1 / length, rel=1e-6), True)
+    assert first_root(c + np.array([0.501 - gap, 0.0, 0.0]), floor=0.5) is None
+    assert first_touch(c + np.array([0.501 - gap, 0.0, 0.0]), 0.5) == (None, False)
+    assert first_touch(c + np.array([0.5 - gap, 0.0, 0.0]), 0.5) == (
+        pytest.approx(1 / length, rel=1e-6),
+        True,
+    )
 
 
 # Tangencies, decided as exact arithmetic decides

@@ -1,6 +1,7 @@
 """Drawings: what stands on the axes is what the result says."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +16,16 @@ from stickslip import (
     Contact,
     DryFriction,
     Force,
+    Gear,
     Karnopp,
     LuGre,
     Mode,
     PreSlip,
     Sampled,
     Scene,
+    SimulationError,
     StateSpace,
+    feedback,
     output,
     plots,
     simulate,
@@ -546,3 +550,64 @@ def test_blocks_show_their_outputs_and_states() -> None:
     assert labels[1:] == ["lag", "steps"]
     with pytest.raises(ValueError, match="no block is called 'other'"):
         plots.block(result, "other")
+
+
+def test_names_are_no_formulas_and_none_is_missing_in_the_legend(tmp_path: Path) -> None:
+    names = ["a$$b", "pump $5 or $6", "$\\frac{$", "_left"]
+    bodies = [Body(name, inertia=1.0, velocity=1.0 + k) for k, name in enumerate(names)]
+    contacts = [
+        Contact(f"c{body.name}", body.name, GROUND, DryFriction(0.3, 0.2), normal=sine(0.1, 1.0, offset=1.0))
+        for body in bodies
+    ]
+    result = simulate(Scene(*bodies, *contacts), (0.0, 1.0))
+    figure = result.plot()
+    legend = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert legend[:4] == names
+    figure.savefig(tmp_path / "names.png")
+    result.scene.draw().savefig(tmp_path / "scene.png")
+    for contact in contacts:
+        plots.characteristic(result, contact.name).figure.savefig(tmp_path / "law.png")
+    assert "pump $5 or $6" in result.scene._repr_html_()
+    result.report(tmp_path / "names.html")
+
+
+@pytest.mark.parametrize("count", [2, 5, 13])
+def test_a_run_that_failed_at_its_start_is_refused_whatever_its_size(count: int) -> None:
+    names = [f"b{k}" for k in range(count)]
+    scene = Scene(
+        *(Body(name, inertia=1.0, velocity=1.0) for name in names),
+        *(Contact(f"c{name}", name, GROUND, DryFriction(0.3, 0.2), normal=1.0) for name in names),
+        Force("b0", feedback(lambda t: math.nan, TIME)),
+    )
+    with pytest.raises(SimulationError) as caught:
+        simulate(scene, (0.0, 1.0))
+    result = caught.value.result
+    for name, draw in {
+        "overview": result.plot,
+        "velocities": lambda: plots.velocities(result),
+        "modes": lambda: plots.modes(result),
+        "normal_forces": lambda: plots.normal_forces(result),
+        "load_of_contacts": lambda: plots.load_of_contacts(result),
+    }.items():
+        with pytest.raises(ValueError, match=f"{name}: nothing was computed that could be drawn"):
+            draw()
+    with pytest.raises(ValueError, match="share of 'cb0': nothing was computed, the run failed at its start"):
+        result.share("cb0")
+
+
+def test_an_overview_of_nothing_is_refused_and_a_grid_of_axes_is_counted() -> None:
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0)), (0.0, 1.0))
+    with pytest.raises(ValueError, match="overview: nothing is asked for that could be drawn"):
+        result.plot(bodies=[], contacts=[])
+    with pytest.raises(ValueError, match="overview: 1 panels need as many axes, got 4"):
+        result.plot(axes=Figure().subplots(2, 2))
+
+
+def test_a_phase_portrait_says_what_it_is_of() -> None:
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=2.0),
+        Body("b", inertia=1.0, velocity=1.0),
+        Gear("g", "a", "b", ratio=2.0),
+    )
+    ax = plots.phase_portrait(simulate(scene, (0.0, 1.0)), "g")
+    assert ax.get_legend().get_title().get_text() == "gear g"

@@ -250,3 +250,13 @@ def test_runs_of_which_too_little_was_kept_are_refused(runs: tuple[Result, Joine
     late = simulate(first.final_scene(), (1.25, 4.0), t_eval=[3.5], dense_output=False)
     with pytest.raises(ValueError, match="what lies between was not kept: simulate with dense_output=True"):
         join([first, late])
+
+
+def test_runs_that_are_joined_already_can_be_joined_again(runs: tuple[Result, Joined]) -> None:
+    _, whole = runs
+    first, *rest = whole.results
+    again = join([join([first]), *rest])
+    assert again.results == whole.results
+    np.testing.assert_array_equal(again.t, whole.t)
+    with pytest.raises(TypeError, match="expected results of simulate or join, got 3"):
+        join([first, 3])  # type: ignore[list-item]

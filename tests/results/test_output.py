@@ -312,3 +312,34 @@ def test_frame_names_the_extra(wheels, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without_pandas)
     with pytest.raises(ImportError, match=r"stickslip\[frames\]"):
         output.to_frame(wheels)
+
+
+@pytest.mark.parametrize("damage", ["half of it", "a wrong byte", "an array", "text", "nothing"])
+def test_a_damaged_file_is_refused(tmp_path, wheels, damage):
+    path, other = tmp_path / "r.npz", tmp_path / "r.npy"
+    wheels.save(path)
+    np.save(other, np.zeros(3))
+    data = path.read_bytes()
+    wrong = bytearray(data)
+    wrong[len(data) // 2] ^= 255
+    kinds = {
+        "half of it": data[: len(data) // 2],
+        "a wrong byte": bytes(wrong),
+        "an array": other.read_bytes(),
+    }
+    path.write_bytes({**kinds, "text": b"abc", "nothing": b""}[damage])
+    with pytest.raises(ValueError, match="was not written by stickslip's save, or only in part"):
+        stickslip.load(path)
+
+
+def test_no_column_takes_the_place_of_another(tmp_path):
+    """Two outputs of a block "s" beside a block "s[0]"; a contact "of dampers"."""
+    two = StateSpace("s", [[0.0]], [[1.0]], [[1.0], [2.0]], inputs=[stickslip.TIME])
+    one = StateSpace("s[0]", [[0.0]], [[1.0]], [[1.0]], inputs=[stickslip.TIME])
+    result = simulate(Scene(Body("a", inertia=1.0), two, one), (0.0, 1.0))
+    with pytest.raises(ValueError, match=r"two columns are called 'output s\[0\]'; give one"):
+        result.to_csv(tmp_path / "r.csv")
+    contact = Contact("of dampers", "a", GROUND, DryFriction(0.3, 0.2), normal=1.0)
+    result = simulate(Scene(Body("a", inertia=1.0, velocity=1.0), contact), (0.0, 1.0))
+    with pytest.raises(ValueError, match="two columns are called 'heat of dampers'"):
+        output.columns(result)

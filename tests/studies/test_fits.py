@@ -390,3 +390,10 @@ def test_standard_errors_beside_a_parameter_that_ends_at_its_bound() -> None:
         slopes.append((read(at + step) - read(lower)) / (1e-6 if k == 4 else 2e-6))
     covariance = np.linalg.inv(np.array(slopes) @ np.array(slopes).T / 0.01**2)
     np.testing.assert_allclose(found.standard_errors, np.sqrt(np.diag(covariance)), rtol=1e-3)
+
+
+def test_it_says_which_values_end_at_their_bounds() -> None:
+    found = fit(pulled(), {"c.law.mu_coulomb": (1.1, 1.4), "c.law.dwell": (0.5, 2.0)}, measured(pulled(), 1))
+    assert found.at_bounds == ("c.law.mu_coulomb",)
+    assert found.values[0] == pytest.approx(1.1, rel=1e-5)
+    assert [line.endswith("(at its bound)") for line in str(found).splitlines()[:2]] == [True, False]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from stickslip.model.checks import finite
@@ -52,7 +53,14 @@ class Tie(Held):
                 raise ValueError(
                     f"{self.label}: coefficient of {member!r} must not be 0; leave {member!r} out"
                 )
-        object.__setattr__(self, "coefficients", checked)
+        object.__setattr__(self, "coefficients", MappingProxyType(checked))
+
+    def __reduce__(self) -> tuple[type[Tie], tuple[str, dict[str, float]]]:
+        """What cannot be written to cannot be pickled either."""
+        return type(self), (self.name, dict(self.coefficients))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(name={self.name!r}, coefficients={dict(self.coefficients)!r})"
 
     def __hash__(self) -> int:
         """Equal ties have equal hashes, whatever the order of their members."""

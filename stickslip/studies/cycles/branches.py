@@ -41,7 +41,7 @@ class BranchPoint:
         return f"{self.value:.9g}  {self.kind}: {self.message}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Branch:
     """Limit cycles over a parameter.
 

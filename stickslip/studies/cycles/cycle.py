@@ -23,7 +23,7 @@ _NEUTRAL = 1e-6
 """Within this distance from 1 it is not told whether a deviation grows or dies away."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Cycle:
     """A periodic motion.
 

@@ -26,7 +26,7 @@ _RTOL, _ATOL = 1e-11, 1e-13
 """Tolerances of the simulation where the engine needs some: derivatives are about as accurate."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sensitivities:
     """Derivatives of a motion with respect to parameters.
 
@@ -154,7 +154,7 @@ class Sensitivities:
             lines.append(str(event))
             named = zip(self.parameters, row, strict=True)
             lines += [f"    dt / d {name.ljust(width)}  {value: .9g}" for name, value in named]
-        return "\n".join([*lines, *self.reasons])
+        return "\n".join([*(lines or ["no events"]), *self.reasons])
 
 
 def sensitivities(
@@ -179,7 +179,8 @@ def sensitivities(
         Start and end in s.
     parameters : sequence of str
         ``"wheel.inertia"``, ``"block.velocity"``, ``"brake.law.mu_coulomb"``, ``"springs[0].stiffness"``,
-        ``"brake.normal.scale"`` (a factor of any load).
+        ``"brake.normal.scale"`` (a factor of any load). Where the numbers of a gear or tie change, the velocities at
+        the start change with them: to those that its impulse leaves.
     method, rtol, atol
         As `simulate` takes them.
 

@@ -41,7 +41,7 @@ class Record:
         return f"{self.name}.{one.name}" if self.name else one.name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Parameters that make a scene move as measured.
 
@@ -61,6 +61,8 @@ class Fit:
         Where each start of the search ended, and its cost there; best first.
     reasons : tuple of str
         Where derivatives do not exist at the solution.
+    at_bounds : tuple of str
+        Parameters that end at one of their bounds.
     """
 
     parameters: tuple[str, ...]
@@ -71,6 +73,7 @@ class Fit:
     cost: float
     starts: tuple[tuple[Array, float], ...] = field(repr=False)
     reasons: tuple[str, ...]
+    at_bounds: tuple[str, ...]
 
     @property
     def scene(self) -> Scene:
@@ -146,6 +149,7 @@ class Fit:
         told = zip(self.parameters, self.values, self.standard_errors, self.units, strict=True)
         for name, value, error, unit in told:
             poor = "" if self.determined[name] else "  (not determined by these data)"
+            poor += "  (at its bound)" if name in self.at_bounds else ""
             lines.append(f"{name.ljust(width)}  {value:.8g} +- {error:.2g} {unit}{poor}".rstrip())
         correlation = np.abs(np.nan_to_num(self.correlation)) - np.eye(len(self.parameters))
         i, k = np.unravel_index(int(np.argmax(correlation)), correlation.shape)

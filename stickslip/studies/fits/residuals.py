@@ -22,6 +22,9 @@ REFUSED = 1e6
 """Weighted residual where a scene cannot be simulated."""
 
 _NOTHING = 1e-150
+_AT_BOUND = 1e-6
+"""As a part of the range between its bounds: so near to one of them the search leaves a value that ends there."""
+
 """Derivative that tells nothing: its square is 0."""
 
 
@@ -167,4 +170,11 @@ class Problem:
             cost,
             ends,
             tuple(dict.fromkeys(chain(*reasons))),
+            tuple(name for name, is_at in zip(self._names, self._at_bounds(x), strict=True) if is_at),
         )
+
+    def _at_bounds(self, x: Array) -> list[bool]:
+        """Tell which values lie at a bound, as near as the search comes to it."""
+        low, high = self.bounds
+        size = np.where(np.isfinite(high - low), high - low, np.abs(x))
+        return [bool(is_at) for is_at in np.minimum(x - low, high - x) <= _AT_BOUND * size]
