@@ -324,6 +324,15 @@ class Motion(Inputs):
         matrix = matrix + equations.law_jacobian(equations.law.slopes(*terms))
         return matrix if not equations.bristle_places.size else self._with_bristles(matrix, terms)
 
+    def true_jacobian(self, tau: float, y: Array) -> Any:
+        """Return ``d y' / d y`` with the slopes of friction as they are, however steep; a solver needs flatter ones."""
+        matrix = self.jacobian(tau, y)
+        if not self.has_law:
+            return matrix
+        w, normal, *_ = self.law_arguments(tau, y)
+        left_out = self.equations.law.left_out(w, normal)
+        return matrix + self.equations.law_jacobian(left_out) if left_out.any() else matrix
+
     @property
     def structure(self) -> Any:
         """A matrix whose entries are those of the Jacobian that may differ from 0."""

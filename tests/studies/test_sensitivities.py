@@ -33,6 +33,7 @@ from stickslip import (
     Stop,
     Tie,
     feedback,
+    limit_cycle,
     normal,
     output,
     piecewise_linear,
@@ -284,6 +285,53 @@ def test_a_kinetic_curve_by_cvode() -> None:
             continue  # the body starts at the old one
         told = differences(scene, span, one.name, all_in, 2e-3 * one.value)
         assert np.abs(exact[:, k] - told).max() <= 2e-6 * np.abs(told).max(), one.name
+
+
+def steep_belt(exponent: float, begin: float = 0.1) -> Scene:
+    """Friction falls from rest as ``-w^exponent`` does; for exponents below 1 its slope there has no bound."""
+    law = DryFriction(0.5, 0.3, stribeck_velocity=0.15, stribeck_exponent=exponent)
+    return Scene(
+        Body("b", inertia=1.0, velocity=begin),
+        Drive("h", velocity=0.3),
+        Spring("b", GROUND, stiffness=6.0, damping=0.1),
+        Contact("c", "b", "h", law, normal=2.0),
+    )
+
+
+@pytest.mark.parametrize(("exponent", "off"), [(0.6, 1e-6), (0.9, 1e-7), (1.0, 1e-7), (1.5, 1e-7)])
+@pytest.mark.parametrize("name", ["h.velocity", "c.law.mu_static", "springs[0].stiffness"])
+def test_friction_that_is_steep_at_rest(exponent: float, off: float, name: str) -> None:
+    """The belt holds the block and lets it go, and the block passes its speed the other way from a start before it."""
+    scene, span = steep_belt(exponent), (0.0, 4.0)
+    found = sensitivities(scene, span, [name])
+    assert found.reasons == () and len(found.result.events) >= 3
+    told = differences(scene, span, name, all_in, 1e-3)
+    assert np.abs(all_of(found)[:, 0] - told).max() <= off * np.abs(told).max()
+
+
+def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
+    """``w' = c w^d + k v t`` with d < 1/2: the first term outruns the second, which tells when it begins."""
+    found = sensitivities(steep_belt(0.4), (0.0, 4.0), ["h.velocity", "b.velocity"])
+    held, freed = (event.t for event in found.result.events[:2])
+    assert np.isfinite(found.events[:2]).all() and np.isnan(found.events[2:]).all()
+    assert len(found.reasons) == 2 and "a Stribeck exponent below 1/2" in found.reasons[0]
+    assert np.isfinite(found.velocity("b", [0.5 * (held + freed)])).all()
+    assert np.isnan(found.velocity("b")).all()
+
+
+@pytest.mark.parametrize("exponent", [0.7, 0.9, 1.5])
+def test_a_cycle_with_friction_that_is_steep_at_rest_forgets(exponent: float) -> None:
+    """A contact sticks: the multiplier is 0."""
+    law = DryFriction(0.5, 0.3, stribeck_velocity=0.15, stribeck_exponent=exponent)
+    cycle = limit_cycle(
+        Scene(
+            Body("b", inertia=1.0, velocity=0.1),
+            Drive("h", velocity=0.1),
+            Spring("b", GROUND, stiffness=6.0),
+            Contact("c", "b", "h", law, normal=2.0),
+        )
+    )
+    assert np.abs(cycle.multipliers).max() < 1e-6
 
 
 @pytest.mark.slow

@@ -12,6 +12,9 @@ from stickslip.model.arrays import Array, Mask
 from stickslip.model.laws.base import Kernel
 
 _UNDERFLOW = 745.0
+_BESIDE = 1e-100
+"""Part of the Stribeck velocity that is as good as rest."""
+
 _STEEPEST = 1e-3
 """Part of the Stribeck velocity below which curves of infinite slope at rest count as no steeper."""
 
@@ -76,9 +79,19 @@ class Kinetic:
         Where the exponent is below 1 they grow beyond limits towards rest. Newton's method with these is thrown across
         the rest that a contact has just left, which ends in a storm of events: there they are cut off.
         """
+        return self._slope(w, self._steepest)
+
+    def left_out(self, w: Array) -> Array:
+        """Return by how much the curve is steeper than that at `w` (k,); at 0 as it is beside it."""
+        beside = np.where((w == 0) & (self.exponent >= 1), _BESIDE * self._velocity, w)
+        if not ((self._steepest > np.abs(w)) | (beside != w)).any():
+            return np.zeros_like(w)
+        return self._slope(beside, np.zeros_like(self._steepest)) - self.slope(w)
+
+    def _slope(self, w: Array, steepest: Array) -> Array:
         slope = np.zeros_like(w)
         if self._bent:
-            ratio = np.clip(np.abs(w), self._steepest, self._gone) / self._velocity
+            ratio = np.clip(np.abs(w), steepest, self._gone) / self._velocity
             moving = w != 0
             ratio[~moving] = 1.0
             power = ratio**self.exponent
@@ -141,5 +154,12 @@ class Slipping(Kernel):
 
     def slopes(self, w: Array, normal: Array, lag: Array, z: Array) -> Array:
         """Return the derivatives with respect to `w`."""
+        return self._mu.slope(self._speed(w)) * normal
+
+    def left_out(self, w: Array, normal: Array) -> Array:
+        """Return what these lack of the true ones."""
+        return self._mu.left_out(self._speed(w)) * normal
+
+    def _speed(self, w: Array) -> Array:
         speed = self._sign * w
-        return self._mu.slope(np.where(self._turned, np.abs(speed), np.maximum(speed, 0.0))) * normal
+        return np.where(self._turned, np.abs(speed), np.maximum(speed, 0.0))

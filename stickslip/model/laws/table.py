@@ -92,6 +92,13 @@ class VelocityDependentForces:
             d[rows] = kernel.slopes(w[rows], normal[rows], lag[rows], z[own])
         return d
 
+    def left_out(self, w: Array, normal: Array) -> Array:
+        """Return what these slopes lack of the true ones, where a solver needs flatter ones."""
+        d = np.empty_like(w)
+        for rows, _, kernel in self._parts:
+            d[rows] = kernel.left_out(w[rows], normal[rows])
+        return d
+
     def steady(self, w: Array, normal: Array) -> Array:
         """Return the forces in steady motion."""
         r = np.empty_like(w)

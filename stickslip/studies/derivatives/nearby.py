@@ -24,6 +24,9 @@ Quantity = Callable[[Motion, Array, Array], Array]
 REST = 1e-11
 """Part of the speeds of a motion below which a velocity is 0."""
 
+_BESIDE = 100.0
+"""So many times as far as scenes near by move a relative velocity, its friction force may bend too much for them."""
+
 _FINE = 1e-4
 """Step of a difference as a part of the size of the motion."""
 
@@ -65,7 +68,7 @@ class Nearby:
         speeds = [law.stribeck_velocity for law in laws]
         finest = float(self.system.laws.resolution.min(initial=np.inf))
         # speed within which friction forces bend
-        self._bend = min([*(one for one in speeds if one is not None), finest])
+        self.bend = min([*(one for one in speeds if one is not None), finest])
 
     def stretch_after(self, t: float, loads: Loads) -> Stretch:
         """Return the stretch of loads near by that has the number of the nominal one after `t`."""
@@ -121,7 +124,7 @@ class Nearby:
         found = []
         part = float((np.abs(S) / self.state_sizes[:, None]).max(initial=0.0))
         if part > 0:
-            bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self._bend
+            bends = float(np.abs(self.system.G @ S[: self.system.n]).max(initial=0.0)) / self.bend
             h = 1.0 / part if is_straight else min(_FINE / part, PART / bends if bends > 0 else np.inf)
             found += [(weight / h, motion, y + offset * h * S) for offset, weight in CENTRAL]
         # a dwell time may be short beside all that moves
@@ -161,6 +164,43 @@ class Nearby:
             with np.errstate(invalid="ignore"):
                 found[..., k] = sum(parts, none)
         found[..., ~exists] = np.nan
+        return found
+
+    def forcing(self, motion: Motion, since: Array, taus: Array, y: Array) -> Array:
+        """Return the derivatives of the rates at fixed times and states, (size, k, directions).
+
+        Beside relative velocity 0 laws bend, or turn over: where scenes near by have other relative velocities there,
+        their states are moved to where these are the same, and what that does to the rates is taken off.
+        """
+        found = self.slopes(Motion.rate, motion, since, taus, y, np.zeros((*y.shape, self.count)))
+        rows, size = motion.equations.velocity_dependent, self.system.size
+        for k in range(self.count if rows.size else 0):
+            near_ones = self.near(motion, k)
+            w = self.system.relative_velocity(y, motion.inputs(taus, y))[rows]
+            states = [near.exact(taus, y) for _, near in near_ones]
+            apart = [
+                w - near.system.relative_velocity(at, near.inputs(taus, at))[rows]
+                for (_, near), at in zip(near_ones, states, strict=True)
+            ]
+            moved = np.max([np.abs(one) for one in apart], axis=0, initial=0.0)
+            some = (np.abs(w) < _BESIDE * moved).any(axis=0).nonzero()[0]
+            if not some.size:
+                continue
+            rates, shift = [], np.zeros((size, some.size))
+            for (weight, near), at, one in zip(near_ones, states, apart, strict=True):
+                ways = np.eye(size)[:, : self.system.n]
+                ways = near.equations.consistent(ways, np.zeros((self.system.drives, self.system.n)))
+                change = (
+                    ways
+                    @ np.linalg.lstsq(
+                        dense(near.system.G[rows] @ ways[: self.system.n]), one[:, some], rcond=None
+                    )[0]
+                )
+                shift += weight * change
+                rates.append(weight * near.rate(taus[some], at[:, some] + change))
+            found[:, some, k] = total(rates)
+            for place, i in enumerate(some.tolist()):
+                found[:, i, k] -= motion.true_jacobian(float(taus[i]), y[:, i]) @ shift[:, place]
         return found
 
     def slopes_at(

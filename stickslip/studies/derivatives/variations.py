@@ -107,6 +107,7 @@ class Variation(Nearby):
             for kink in (
                 *kinks.at_corners(self, number, motion, varied),
                 *kinks.at_rise_from_nothing(self, number, motion),
+                *kinks.at_steep_starts(self, number, motion),
             ):
                 self._refuse(piece.t, [kink])
                 until[kink[0]] = 0.0

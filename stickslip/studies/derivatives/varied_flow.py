@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from stickslip.equations.matrices import dense
@@ -11,11 +9,13 @@ from stickslip.equations.motion import Motion
 from stickslip.model.arrays import Array
 from stickslip.results.trajectory import Piece
 from stickslip.studies.derivatives.nearby import Nearby, total
+from stickslip.studies.derivatives.radau import STAGES, radau
+from stickslip.studies.derivatives.steep import Steep
 
 _ORDER = 20
 _REMAINDER = 1e-16
-_STAGES, _JOINED = 8, 16
-"""Stages of a collocation, over so many steps of the solver at most."""
+_JOINED = 16
+"""A collocation goes over so many steps of the solver at most."""
 
 _AT_ONCE = 8
 """Collocations for which what drives S is computed together."""
@@ -96,16 +96,17 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
 
     As many steps are joined as leave S a polynomial there: its last coefficient tells.
     """
-    path, size, count = piece.kept_path, nearby.system.size, nearby.count
-    nodes = _radau()[0]
+    size, count = nearby.system.size, nearby.count
+    path = Steep(motion, piece.kept_path, float(nearby.state_sizes[0]), nearby.bend)
+    nodes = radau()[0]
     ends, found = [0.0], []
     first, last, joined = 0, path.taus.size - 1, _JOINED
     while first < last:
         edges = np.unique(np.minimum(first + joined * np.arange(_AT_ONCE + 1), last))
         begins, lengths = path.taus[edges[:-1]], np.diff(path.taus[edges])
         taus = (begins[:, None] + lengths[:, None] * nodes).ravel()
-        y, still = motion.exact(taus, path.at(taus).T), np.zeros((size, taus.size, count))
-        forcing = nearby.slopes(Motion.rate, motion, since, taus, y, still)
+        y = path.at(taus)
+        forcing = nearby.forcing(motion, since, taus, y)
         forcing = np.moveaxis(forcing.reshape(size, lengths.size, nodes.size, count), 0, 2)
         roughest = 0.0
         for i, end in enumerate(edges[1:].tolist()):
@@ -119,7 +120,7 @@ def _collocated(nearby: Nearby, piece: Piece, motion: Motion, S: Array, since: A
             ends.append(float(path.taus[end]))
             found.append(c)
         # the last coefficient grows with the length to the power of its order
-        factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / _STAGES)
+        factor = 0.9 * max(roughest, _LEAST) ** (-1.0 / STAGES)
         joined = min(max(int(joined * min(factor, _GROWTH)), 1), _JOINED)
     return np.array(ends), np.array(found)
 
@@ -131,8 +132,8 @@ def _collocation(
 
     The state `y` and the rates `forcing` that S does not cause are those at the times of the stages.
     """
-    _, weights, to_powers = _radau()
-    slopes = np.array([dense(motion.jacobian(tau, y[:, j])) for j, tau in enumerate(taus.tolist())])
+    _, weights, to_powers = radau()
+    slopes = np.array([dense(motion.true_jacobian(tau, y[:, j])) for j, tau in enumerate(taus.tolist())])
     blocks = h * weights[:, None, :, None] * slopes.transpose(1, 0, 2)[None]
     whole = np.eye(y.size) - blocks.reshape(y.size, y.size)
     right = S[None] + h * np.einsum("ij,jsk->isk", weights, forcing)
@@ -146,18 +147,3 @@ def _roughness(c: Array) -> float:
     """Return the last coefficient of a polynomial of S over what it may be; it is about what is left out."""
     sizes = np.nan_to_num(np.abs(c))
     return float((sizes[-1] / (_LAST * np.maximum(sizes.max(axis=0), _TINY))).max(initial=0.0))
-
-
-@lru_cache(maxsize=1)
-def _radau() -> tuple[Array, Array, Array]:
-    """Return nodes and weights of Radau's collocation (IIA), and the map from values at 0 and the nodes to powers."""
-    legendre = np.polynomial.Legendre
-    shifted = legendre.basis(_STAGES) - legendre.basis(_STAGES - 1)
-    nodes = np.sort(0.5 + 0.5 * np.real(shifted.roots()))
-    nodes[-1] = 1.0
-    powers = np.arange(_STAGES)
-    vandermonde = nodes[:, None] ** powers
-    integrals = nodes[:, None] ** (powers + 1) / (powers + 1)
-    places = np.concatenate([[0.0], nodes])
-    to_powers = np.linalg.inv(places[:, None] ** np.arange(_STAGES + 1))
-    return nodes, integrals @ np.linalg.inv(vandermonde), to_powers
