@@ -85,7 +85,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: JOINED.share("q"), "no contact is called 'q'; known are 'c'"),
     (lambda: JOINED.breakaway("c", 3), "breakaway of contact 'c': direction must be +1 (forward) or -1"),
     (lambda: join(RESULT), "join: results must be a sequence of Result(...), got Result(scene="),
-    (lambda: join([SCENE]), "join: expected results, got Scene("),
+    (lambda: join([SCENE]), "join: expected results of simulate or join, got Scene("),
     # -- writing
     (lambda: RESULT.to_csv(None), "to_csv: path must be a text or a pathlib.Path, got None"),
     (lambda: RESULT.save(3), "save: path must be a text or a pathlib.Path, got 3"),
