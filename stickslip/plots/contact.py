@@ -180,6 +180,9 @@ def phase_portrait(result: Readable, contact: str, *, ax: Any = None) -> Any:
     ax.plot(x[-1:], w[-1:], "X", color="black", markersize=8, zorder=3, label="end")
     unit = units(result.scene, element)
     ax.set(xlabel=f"relative displacement [{unit.position}]", ylabel=f"relative velocity [{unit.velocity}]")
+    if ax.get_xscale() == "linear":
+        # displacements may be small, and their labels long
+        ax.locator_params(axis="x", nbins=6)
     beside(ax, title=f"{element.noun()} {contact}", alignment="left")
     return ax
 
