@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
@@ -28,6 +29,9 @@ _EXACT = 1e-8
 
 _HIDDEN = 1e-5
 """Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
+
+_APART = 1e-3
+"""Parts of a scene that nothing joins may be so many times as slow as the fastest without a tighter tolerance."""
 
 _NOISE, _SEEN = 1e-11, 1e-3
 """What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
@@ -106,6 +110,10 @@ def tolerances(
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
     resolution = method.resolution
+    if speed > 0 and not (is_exact or method.takes_steps):
+        slow = _slowest_part(system, start, stop)
+        if _FINEST * speed < slow < _APART * speed:
+            rtol = max(min(rtol, rtol * slow / (_APART * speed)), min(rtol, _FINEST))
     if speed > 0:
         noise = 0.0 if reached is None else _ROUNDOFF * reached.pushed
         atol = min(atol, max(rtol * speed, noise))
@@ -154,6 +162,43 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
         f"contact {names[0]!r}: a pre-slip velocity of {finest:g} is too small beside velocities of {speed:.3g} "
         f"for double precision; make it at least {rounded_up(2 * resolution * _FINEST * speed)}, or use DryFriction"
     )
+
+
+def _slowest_part(system: System, start: float, stop: float) -> float:
+    """Return the velocity scale of the slowest part whose contacts, clutches or stops nothing joins to the others.
+
+    What the solver leaves uncertain of the fastest part is uncertain of all: a slow contact would not come to rest.
+    """
+    scene, n = system.scene, system.n
+    if system.dependence is not None or n < 2 or not system.m:
+        return math.inf
+    rows = [row.coefficients for row in system.rows]
+    joined = [*rows, *(link.coefficients for link in system.couplings)]
+    pairs = np.array([(k, i) for k, ends in enumerate(joined) for i in ends if i < n]).reshape(-1, 2)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(pairs)), (n + pairs[:, 0], pairs[:, 1])), (n + len(joined),) * 2
+    )
+    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    speed = np.zeros(n + len(joined))
+    speed[:n] = [abs(body.velocity) for body in scene.bodies]
+    led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
+    place = [element.position for element in (*scene.bodies, *scene.drives)]
+    for k, ends in enumerate(joined, start=n):
+        speed[k] = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
+    for k, link in enumerate(system.couplings, start=n + len(rows)):
+        offset = abs(sum(c * place[i] for i, c in link.coefficients.items()) - link.rest)
+        pull = np.array(
+            [abs(c) / system.inertia[i] for i, c in link.coefficients.items() if i < n and system.inertia[i]]
+        )
+        speed[k] = max(speed[k], offset * math.sqrt(link.stiffness * pull.max(initial=0.0)))
+    for force, signal in zip(scene.forces, system.others[: len(scene.forces)], strict=True):
+        i = system.index[force.body]
+        if system.inertia[i] > 0:
+            speed[i] = max(speed[i], largest_value(signal, start, stop) / system.inertia[i] * (stop - start))
+    found = np.zeros(count)
+    np.maximum.at(found, label, speed)
+    some = np.unique(label[n : n + len(rows)])
+    return float(found[some][found[some] > 0].min(initial=math.inf))
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:

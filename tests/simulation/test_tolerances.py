@@ -111,3 +111,18 @@ def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
     )
     stats = simulate(scene, (0.0, 1.0), method="BDF").stats
     assert stats["steps"] < 100
+
+
+@pytest.mark.parametrize("spin", [0.0, 300.0])
+def test_a_slow_slide_comes_to_rest_beside_a_fast_flywheel(spin: float) -> None:
+    """Nothing joins them: v = 1e-5 less 3e-5 t or more, and then rest; the heat is what it had, v^2 / 2."""
+    law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
+    scene = Scene(
+        Body("slide", inertia=1.0, velocity=1e-5),
+        Contact("c", "slide", GROUND, law, normal=1e-4),
+        Body("fly", inertia=1.0, velocity=spin),
+    )
+    result = simulate(scene, (0.0, 4.0))
+    assert [event.after.name for event in result.events] == ["STUCK"]
+    assert result.velocity("slide")[-1] == 0.0
+    assert result.energy().contacts["c"][-1] == pytest.approx(0.5e-10, rel=1e-6)
