@@ -94,13 +94,12 @@ def first_touch(
 
     It touches 0 where it turns within what the roundoff of its terms and of `floor` adds up to in many steps.
     """
-    c = coefficients.tolist()
-    near = _STEPS * _ROUNDOFF * max(_size(c, 1.0), floor)
+    c, part = coefficients.tolist(), _STEPS * _ROUNDOFF
+    near = part * max(_size(c, 1.0), floor)
     lowered = [c[0] - near, *c[1:]]
     root = _below(lowered, _in_bernstein(coefficients, bernstein) - near, floor)
     if root is not None and root < _FAR_DOWN and len(c) < _LONG:
         # there the terms are smaller: less by what adds up at each place
-        part = _STEPS * _ROUNDOFF
         lowered = [a - part * abs(a) for a in c]
         lowered[0] -= part * floor
         root = _below(lowered, _in_bernstein(np.array(lowered), None), floor)

@@ -9,7 +9,7 @@ or whose position is read.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -241,6 +241,17 @@ class System:
         self.GT = self.G.T.tocsr() if self.sparse else np.ascontiguousarray(self.G.T)
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
+
+    @cached_property
+    def parts(self) -> Indices:
+        """The number of the part that each body belongs to, (n,): nothing but drives and the ground joins parts."""
+        joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
+        pairs = [(k, i) for k, ends in enumerate(joined, start=self.n) for i in ends if i < self.n]
+        joint, body = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+        size = self.n + len(joined)
+        graph = scipy.sparse.coo_array((np.ones(joint.size), (joint, body)), (size, size))
+        label: Indices = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+        return label[: self.n]
 
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""

@@ -150,7 +150,7 @@ class Samples(PickledByFields):
     @cached_property
     def _lines(self) -> Array:
         """The states as they are handed out."""
-        return _for_reading(self.y.view())
+        return for_reading(self.y.view())
 
     def force(self, row: str) -> Array:
         """Return the force r of a row, in N or N m (``-c_i r`` acts on a body with the coefficient ``c_i``)."""
@@ -245,8 +245,8 @@ class Samples(PickledByFields):
         """Velocities of the drives in m/s or rad/s, a line each."""
         if self.trajectory.is_patchwork:
             # there may be too many other inputs
-            return _for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
-        return _for_reading(self.system.drive_velocities(self._loads))
+            return for_reading(self.trajectory.drive_velocities(self.piece_of, self.taus))
+        return for_reading(self.system.drive_velocities(self._loads))
 
     def velocities(self) -> Array:
         """Return the velocities of all bodies and drives in m/s or rad/s, a line each."""
@@ -257,12 +257,12 @@ class Samples(PickledByFields):
     def _body_positions(self) -> Array:
         starts = np.array([body.position for body in self.scene.bodies])
         moved = positions.of_bodies(self.trajectory, self.piece_of, self.taus)
-        return _for_reading(np.add(moved, starts[:, None], out=moved))
+        return for_reading(np.add(moved, starts[:, None], out=moved))
 
     @cached_property
     def _drive_positions(self) -> Array:
         starts = np.array([drive.position for drive in self.scene.drives])
-        return _for_reading(starts[:, None] + positions.of_drives(self.trajectory, self.t))
+        return for_reading(starts[:, None] + positions.of_drives(self.trajectory, self.t))
 
     @cached_property
     def relative_velocities(self) -> Array:
@@ -272,17 +272,17 @@ class Samples(PickledByFields):
             w: Array = system.G @ y[: system.n]
             if system.drives:
                 w += system.D @ self.drive_velocities
-        return _for_reading(w)
+        return for_reading(w)
 
     @cached_property
     def normals(self) -> Array:
         """Normal forces in N."""
         if not self.trajectory.is_patchwork:
-            return _for_reading(np.maximum(self.inputs[: self.system.m], 0.0))
+            return for_reading(np.maximum(self.inputs[: self.system.m], 0.0))
         # no load depends on the state: other inputs need not be known
         rows = slice(*self.rows.indices(self.system.m))
         loads = self.trajectory.loads_at(self.piece_of, self.taus, rows)
-        return _for_reading(np.maximum(loads, 0.0, out=loads))
+        return for_reading(np.maximum(loads, 0.0, out=loads))
 
     @cached_property
     def _modes(self) -> tuple[Modes, Modes]:
@@ -292,7 +292,7 @@ class Samples(PickledByFields):
         if free.size:
             signs = self.system.sign_of(self.relative_velocities)
             shown[free] = np.where(inner[free] == FREE, signs[free], shown[free])
-        return inner, _for_reading(shown)
+        return inner, for_reading(shown)
 
     @property
     def modes(self) -> Modes:
@@ -330,7 +330,7 @@ class Samples(PickledByFields):
             np.copyto(risen, least, where=self.modes[slow] != 0)
             levels[slow] = risen * self.normals[slow]
         if system.all_friction:
-            return _for_reading(levels)
+            return for_reading(levels)
         if system.has_stops:
             closed = self.modes[system.is_stop[rows]] == (Mode.BACKWARD if side else Mode.FORWARD)
             levels[system.is_stop[rows]] = np.where(closed, np.inf, 0.0)
@@ -338,7 +338,7 @@ class Samples(PickledByFields):
         levels[(system.is_tie | system.is_gap)[rows]] = np.inf
         if side == 0:
             levels[system.is_one_way[rows]] = np.inf
-        return _for_reading(levels)
+        return for_reading(levels)
 
     @cached_property
     def breakaways(self) -> Array:
@@ -347,12 +347,12 @@ class Samples(PickledByFields):
         if backward is forward:
             return forward
         below = (self.modes < 0) | ((self.modes == 0) & (self.forces < 0))
-        return _for_reading(np.where(below, backward, forward))
+        return for_reading(np.where(below, backward, forward))
 
     @cached_property
     def powers(self) -> Array:
         """What rows dissipate, in W."""
-        return _for_reading(self.forces * self.relative_velocities)
+        return for_reading(self.forces * self.relative_velocities)
 
     @cached_property
     def forces(self) -> Array:
@@ -368,7 +368,7 @@ class Samples(PickledByFields):
         if not trajectory.is_patchwork:
             with one_thread(system):
                 self._hold(forces)
-        return _for_reading(forces)
+        return for_reading(forces)
 
     def _act(self, forces: Array) -> None:
         """Write the forces of rows whose law depends on velocity, or that rest at a level."""
@@ -446,7 +446,7 @@ def _line(table: NDArray[T], i: int) -> NDArray[T]:
     return line
 
 
-def _for_reading(table: NDArray[T]) -> NDArray[T]:
+def for_reading(table: NDArray[T]) -> NDArray[T]:
     """Return a table of which many read lines: no one may write to it."""
     table.flags.writeable = False
     return table

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,37 +46,30 @@ def columns(result: Readable) -> dict[str, NDArray[Any]]:
     parts = [_columns(run.samples, placed) for run in result.runs]
     sizes = [run.samples.t.size for run in result.runs]
     names = dict.fromkeys(name for part in parts for name in part)
-    found = _Columns({name: joined([part.get(name) for part in parts], sizes) for name in names})
+    found = [{name: joined([part.get(name) for part in parts], sizes) for name in names}]
     if result.is_dense or not result.t.size:
         ledger = result.energy()
-        found |= {f"heat {name}": heat for name, heat in ledger.contacts.items()}
-        found["heat of dampers"] = sum(ledger.dampers.values(), np.zeros_like(ledger.t))
-        found |= {"kinetic energy": ledger.kinetic, "spring energy": ledger.spring}
-        found |= {"work of loads": ledger.loads, "work of drives": ledger.drives}
+        found.append({f"heat {name}": heat for name, heat in ledger.contacts.items()})
+        found.append({"heat of dampers": sum(ledger.dampers.values(), np.zeros_like(ledger.t))})
+        found.append({"kinetic energy": ledger.kinetic, "spring energy": ledger.spring})
+        found.append({"work of loads": ledger.loads, "work of drives": ledger.drives})
         if ledger.impacts:
-            found["lost in impacts"] = sum(ledger.impacts.values(), np.zeros_like(ledger.t))
+            found.append({"lost in impacts": sum(ledger.impacts.values(), np.zeros_like(ledger.t))})
         if ledger.changes.any():
-            found["changes between runs"] = ledger.changes
-    return found
+            found.append({"changes between runs": ledger.changes})
+    return _together(found)
 
 
-class _Columns(dict[str, NDArray[Any]]):
-    """Columns by name, of which none takes the place of another."""
-
-    def __ior__(self, more: Any) -> Self:  # type: ignore[override, misc]
-        self._refuse(self.keys() & more.keys())
-        return super().__ior__(more)
-
-    def __setitem__(self, name: str, column: NDArray[Any]) -> None:
-        self._refuse({name} & self.keys())
-        super().__setitem__(name, column)
-
-    @staticmethod
-    def _refuse(twice: set[str]) -> None:
-        for name in sorted(twice):
+def _together(parts: Iterable[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return all columns, of which none may take the place of another."""
+    found: dict[str, NDArray[Any]] = {}
+    for part in parts:
+        for name in sorted(found.keys() & part.keys()):
             raise ValueError(
                 f"columns: two columns are called {name!r}; give one of the elements another name"
             )
+        found |= part
+    return found
 
 
 def _moving(system: System) -> list[str]:
@@ -89,21 +82,23 @@ def _columns(samples: Samples, placed: set[str]) -> dict[str, NDArray[Any]]:
     moving = _moving(system)
     names = [row.name for row in system.rows]
     frictional = [row.name for row, has in zip(system.rows, system.is_friction.tolist(), strict=True) if has]
-    found = _Columns({"time": samples.t})
-    found |= {f"velocity {name}": samples.velocity(name) for name in moving}
-    found |= {f"position {name}": samples.position(name) for name in moving if name in placed}
-    found |= {f"force {name}": samples.force(name) for name in names}
-    found |= {f"breakaway {name}": samples.breakaway(name) for name in frictional}
-    found |= {f"mode {name}": samples.mode(name) for name in names}
-    found |= {f"normal {name}": samples.normal(name) for name in frictional}
-    found |= {f"power {name}": samples.power(name) for name in frictional}
+    found: list[dict[str, NDArray[Any]]] = [
+        {"time": samples.t},
+        {f"velocity {name}": samples.velocity(name) for name in moving},
+        {f"position {name}": samples.position(name) for name in moving if name in placed},
+        {f"force {name}": samples.force(name) for name in names},
+        {f"breakaway {name}": samples.breakaway(name) for name in frictional},
+        {f"mode {name}": samples.mode(name) for name in names},
+        {f"normal {name}": samples.normal(name) for name in frictional},
+        {f"power {name}": samples.power(name) for name in frictional},
+    ]
     for name in system.blocks:
         outputs = np.atleast_2d(samples.outputs_of(name))
         heads = (
             [f"output {name}"] if len(outputs) == 1 else [f"output {name}[{k}]" for k in range(len(outputs))]
         )
-        found |= dict(zip(heads, outputs, strict=True))
-    return found
+        found.append(dict(zip(heads, outputs, strict=True)))
+    return _together(found)
 
 
 def column_units(result: Readable) -> dict[str, str]:

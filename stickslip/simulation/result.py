@@ -17,7 +17,7 @@ from stickslip.model.scene import Scene
 from stickslip.results.continuation import final_scene
 from stickslip.results.outcome import Event
 from stickslip.results.readable import times_within
-from stickslip.results.samples import Samples
+from stickslip.results.samples import Samples, for_reading
 from stickslip.results.sampling import at_steps, fit_for_plot, refined
 from stickslip.results.trajectory import Trajectory
 from stickslip.simulation.presented import Presented
@@ -110,12 +110,12 @@ class Result(Presented):
         They are `t_eval`; or the steps of a fixed-step method; or so close that straight lines between them are right
         to 1e-3 of each quantity's range. Without `t_eval` every event stands twice (left and right limit).
         """
-        return _locked(self.samples.t)
+        return for_reading(self.samples.t.view())
 
     @property
     def y(self) -> Array:
         """States, shape (size, n): velocities, positions that springs or quantities read, bristles, blocks."""
-        return _locked(self.samples.y)
+        return for_reading(self.samples.y.view())
 
     @property
     def nfev(self) -> int:
@@ -224,10 +224,3 @@ class Result(Presented):
         lines = [self.message, *map(str, self.events)]
         lines.append(", ".join(f"{name}: {value}" for name, value in self.stats.items()))
         return "\n".join(lines)
-
-
-def _locked(stored: Array) -> Array:
-    """Return an array that cannot be written to, of the same data."""
-    found = stored.view()
-    found.flags.writeable = False
-    return found

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 
 from stickslip.engines.base import Method
 from stickslip.equations.system import System
@@ -110,11 +110,10 @@ def tolerances(
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
     resolution = method.resolution
-    if speed > 0 and not (is_exact or method.takes_steps):
-        slow = _slowest_part(system, start, stop)
-        if _FINEST * speed < slow < _APART * speed:
-            rtol = max(min(rtol, rtol * slow / (_APART * speed)), min(rtol, _FINEST))
     if speed > 0:
+        slow = math.inf if is_exact or method.takes_steps else _slowest_part(system, start, stop)
+        if _FINEST * speed < slow < _APART * speed:
+            rtol = max(rtol * slow / (_APART * speed), min(rtol, _FINEST))
         noise = 0.0 if reached is None else _ROUNDOFF * reached.pushed
         atol = min(atol, max(rtol * speed, noise))
         if resolution * (rtol * speed + atol) > finest:
@@ -165,40 +164,39 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
 
 
 def _slowest_part(system: System, start: float, stop: float) -> float:
-    """Return the velocity scale of the slowest part whose contacts, clutches or stops nothing joins to the others.
+    """Return the velocity scale of the slowest part with contacts, clutches or stops; infinite if there are no parts.
 
     What the solver leaves uncertain of the fastest part is uncertain of all: a slow contact would not come to rest.
     """
-    scene, n = system.scene, system.n
-    if system.dependence is not None or n < 2 or not system.m:
+    scene, parts, n = system.scene, system.parts, system.n
+    if system.dependence is not None or (parts == parts[0]).all():
         return math.inf
+    speed, inertia = np.array([abs(body.velocity) for body in scene.bodies]), system.inertia
     rows = [row.coefficients for row in system.rows]
-    joined = [*rows, *(link.coefficients for link in system.couplings)]
-    pairs = np.array([(k, i) for k, ends in enumerate(joined) for i in ends if i < n]).reshape(-1, 2)
-    graph = scipy.sparse.coo_array(
-        (np.ones(len(pairs)), (n + pairs[:, 0], pairs[:, 1])), (n + len(joined),) * 2
-    )
-    count, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    speed = np.zeros(n + len(joined))
-    speed[:n] = [abs(body.velocity) for body in scene.bodies]
     led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
+    for ends in (*rows, *(link.coefficients for link in system.couplings)):
+        fastest = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
+        for i in ends:
+            if i < n:
+                speed[i] = max(speed[i], fastest)
     place = [element.position for element in (*scene.bodies, *scene.drives)]
-    for k, ends in enumerate(joined, start=n):
-        speed[k] = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
-    for k, link in enumerate(system.couplings, start=n + len(rows)):
+    for link in system.couplings:
         offset = abs(sum(c * place[i] for i, c in link.coefficients.items()) - link.rest)
-        pull = np.array(
-            [abs(c) / system.inertia[i] for i, c in link.coefficients.items() if i < n and system.inertia[i]]
-        )
-        speed[k] = max(speed[k], offset * math.sqrt(link.stiffness * pull.max(initial=0.0)))
+        for i, c in link.coefficients.items():
+            if i < n and inertia[i]:
+                speed[i] = max(speed[i], offset * math.sqrt(link.stiffness * abs(c) / inertia[i]))
     for force, signal in zip(scene.forces, system.others[: len(scene.forces)], strict=True):
         i = system.index[force.body]
-        if system.inertia[i] > 0:
-            speed[i] = max(speed[i], largest_value(signal, start, stop) / system.inertia[i] * (stop - start))
-    found = np.zeros(count)
-    np.maximum.at(found, label, speed)
-    some = np.unique(label[n : n + len(rows)])
-    return float(found[some][found[some] > 0].min(initial=math.inf))
+        if inertia[i] > 0:
+            # a function that fails is told of when the run comes to it
+            largest = math.inf
+            with contextlib.suppress(ValueError):
+                largest = largest_value(signal, start, stop)
+            speed[i] = max(speed[i], largest / inertia[i] * (stop - start))
+    found = np.zeros(parts.max() + 1)
+    np.maximum.at(found, parts, speed)
+    some = found[np.unique([parts[i] for ends in rows for i in ends if i < n]).astype(np.intp)]
+    return float(some[some > 0].min(initial=math.inf))
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:

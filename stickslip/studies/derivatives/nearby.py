@@ -16,6 +16,7 @@ from stickslip.equations.system import System
 from stickslip.model.arrays import Array, Mask
 from stickslip.simulation.result import Result
 from stickslip.studies.derivatives.directions import CENTRAL, PART, Direction
+from stickslip.studies.derivatives.steep import least_change
 from stickslip.studies.derivatives.varied import VariedPiece
 
 Quantity = Callable[[Motion, Array, Array], Array]
@@ -173,29 +174,24 @@ class Nearby:
         their states are moved to where these are the same, and what that does to the rates is taken off.
         """
         found = self.slopes(Motion.rate, motion, since, taus, y, np.zeros((*y.shape, self.count)))
-        rows, size = motion.equations.velocity_dependent, self.system.size
-        for k in range(self.count if rows.size else 0):
+        rows = motion.equations.velocity_dependent
+        if not rows.size:
+            return found
+        w = self.system.relative_velocity(y, motion.loads(taus))[rows]
+        for k in range(self.count):
             near_ones = self.near(motion, k)
-            w = self.system.relative_velocity(y, motion.inputs(taus, y))[rows]
             states = [near.exact(taus, y) for _, near in near_ones]
             apart = [
-                w - near.system.relative_velocity(at, near.inputs(taus, at))[rows]
+                w - near.system.relative_velocity(at, near.loads(taus))[rows]
                 for (_, near), at in zip(near_ones, states, strict=True)
             ]
             moved = np.max([np.abs(one) for one in apart], axis=0, initial=0.0)
             some = (np.abs(w) < _BESIDE * moved).any(axis=0).nonzero()[0]
             if not some.size:
                 continue
-            rates, shift = [], np.zeros((size, some.size))
+            rates, shift = [], np.zeros((y.shape[0], some.size))
             for (weight, near), at, one in zip(near_ones, states, apart, strict=True):
-                ways = np.eye(size)[:, : self.system.n]
-                ways = near.equations.consistent(ways, np.zeros((self.system.drives, self.system.n)))
-                change = (
-                    ways
-                    @ np.linalg.lstsq(
-                        dense(near.system.G[rows] @ ways[: self.system.n]), one[:, some], rcond=None
-                    )[0]
-                )
+                change = least_change(near.equations, rows, one[:, some])
                 shift += weight * change
                 rates.append(weight * near.rate(taus[some], at[:, some] + change))
             found[:, some, k] = total(rates)

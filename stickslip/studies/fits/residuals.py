@@ -22,10 +22,10 @@ REFUSED = 1e6
 """Weighted residual where a scene cannot be simulated."""
 
 _NOTHING = 1e-150
+"""Derivative that tells nothing: its square is 0."""
+
 _AT_BOUND = 1e-6
 """As a part of the range between its bounds: so near to one of them the search leaves a value that ends there."""
-
-"""Derivative that tells nothing: its square is 0."""
 
 
 class Run:
