@@ -59,7 +59,7 @@ class Dip(NamedTuple):
 def first_dip(along: Along) -> Dip | None:
     """Return the first place between computed points at which a guard is negative or a velocity touches 0."""
     motion, guards, low, taus = along.motion, along.guards, along.low, along.path.taus
-    touch = np.where(guards.stick_at_touch, _TOUCHES * guards.velocity_uncertainty, 0.0)
+    touch = _TOUCHES * np.where(guards.stick_at_touch, guards.uncertain, 0.0)
     close = low <= touch[:, None]
     if along.path.hit and along.falls_at_end(close[:, -1]):
         # what comes down to 0 at the end does so once

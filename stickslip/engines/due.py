@@ -53,7 +53,7 @@ class Due:
         The velocity at which moving rows without friction may begin to relax to rest.
     """
 
-    def __init__(self, parts: Parts, work: Work, margin: float) -> None:
+    def __init__(self, parts: Parts, work: Work, margin: Array) -> None:
         m = parts.forest.m
         self._parts, self._work, self._system = parts, work, parts.system
         self.when = np.full(m, math.inf)

@@ -54,7 +54,7 @@ class Guards(GuardsAtStart):
             if system.drives:
                 speeds = speeds + system.abs_D @ np.abs(system.drive_velocities(motion.loads(tau)))
             # what a solver has begun to move a moment ago has no speed yet
-            size[some] = np.maximum(speeds[self.row[some]], self.velocity_uncertainty)
+            size[some] = np.maximum(speeds[self.row[some]], self.uncertain[some])
         if rows.has_borders:
             size[self.is_border] = 0.0
         if rows.has_normals and system.dependence is not None:
@@ -160,13 +160,14 @@ class Guards(GuardsAtStart):
         beyond 0, it is at rest there. Where its level rises with the dwell only, it is held if it rises fast enough.
         """
         found = np.zeros(self.size)
-        found[self.passing] = self.velocity_uncertainty
+        found[self.passing] = self.uncertain[self.passing]
         sticks = self.stick_at_touch
         if not sticks.any():
             return found
-        least = np.where(self.rows.is_dwelling[sticks], _IF_DWELLING * self.velocity_uncertainty, 0.0)
+        uncertain = self.uncertain[sticks]
+        least = np.where(self.rows.is_dwelling[sticks], _IF_DWELLING * uncertain, 0.0)
         beyond = 2 * np.maximum(-self.first[0, sticks], 0.0)
-        found[sticks] = np.minimum(self.velocity_uncertainty, np.maximum(least, beyond))
+        found[sticks] = np.minimum(uncertain, np.maximum(least, beyond))
         return found
 
     def values(self, tau: float | Array, y: Array, late: bool = False) -> Array:
@@ -176,7 +177,7 @@ class Guards(GuardsAtStart):
         """
         q = self.motion.inputs(tau, y, self._wanted)
         g = self.raw(self.motion.watched(tau, y, q), q)
-        if late and self.velocity_uncertainty:
+        if late and self.velocity_uncertainty is not None:
             g += self.leeway[:, None] if g.ndim == 2 else self.leeway
         return self._divided(g, tau)
 
@@ -246,7 +247,7 @@ class Guards(GuardsAtStart):
             if self._bent.size:
                 g[self._bent, :, 1] -= np.multiply.outer(self._falls, half)
         low = g[:, :, 0] - np.abs(g[:, :, 1:]).sum(axis=2)
-        if self.velocity_uncertainty:
+        if self.velocity_uncertainty is not None:
             low += self.leeway[:, None]
         low[unknown] = -math.inf
         is_exact = ~unknown
@@ -305,7 +306,7 @@ class Guards(GuardsAtStart):
             q = motion.inputs(tau, y, self._wanted)
         z = motion.watched(tau, y, q)
         g = self.raw(z, z if q is None else q)
-        if self.velocity_uncertainty:
+        if self.velocity_uncertainty is not None:
             g += self.leeway
         if self._lift is not None:
             g += self._lift
@@ -337,7 +338,7 @@ class Guards(GuardsAtStart):
     @cached_property
     def _added(self) -> Array:
         """What `smallest` adds to what states and inputs make of the guards."""
-        found = self._constant + self.leeway if self.velocity_uncertainty else self._constant
+        found = self._constant if self.velocity_uncertainty is None else self._constant + self.leeway
         return found if self._lift is None else found + self._lift
 
     @cached_property

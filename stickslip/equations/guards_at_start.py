@@ -48,8 +48,8 @@ _NO_ROWS = np.empty(0, dtype=np.intp)
 class GuardsAtStart(GuardValues):
     """The guards of a motion and what they are at its start, ready when constructed.
 
-    `fired` are rows that an event has just found at their limit. A row has to pass 0 by the `velocity_uncertainty`, the
-    errors of a solver, before that is an event.
+    `fired` are rows that an event has just found at their limit. A row has to pass 0 by its `velocity_uncertainty`, the
+    errors of a solver, before that is an event; None where velocities are exact.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class GuardsAtStart(GuardValues):
         labels: Modes,
         at_rest: Mask,
         fired: Mask,
-        velocity_uncertainty: float = 0.0,
+        velocity_uncertainty: Array | None = None,
     ) -> None:
         super().__init__(motion, labels, at_rest)
         self.velocity_uncertainty = velocity_uncertainty
@@ -90,6 +90,13 @@ class GuardsAtStart(GuardValues):
         self.armed = self.size - self.rows.loose
         if not self.is_plain:
             self.armed -= int(np.count_nonzero(self.order == NEVER))
+
+    @cached_property
+    def uncertain(self) -> Array:
+        """By how much the row of each guard has to pass 0."""
+        if self.velocity_uncertainty is None:
+            return np.zeros(self.size)
+        return np.asarray(self.velocity_uncertainty[self.row])
 
     # -- the start -----------------------------------------------------------------------------------------
 
@@ -125,7 +132,7 @@ class GuardsAtStart(GuardValues):
             else:
                 found = self._roundoff_of_level(i, has_fired, of_stop)
             if found is None:
-                self.violated[i] = self.first[0, i] < (-self.velocity_uncertainty if passes_0 else 0.0)
+                self.violated[i] = self.first[0, i] < (-self.uncertain[i] if passes_0 else 0.0)
                 continue
             limits, flat = found
             if not motion.is_linear:
@@ -178,7 +185,7 @@ class GuardsAtStart(GuardValues):
         if of_stop and coefficients[1, i] > limits[0]:
             # a stop that has rebounded leaves its limit, however soon the motion ends; but a solver's points cannot
             # tell less than roundoff
-            return limits, rough if self.velocity_uncertainty else 0.0
+            return limits, 0.0 if self.velocity_uncertainty is None else rough
         return limits, AT_LIMIT * self.scale[i] + rough
 
     def _way_out(self, i: int, limits: list[float], flat: float) -> int:

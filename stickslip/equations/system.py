@@ -8,7 +8,7 @@ or whose position is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -21,6 +21,7 @@ from stickslip.equations.loads import Loads
 from stickslip.equations.matrices import Triplets
 from stickslip.equations.piecewise import PiecewiseMatrices
 from stickslip.equations.reader import BlockPlace, Form, Key, Reader
+from stickslip.equations.transmission import Transmission
 from stickslip.model.arrays import Array, Indices, Mask
 from stickslip.model.elements import Block, Sampled, StateSpace
 from stickslip.model.elements.book import Book
@@ -242,16 +243,15 @@ class System:
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
+    @property
+    def joined(self) -> list[Mapping[int, float]]:
+        """The coefficients of rows, springs and dampers on bodies and drives."""
+        return [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
+
     @cached_property
-    def parts(self) -> Indices:
-        """The number of the part that each body belongs to, (n,): nothing but drives and the ground joins parts."""
-        joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
-        pairs = [(k, i) for k, ends in enumerate(joined, start=self.n) for i in ends if i < self.n]
-        joint, body = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        size = self.n + len(joined)
-        graph = scipy.sparse.coo_array((np.ones(joint.size), (joint, body)), (size, size))
-        label: Indices = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-        return label[: self.n]
+    def transmission(self) -> Transmission:
+        """How fast bodies move with each other."""
+        return Transmission(self.n, self.joined, is_one=self.dependence is not None)
 
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""

@@ -58,12 +58,12 @@ def alone_at_limit(guards: Guards, path: Path) -> tuple[int, int] | None:
         return None
     values, part = _at_end(guards, path)
     near, uncertain = part <= _ALONE, guards.velocity_uncertainty
-    if uncertain:
-        near |= guards.is_velocity & (values <= uncertain)
+    if uncertain is not None:
+        near |= guards.is_velocity & (values <= guards.uncertain)
     if np.count_nonzero(near) != 1:
         return None
     i = int(near.argmax())
-    if uncertain and i in guards.passing and not _has_passed(values[i], guards.leeway[i]):
+    if uncertain is not None and i in guards.passing and not _has_passed(values[i], guards.leeway[i]):
         return None
     return guards.of_friction(i)
 
@@ -93,7 +93,7 @@ def at_limit(motion: Motion, guards: Guards, path: Path, relaxed_ones: list[int]
         # rows that tie within roundoff go together; forces and velocities are compared as parts of their scales
         values, part = _at_end(guards, path)
         at = part <= max(0.0, float(part.min())) + _TIE
-        if guards.velocity_uncertainty:
+        if guards.velocity_uncertainty is not None:
             at[guards.passing] &= _has_passed(values[guards.passing], guards.leeway[guards.passing])
         # where a normal force ends it is not the row that has come to its limit
         fired[guards.row[at & ~guards.is_border & ~guards.is_normal]] = True
@@ -138,14 +138,14 @@ def jumped(
     t: float,
     labels: Modes,
     crossed: Indices,
-    margin: float,
+    margin: Array,
     errors: Array | None,
 ) -> Jump:
     """Return what impacts and jumping drives do at `t`, the end of a path.
 
     Ties, one-way clutches and stops hand impulses on; friction does not, because its force is finite. Stops that would
-    rebound with less than `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver in the
-    states; exact engines have none.
+    rebound with less than their `margin` stay, and those whose flight is roundoff, or lost in the `errors` of a solver
+    in the states; exact engines have none.
     """
     system, y, n = motion.system, path.last, motion.system.n
     if not (system.drives or system.has_stops):
@@ -165,7 +165,7 @@ def jumped(
     if not hit.any() and (system.is_friction | system.is_gap).all():
         return Jump(np.asarray(system.D @ jump != 0), y, sides, hit, None)
     if hit.any():
-        margin = max(margin, _slowest_flight(motion, path, q, hit, loads.after(t).stop - t, errors))
+        margin = np.maximum(margin, _slowest_flight(motion, path, q, hit, loads.after(t).stop - t, errors))
     found = struck(system, y[:n], before, after, sides, hit, margin)
     change = np.abs(system.relative(found.v - y[:n], jump))
     speed = max(float(np.abs(found.v).max(initial=0.0)), float(size.max(initial=0.0)))
@@ -202,7 +202,7 @@ def _slowest_flight(
     return float(slowest.max(initial=0.0))
 
 
-def arrived(motion: Motion, path: Path, labels: Modes, uncertain: float) -> Mask:
+def arrived(motion: Motion, path: Path, labels: Modes, uncertain: Array | None) -> Mask:
     """Tell which open rows come to rest at the end of a path, where a drive stops or another row is caught.
 
     At its rate there the velocity of such a row is 0 at that time; one that dies away has no rate left by then.
@@ -229,14 +229,14 @@ def arrives(
     duration: float | Array,
     labels: Modes,
     rough: float | Array,
-    uncertain: float = 0.0,
+    uncertain: Array | None = None,
 ) -> Mask:
     """Tell which velocities come to 0, but for what is `rough`, at a rate that has brought them there from far more.
 
     Those that are not as near, but within what is `uncertain`, have to come from far more than that.
     """
     size = np.abs(w)
-    left = np.where(size <= rough, rough, np.maximum(rough, uncertain))
+    left = rough if uncertain is None else np.where(size <= rough, rough, np.maximum(rough, uncertain))
     comes = (labels * rate < 0) & (np.abs(rate) * duration > _AT_A_RATE * left)
     return np.asarray(comes & (size <= left))
 

@@ -52,7 +52,13 @@ class Struck(NamedTuple):
 
 
 def struck(
-    system: System, v: Array, before: Array, after: Array, sides: Modes, hit: Mask, margin: float = 0.0
+    system: System,
+    v: Array,
+    before: Array,
+    after: Array,
+    sides: Modes,
+    hit: Mask,
+    margin: Array | float = 0.0,
 ) -> Struck:
     """Return the velocities after impacts, and after jumps of drives.
 

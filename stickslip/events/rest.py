@@ -18,27 +18,29 @@ _DRIVEN = 1e-3
 """Part of what adds up in an acceleration by which it differs from 0 beyond doubt."""
 
 
-def until_rest(motion: Motion, path: Path, uncertain: float, margin: float) -> tuple[Path, list[int]]:
+def until_rest(motion: Motion, path: Path, uncertain: Array | None, margin: Array) -> tuple[Path, list[int]]:
     """Return the path up to where rows have come to rest unseen, and those that have relaxed to it.
 
-    `uncertain` are a solver's errors of velocities, and `margin` is that inside which a row may have relaxed.
+    `uncertain` are a solver's errors of relative velocities, None where these are exact, and `margin` is that inside
+    which rows may have relaxed.
     """
     rows = motion.equations.sticks_at_zero
-    if not (rows.size and (uncertain or margin > 0)) or path.taus.size < 2:
+    may_relax = bool(np.count_nonzero(margin[rows]))
+    if not (rows.size and (uncertain is not None or may_relax)) or path.taus.size < 2:
         return path, []
-    if not uncertain and path.has_event and path.taus.size == 2:
+    if uncertain is None and path.has_event and path.taus.size == 2:
         # what relaxes is seen to fall from one point to the next, without an event
         return path, []
     points = path.points.T
     w = _signed(motion, path.taus, points, rows)
-    cut = _until_unseen_crossing(motion, path, uncertain, rows, w) if uncertain else path
+    cut = path if uncertain is None else _until_unseen_crossing(motion, path, uncertain[rows], rows, w)
     if cut is not path:
         points = cut.points.T
         w = _signed(motion, cut.taus, points, rows)
-    return _relaxed(motion, cut, margin, rows, points, w) if margin > 0 else (cut, [])
+    return _relaxed(motion, cut, margin[rows], rows, points, w) if may_relax else (cut, [])
 
 
-def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: Indices, w: Array) -> Path:
+def _until_unseen_crossing(motion: Motion, path: Path, uncertain: Array, rows: Indices, w: Array) -> Path:
     """Return the path up to the first time at which a row passed 0 and came to rest before that could be told.
 
     A solver tells a crossing once the velocity is beyond 0 by more than its errors. What damps strongly, or a normal
@@ -55,7 +57,11 @@ def _until_unseen_crossing(motion: Motion, path: Path, uncertain: float, rows: I
             # where it is farthest beyond 0 the velocity is constant
             at = left + int(np.argmin(w[k, left:right]))
             tau = float(path.taus[at])
-            if not tau or w[k, at] <= -uncertain or not _stopped(motion, tau, path.state(tau), int(row[0])):
+            if (
+                not tau
+                or w[k, at] <= -uncertain[k]
+                or not _stopped(motion, tau, path.state(tau), int(row[0]))
+            ):
                 continue
 
             def signed(tau: float, row: Indices = row) -> float:
@@ -88,7 +94,7 @@ def _stopped(motion: Motion, tau: float, y: Array, row: int) -> bool:
 
 
 def _relaxed(
-    motion: Motion, path: Path, margin: float, rows: Indices, points: Array, w: Array
+    motion: Motion, path: Path, margin: Array, rows: Indices, points: Array, w: Array
 ) -> tuple[Path, list[int]]:
     """Return the path up to the first time at which rows have relaxed to rest without crossing 0, and these rows.
 
@@ -97,7 +103,7 @@ def _relaxed(
     """
     count = path.taus.size - path.has_event
     points, w = points[:, :count], w[:, :count]
-    near = (w <= margin) & (w > 0)
+    near = (w <= margin[:, None]) & (w > 0)
     if not np.count_nonzero(near):
         return path, []
     # what has left rest only grows: no rates are needed to tell
@@ -110,7 +116,7 @@ def _relaxed(
     near[:, some] &= _signed_rates(motion, path.taus[some], points[:, some], rows) <= 0
     found: tuple[float, list[int]] | None = None
     for k in np.flatnonzero(near.any(axis=1)).tolist():
-        tau = _first_rest(motion, path, int(rows[k]), near[k], margin)
+        tau = _first_rest(motion, path, int(rows[k]), near[k], float(margin[k]))
         if tau is None:
             continue
         if found is None or tau < found[0]:

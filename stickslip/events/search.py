@@ -42,7 +42,7 @@ class Search:
         labels: Modes,
         candidates: Mask,
         regions: Regions,
-        velocity_uncertainty: float,
+        velocity_uncertainty: Array | None,
     ) -> None:
         self._system, self._stretch, self._now, self._y = system, stretch, now, now.y
         self._labels, self._candidates, self._regions = labels, candidates, regions

@@ -51,7 +51,9 @@ def modes_after_break(now: Settled, stretch: Stretch, t: float, y: Array, larges
     changes = (modes == OPEN) == closed
     moves = (np.abs(modes) == 1) | (modes == OPEN) | changes
     w, rough = _relative(system, y, largest, t, q)
-    if np.count_nonzero(moves & (np.abs(w) <= np.maximum(rough, now.guards.velocity_uncertainty))):
+    if now.guards.velocity_uncertainty is not None:
+        rough = np.maximum(rough, now.guards.velocity_uncertainty)
+    if np.count_nonzero(moves & (np.abs(w) <= rough)):
         return None
     if not np.count_nonzero(changes):
         return modes
@@ -81,7 +83,13 @@ def carried_on(now: Settled, stretch: Stretch, t: float, y: Array, modes: Modes)
 
 
 def with_one(
-    now: Settled, t: float, y: Array, since: Array, row: int, direction: int, velocity_uncertainty: float
+    now: Settled,
+    t: float,
+    y: Array,
+    since: Array,
+    row: int,
+    direction: int,
+    velocity_uncertainty: Array | None,
 ) -> Settled | None:
     """Return what goes on where one row alone has come to its limit, None where more may change with it.
 
@@ -218,7 +226,7 @@ def _settled(
     # a law that does not stick has no rest but where it carries no force
     resting = _resting(system, now, np.abs(w) <= rough, w, at_stop) & (system.hard | ~closed)
     named = np.sign(w)
-    if now.labels is not None and (beyond or np.count_nonzero(closed) < closed.size):
+    if now.labels is not None and (beyond is not None or np.count_nonzero(closed) < closed.size):
         named, resting = _directions(now, w, closed, resting, beyond)
     candidates = closed & resting
     y = _project(system, now.y, u, candidates)
@@ -237,7 +245,7 @@ def _settled(
     regions = system.piecewise.at(y, q, now.regions)
     search = Search(system, stretch, now, labels, candidates, regions, beyond)
     motion, guards = search.run(trial)
-    crossed = now.crossed if beyond else np.zeros(system.m, dtype=bool)
+    crossed = np.zeros(system.m, dtype=bool) if beyond is None else now.crossed
     shown, died = label(motion, labels, w, resting, now.labels, crossed, uncertainty)
     is_open = motion.equations.open
     if is_open.size:
@@ -309,14 +317,16 @@ def _within_band(system: System, now: Situation, w: Array, rough: Array) -> Mask
     return within & (now.touching | ~now.moves_on) if now.moves_on is not None else within
 
 
-def _directions(now: Situation, w: Array, closed: Mask, resting: Mask, beyond: float) -> tuple[Array, Mask]:
+def _directions(
+    now: Situation, w: Array, closed: Mask, resting: Mask, beyond: Array | None
+) -> tuple[Array, Mask]:
     """Return the signs of the relative velocities, and which rows are at rest, by what the rows showed before."""
     assert now.labels is not None
     # nothing holds an open row: a velocity that dies away has not come to 0 until it is found there, or jumps
     kept = ~closed & (now.labels != 0) & ~now.touching
-    kept &= now.labels * w > -beyond
+    kept &= now.labels * w > (0.0 if beyond is None else -beyond)
     resting = resting & ~kept
-    if beyond:
+    if beyond is not None:
         # a velocity that is beyond 0 by no more than a solver's errors has not passed it
         kept |= (np.abs(now.labels) == 1) & ~now.touching & ~resting & (np.abs(w) <= beyond)
     return np.where(kept, now.labels, np.sign(w)), resting

@@ -58,7 +58,8 @@ class Situation(NamedTuple):
 class Uncertainty(NamedTuple):
     """What the errors of a run leave uncertain."""
 
-    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
+    velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
-    # velocity in m/s or rad/s by which a row has to pass 0 for an event: what errors of steps add up to
-    velocity_uncertainty: float
+    # (m,): relative velocities in m/s or rad/s by which rows have to pass 0 for an event, what errors of steps add up
+    # to; None where velocities are exact
+    velocity_uncertainty: Array | None

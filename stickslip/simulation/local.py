@@ -64,7 +64,7 @@ class Local:
         interruption: Interruption,
         recorder: Recorder,
         passed: Callable[[float, int], None],
-        margin: float,
+        margin: Array,
     ) -> None:
         self._forest, self._work, self._interruption = forest, work, interruption
         self._knots = Knots(forest)

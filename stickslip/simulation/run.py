@@ -78,8 +78,10 @@ class Run:
             self._local = Local(forest, engine.work, task.interruption, recorder, self._passed, wanted.margin)
         self.start, self.stop = span.start, span.stop
         self.t, self._wanted = self.start, wanted
-        # the fastest that a solver has seen, how far states were from those at the start, and what adds up in rates
-        self._fastest, self._first = 0.0, system.at_start()
+        # the fastest that a solver has seen of each body, how far states were from those at the start, and what adds
+        # up in rates
+        self._first = system.at_start()
+        self._fastest = np.abs(self._first[: system.n])
         self._moved, self._pushed = np.zeros(system.size), 0.0
         # restarts without progress, events since the last look at the time, that time, and the rows that changed last
         self._standing = self._hits = 0
@@ -153,8 +155,8 @@ class Run:
         if self._relaxation.rows.size:
             self._relaxation.note(now.motion, path)
         self.recorder.keep(now, path, t)
-        if now.guards.velocity_uncertainty:
-            self._fastest = max(self._fastest, float(path.largest[: self.system.n].max(initial=0.0)))
+        if self._wanted.has_errors:
+            self._fastest = np.maximum(self._fastest, path.largest[: self.system.n])
             if self._wanted.is_guess:
                 self._moved = np.maximum(self._moved, np.abs(path.points - self._first).max(axis=0))
                 rates = now.motion.rate_magnitudes()[: self.system.n]
@@ -290,13 +292,14 @@ class Run:
     ) -> tuple[Situation, Jump]:
         """Return what is known at the end of a path, and what impacts and jumping drives do there."""
         motion, system, uncertain = now.motion, self.system, now.guards.velocity_uncertainty
-        errors, margin = LOCAL * self._wanted.atol if uncertain else None, self._wanted.rebound
+        errors, margin = LOCAL * self._wanted.atol if self._wanted.has_errors else None, self._wanted.rebound
         jump = jumped(motion, self.loads, path, t, now.labels, at.crossed, margin, errors)
         # what shows STUCK is at rest: its velocity differs from 0 only by the solver's errors, where something holds it
         at_rest = (before == 0) & ~jump.parted
         if motion.equations.open.size or not system.all_hard:
             w = system.relative_velocity(path.last, motion.loads(float(path.taus[-1])))
-            rest = max(uncertain, self._wanted.velocity_resolution)
+            rest = self._wanted.velocity_resolution
+            rest = rest if uncertain is None else np.maximum(rest, uncertain)
             at_rest &= ((motion.equations.modes != OPEN) & system.hard) | (np.abs(w) <= rest)
         stops = arrived(motion, path, now.labels, uncertain)
         # what an impact parts in the instant in which it comes to rest moves on
@@ -344,7 +347,7 @@ class Run:
             return
         normal, rise = (float(one[j]) for one in motion.start.q[:2])
         w = float(motion.start.z[0, j])
-        slides = abs(w) > self._wanted.velocity_resolution
+        slides = abs(w) > self._wanted.velocity_resolution[j]
         if slides and normal < _FROM_NOTHING * rise * motion.horizon:
             raise ArithmeticError(
                 f"contact {self.system.rows[j].name!r}: its normal force rises from 0, where a bristle is infinitely "

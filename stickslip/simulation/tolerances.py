@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stickslip.engines.base import Method
+from stickslip.equations.matrices import row_maxima
 from stickslip.equations.system import System
 from stickslip.events.situation import Uncertainty
 from stickslip.model.arrays import Array
@@ -29,9 +30,6 @@ _EXACT = 1e-8
 
 _HIDDEN = 1e-5
 """Part of the fastest velocity of a run from which on an absolute tolerance hides how bodies move."""
-
-_APART = 1e-3
-"""Parts of a scene that nothing joins may be so many times as slow as the fastest without a tighter tolerance."""
 
 _NOISE, _SEEN = 1e-11, 1e-3
 """What is no motion: a part of what adds up in accelerations, times the span, and a part of an absolute tolerance."""
@@ -59,12 +57,14 @@ class Tolerances:
 
     rtol: float
     atol: Array  # (size,): for each state
-    # relative velocity in m/s or rad/s below which a contact may be found to have relaxed to rest
-    margin: float
-    rebound: float  # relative velocity in m/s or rad/s below which stops do not rebound
-    velocity_resolution: float  # velocity in m/s or rad/s that the tolerances do not resolve
+    # (m,): relative velocities in m/s or rad/s below which contacts may be found to have relaxed to rest
+    margin: Array
+    rebound: Array  # (m,): relative velocities in m/s or rad/s below which stops do not rebound
+    velocity_resolution: Array  # (m,): relative velocities in m/s or rad/s that the tolerances do not resolve
     force_uncertainty: float  # part of the forces that is uncertain
     speed: float  # velocity scale in m/s or rad/s
+    speeds: Array  # (n,): the same of each body
+    system: System
     # whether velocities have errors where they pass 0: not of exact engines, or where events are at step ends
     has_errors: bool
     is_guess: bool  # whether nothing but forces told the velocity scale
@@ -76,12 +76,13 @@ class Tolerances:
         noise = max(_NOISE * max(reached.pushed, self.speed), _SEEN * atol)
         return self.is_guess and noise < speed < atol / _HIDDEN
 
-    def uncertainty(self, fastest: float) -> Uncertainty:
-        """Return what is uncertain now: errors of velocities are parts of the `fastest` that the solver has seen."""
-        passed = 0.0
+    def uncertainty(self, fastest: Array) -> Uncertainty:
+        """Return what is uncertain now: a part of the `fastest` velocity of each body that the solver has seen."""
+        passed = None
         if self.has_errors:
-            speed = max(self.speed, fastest)
-            passed = _added_up(self.velocity_resolution + self.rtol * (speed - self.speed), speed)
+            speeds = np.maximum(self.speeds, self.system.transmission.handed_on(fastest))
+            errors = self.rtol * speeds + self.atol[: speeds.size]
+            passed = row_maxima(self.system.abs_G * _added_up(errors, speeds))
         return Uncertainty(self.velocity_resolution, self.force_uncertainty, passed)
 
 
@@ -109,19 +110,20 @@ def tolerances(
         speed = float(reached.velocities.max(initial=0.0))
     # the smallest pre-slip velocity
     finest = float(system.laws.resolution[system.alive].min(initial=math.inf))
-    resolution = method.resolution
+    resolution, noise = method.resolution, 0.0 if reached is None else _ROUNDOFF * reached.pushed
     if speed > 0:
-        slow = math.inf if is_exact or method.takes_steps else _slowest_part(system, start, stop)
-        if _FINEST * speed < slow < _APART * speed:
-            rtol = max(rtol * slow / (_APART * speed), min(rtol, _FINEST))
-        noise = 0.0 if reached is None else _ROUNDOFF * reached.pushed
         atol = min(atol, max(rtol * speed, noise))
         if resolution * (rtol * speed + atol) > finest:
             rtol = min(rtol, finest / (2 * resolution * speed))
             atol = min(atol, finest / (2 * resolution))
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
-    each = np.full(system.size, atol)
+    has_errors = not (is_exact or method.takes_steps)
+    each, speeds = np.full(system.size, atol), np.zeros(system.n)
+    if has_errors:
+        expected = _speeds(system, start, stop, speed)
+        speeds = expected if reached is None else system.transmission.handed_on(reached.velocities)
+        each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
     if speed > 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
         each[system.n : system.first_bristle] = min(atol, rtol * speed * time)
@@ -136,23 +138,31 @@ def tolerances(
         each[system.n : system.first_block] = np.minimum(
             each[system.n : system.first_block], rtol * np.concatenate([reached.distances, reached.bristles])
         )
-    velocity_resolution = rtol * speed + atol
+    error, lever = rtol * speed + atol, row_maxima(system.abs_G)
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
-    relaxed = _added_up(velocity_resolution, speed) if margin is None else margin
-    if is_exact:
-        # loose tolerances say how soon what dies away counts as at rest, and nothing else
-        velocity_resolution = min(velocity_resolution, _EXACT * speed)
+    relaxed = lever * _added_up(error, speed) if margin is None else np.full(system.m, margin)
+    # loose tolerances say how soon what dies away counts as at rest, and nothing else, where the engine is exact
+    unresolved = lever * (min(error, _EXACT * speed) if is_exact else error)
     # an exact engine knows velocities to roundoff: so small rebounds are real
-    rebound = _REBOUND * speed if is_exact and margin is None else relaxed
-    has_errors = not (is_exact or method.takes_steps)
+    rebound = lever * (_REBOUND * speed) if is_exact and margin is None else relaxed
     return Tolerances(
-        rtol, each, relaxed, rebound, velocity_resolution, force_uncertainty, speed, has_errors, is_guess
+        rtol,
+        each,
+        relaxed,
+        rebound,
+        unresolved,
+        force_uncertainty,
+        speed,
+        speeds,
+        system,
+        has_errors,
+        is_guess,
     )
 
 
-def _added_up(error: float, speed: float) -> float:
+def _added_up(error: float | Array, speed: float | Array) -> Array:
     """Return what errors of single steps may add up to in a velocity."""
-    return min(_TIMES * error, max(_AT_MOST * speed, error))
+    return np.asarray(np.minimum(_TIMES * error, np.maximum(_AT_MOST * speed, error)))
 
 
 def _unresolved(system: System, finest: float, speed: float, resolution: float) -> ValueError:
@@ -163,40 +173,33 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
     )
 
 
-def _slowest_part(system: System, start: float, stop: float) -> float:
-    """Return the velocity scale of the slowest part with contacts, clutches or stops; infinite if there are no parts.
-
-    What the solver leaves uncertain of the fastest part is uncertain of all: a slow contact would not come to rest.
-    """
-    scene, parts, n = system.scene, system.parts, system.n
-    if system.dependence is not None or (parts == parts[0]).all():
-        return math.inf
-    speed, inertia = np.array([abs(body.velocity) for body in scene.bodies]), system.inertia
-    rows = [row.coefficients for row in system.rows]
+def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
+    """Return the velocity scale of each body: the `speed` of the scene, or less where its part is slower."""
+    if system.transmission.is_uniform:
+        return np.full(system.n, speed)
+    scene, n, inertia = system.scene, system.n, system.inertia
+    found = np.array([abs(body.velocity) for body in scene.bodies])
     led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
-    for ends in (*rows, *(link.coefficients for link in system.couplings)):
+    for ends in system.joined:
         fastest = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
         for i in ends:
             if i < n:
-                speed[i] = max(speed[i], fastest)
+                found[i] = max(found[i], fastest)
     place = [element.position for element in (*scene.bodies, *scene.drives)]
     for link in system.couplings:
         offset = abs(sum(c * place[i] for i, c in link.coefficients.items()) - link.rest)
         for i, c in link.coefficients.items():
             if i < n and inertia[i]:
-                speed[i] = max(speed[i], offset * math.sqrt(link.stiffness * abs(c) / inertia[i]))
+                found[i] = max(found[i], offset * math.sqrt(link.stiffness * abs(c) / inertia[i]))
     for force, signal in zip(scene.forces, system.others[: len(scene.forces)], strict=True):
         i = system.index[force.body]
         if inertia[i] > 0:
-            # a function that fails is told of when the run comes to it
+            # a force that follows states may be anything; a function that fails is told of when the run comes to it
             largest = math.inf
             with contextlib.suppress(ValueError):
-                largest = largest_value(signal, start, stop)
-            speed[i] = max(speed[i], largest / inertia[i] * (stop - start))
-    found = np.zeros(parts.max() + 1)
-    np.maximum.at(found, parts, speed)
-    some = found[np.unique([parts[i] for ends in rows for i in ends if i < n]).astype(np.intp)]
-    return float(some[some > 0].min(initial=math.inf))
+                largest = math.inf if system.dependence is not None else largest_value(signal, start, stop)
+            found[i] = max(found[i], min(largest / inertia[i] * (stop - start), speed))
+    return np.minimum(system.transmission.handed_on(found), speed)
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:

@@ -49,7 +49,9 @@ CURVES = {
 }
 
 
-def started(law: DryFriction, modes: tuple[int, int], uncertain: float = 0.0) -> tuple[Motion, Guards]:
+def started(
+    law: DryFriction, modes: tuple[int, int], uncertain: float | None = None
+) -> tuple[Motion, Guards]:
     """Two bodies in a row on springs, the first one on a belt."""
     scene = Scene(
         Drive("belt", velocity=0.2),
@@ -64,7 +66,9 @@ def started(law: DryFriction, modes: tuple[int, int], uncertain: float = 0.0) ->
     stretch, since = system.loads(0.0, 1.0).after(0.0), np.zeros(system.m)
     motion = Motion(equations_in(numbers, system), stretch, 0.0, system.at_start(), since)
     none = np.zeros(2, dtype=bool)
-    return motion, Guards(motion, numbers, numbers == 0, none, uncertain)
+    return motion, Guards(
+        motion, numbers, numbers == 0, none, None if uncertain is None else np.full(2, uncertain)
+    )
 
 
 @pytest.mark.parametrize("law", CURVES.values(), ids=CURVES)
@@ -143,7 +147,9 @@ def moved(law: Law, more: list[Element], mode: int, t: float = 0.0) -> tuple[Mot
         loads.table_regions = (2,) * len(system.dependence.tables)
     equations, since = equations_in(numbers, system), np.zeros(system.m)
     motion = Motion(equations, loads.after(t), t, system.at_start(), since)
-    return motion, Guards(motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), 1e-9)
+    return motion, Guards(
+        motion, numbers, numbers == 0, np.zeros(system.m, dtype=bool), np.full(system.m, 1e-9)
+    )
 
 
 @pytest.mark.parametrize("law, more", MOVED.values(), ids=MOVED)

@@ -45,7 +45,7 @@ def ending(*velocities: float) -> tuple[Motion, Guards, Path]:
     motion = Motion(
         equations_in(forward, system), system.loads(0.0, 2.0).after(0.0), 0.0, y, np.zeros(system.m)
     )
-    guards = Guards(motion, forward, none, none, UNCERTAIN)
+    guards = Guards(motion, forward, none, none, np.full(system.m, UNCERTAIN))
     last = np.array(velocities)
     return motion, guards, Path(np.array([0.0, 0.5]), np.array([[y, last - y]]), last, True)
 

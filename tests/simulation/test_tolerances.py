@@ -22,6 +22,7 @@ from stickslip import (
     Sampled,
     Scene,
     StateSpace,
+    Tie,
     feedback,
     output,
     position,
@@ -126,3 +127,45 @@ def test_a_slow_slide_comes_to_rest_beside_a_fast_flywheel(spin: float) -> None:
     assert [event.after.name for event in result.events] == ["STUCK"]
     assert result.velocity("slide")[-1] == 0.0
     assert result.energy().contacts["c"][-1] == pytest.approx(0.5e-10, rel=1e-6)
+
+
+@pytest.mark.parametrize("radius", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+def test_a_contact_at_a_tiny_radius_stops_its_rotor(method: str, radius: float) -> None:
+    """w = 1 - mu N r t / J comes to 0 at 0.5; beside it a flywheel turns, and nothing joins them."""
+    scene = Scene(
+        Body("rotor", inertia=0.5 * 0.3 * 10.0 * radius, velocity=1.0),
+        Body("fly", inertia=1.0, velocity=1.0),
+        Contact("pivot", "rotor", GROUND, DryFriction(0.3, 0.3), normal=10.0, radius_a=radius),
+    )
+    result = simulate(scene, (0.0, 1.0), method=method)
+    assert [(event.before, event.after) for event in result.events] == [(1, 0)]
+    assert result.events[0].t == pytest.approx(0.5, rel=1e-7)
+    assert result.velocity("rotor")[-1] == 0.0
+
+
+@pytest.mark.parametrize("method", ["series", "BDF"])
+def test_an_open_contact_at_a_tiny_radius_shows_how_it_moves(method: str) -> None:
+    """What turns with 1 rad/s moves with 1e-9 m/s at 1e-9 m, and nothing holds it."""
+    scene = Scene(
+        Body("rotor", inertia=1.0, velocity=1.0),
+        Contact("pivot", "rotor", GROUND, DryFriction(0.3, 0.3), normal=0.0, radius_a=1e-9),
+    )
+    assert simulate(scene, (0.0, 1.0), method=method).mode("pivot").tolist()[-1] == 1
+
+
+@pytest.mark.parametrize("pitch", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+def test_a_table_behind_a_fine_screw_comes_to_rest(method: str, pitch: float) -> None:
+    """p w = v, so w = 300 - mu N p t / (J + M p^2) comes to 0 at 0.5, whatever the pitch p."""
+    inertia = 1e-2 + pitch * pitch
+    scene = Scene(
+        Body("motor", inertia=1e-2, velocity=300.0),
+        Body("table", inertia=1.0, velocity=300.0 * pitch),
+        Tie("screw", {"motor": pitch, "table": -1.0}),
+        Contact("slide", "table", GROUND, DryFriction(0.3, 0.3), normal=2000.0 * inertia / pitch),
+    )
+    result = simulate(scene, (0.0, 1.0), method=method)
+    assert [event.after.name for event in result.events] == ["STUCK"]
+    assert result.events[0].t == pytest.approx(0.5, rel=1e-7)
+    assert result.velocity("motor")[-1] == 0.0
