@@ -10,7 +10,7 @@ import numpy as np
 from stickslip.equations.motion import Expansion, Motion
 from stickslip.model.arrays import Array, Indices, Mask, Modes
 
-_AT_BAND, _BEYOND_BAND = 1e-6, 1e-5
+AT_BAND, _BEYOND_BAND = 1e-6, 1e-5
 """Parts of a dead band within which a velocity is at its edge, and by which it is beyond it for certain."""
 
 
@@ -46,7 +46,7 @@ class GuardValues:
             slips = slice(rows.slips)
             # what has left rest, or is led through Karnopp's dead band, comes to rest at 0 only
             speed = rows.turn[slips] * motion.first.z[0][rows.source[slips]]
-            within = (speed <= -(1 + _AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
+            within = (speed <= -(1 + AT_BAND) * rows.threshold) & motion.system.hard[rows.row[slips]]
             within = within | self.rests[slips] if in_band is None else np.isin(rows.row[slips], in_band)
             self._constant[slips] = np.where(within, 0.0, rows.threshold)
             self.in_band = np.asarray(rows.row[slips][within & (rows.threshold < 0)], dtype=np.intp)

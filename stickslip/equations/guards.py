@@ -103,7 +103,9 @@ class Guards(GuardsAtStart):
         for k, rows in ((1, (self.order == 1).nonzero()[0]), (2, self._bent)):
             if not rows.size:
                 continue
-            settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
+            # where nothing but roundoff leaves 0 the quotient may be too large for a number
+            with np.errstate(over="ignore"):
+                settled[rows] += (rough[rows] / np.maximum(g[k, rows], _TINY)) ** (1.0 / k)
         settled = np.minimum(settled, 1e-3 * self.motion.horizon)
         flat = np.where(
             self.is_velocity,

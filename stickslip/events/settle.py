@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from stickslip.equations.guard_values import AT_BAND
 from stickslip.equations.guards import Guards
 from stickslip.equations.guards_at_start import ROUNDOFF
 from stickslip.equations.loads import Loads, Stretch, TableRegions
@@ -313,7 +314,7 @@ def _at_rest_in_bands(
 def _within_band(system: System, now: Situation, w: Array, rough: Array) -> Mask:
     """Tell which rows Karnopp's dead band stops, if nothing leads them."""
     limit = np.where(system.hard, system.laws.rests_below, 0.0)
-    within = (limit > 0) & (np.abs(w) > rough) & ((np.abs(w) <= limit) | now.touching)
+    within = (limit > 0) & (np.abs(w) > rough) & ((np.abs(w) <= (1 + AT_BAND) * limit) | now.touching)
     return within & (now.touching | ~now.moves_on) if now.moves_on is not None else within
 
 

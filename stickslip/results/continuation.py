@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip.equations.guard_values import AT_BAND
 from stickslip.equations.guards_at_start import ROUNDOFF, STRETCH_ROUNDOFF
 from stickslip.equations.matrices import dense
 from stickslip.equations.system import System
@@ -36,6 +37,9 @@ def final_scene(trajectory: Trajectory) -> Scene:
     since = trajectory.since_when(number, end)[:, 0]
     fastest = _fastest(trajectory, at)
     velocities = _velocities(at, fastest, shown)
+    # what is in Karnopp's dead band from its start on moves on there; what has just come to its edge is stuck
+    begun = Samples.at_local(trajectory, number, np.zeros(1)).relative_velocities[:, 0]
+    moves_on = np.abs(begun) <= (1 + AT_BAND) * system.laws.rests_below
     reach = np.zeros(system.n + system.drives)
     reach[: system.n] = fastest * (stop - trajectory.span.start) + [
         abs(b.position) for b in system.scene.bodies
@@ -58,9 +62,7 @@ def final_scene(trajectory: Trajectory) -> Scene:
                 changes = {
                     "rested": stop - float(since[j]) if shown[j] == 0 else 0.0,
                     "deflection": 0.0 if bristle is None else float(at.y[bristle, 0]),
-                    "slipping": bool(
-                        abs(inner[j]) == 1 and (not system.hard[j] or system.laws.rests_below[j])
-                    ),
+                    "slipping": bool(abs(inner[j]) == 1 and (not system.hard[j] or moves_on[j])),
                 }
             case Block(name=name) | StateSpace(name=name):
                 changes = {"states": at.states_of(name)[:, 0].tolist()}

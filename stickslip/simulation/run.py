@@ -413,4 +413,7 @@ class Run:
             self._hits, self._looked_at = 0, t
 
     def _names(self) -> str:
-        return ", ".join(sorted({repr(self.system.rows[j].name) for j in self._recent}))
+        system = self.system
+        # where none has changed it is gaps and stops that come to their limits and do not pass them
+        rows = set(self._recent) or set(system.piecewise.row.tolist()) or range(system.m)
+        return ", ".join(sorted(repr(system.rows[j].name) for j in rows))

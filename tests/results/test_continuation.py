@@ -21,6 +21,7 @@ from stickslip import (
     Force,
     Gap,
     Gear,
+    Karnopp,
     LuGre,
     OneWay,
     PreSlip,
@@ -257,6 +258,25 @@ def test_a_slipping_contact_within_its_pre_slip_velocity_keeps_its_memory() -> N
     assert then.contacts[0].slipping
     assert abs(simulate(then, (0.3998, 0.39981)).force("rub")[0] - 2.5) < 1e-9
     assert abs(simulate(then.replace("rub", slipping=False), (0.3998, 0.39981)).force("rub")[0]) < 2.1
+
+
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+@pytest.mark.parametrize("stiffness", [50.0, 5.0])
+def test_a_run_that_ends_where_a_dead_band_begins_goes_on(method: str, stiffness: float) -> None:
+    """At the edge of Karnopp's dead band the velocity is set to 0, whether the block then sticks or is pushed back."""
+    scene = Scene(
+        Body("a", inertia=1.0, velocity=0.5),
+        Spring("a", GROUND, stiffness=stiffness),
+        Contact("rub", "a", GROUND, Karnopp(DryFriction(0.48, 0.3), 0.05), normal=1.0),
+    )
+    whole = simulate(scene, (0.0, 2.0), method=method)
+    for event in whole.events:
+        then = simulate(scene, (0.0, event.t), method=method).final_scene()
+        rest = simulate(then, (event.t, 2.0), method=method)
+        later = [one.after for one in whole.events if one.t > event.t]
+        assert rest.mode("rub")[0] == event.after
+        assert [one.after for one in rest.events] == later
+        assert abs(rest.velocity("a")[-1] - whole.velocity("a")[-1]) < 1e-6
 
 
 def test_a_run_that_ends_where_pre_slip_does_goes_on() -> None:
