@@ -262,6 +262,7 @@ def test_a_step_ends_where_a_signal_jumps_over_corners_of_a_table(
     assert result.velocity("a")[-1] == pytest.approx(speed, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["RK4", "Euler"])
 @pytest.mark.parametrize(
     "law",

@@ -47,7 +47,8 @@ def both(scene: Scene, stop: float) -> tuple[Result, Result]:
     return local, whole
 
 
-@pytest.mark.parametrize("which", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("family", validation.FAMILIES)
 def test_random_scenes_move_alike(family: str, which: int) -> None:
     """Four of each family of the validation, which tries a hundred."""

@@ -77,6 +77,7 @@ def scene(law: Law, kind: str, excess: float) -> Scene:
     return pressed(law, signal(lambda t: low * (3 - 2 * swing(t)), period=period))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excess", [1e-9, 1e-10, 1e-11, 1e-12, 1e-14])
 @pytest.mark.parametrize("kind", ["sine", "function", "feedback", "normal sine", "normal function"])
 @pytest.mark.parametrize("name", CURVES)

@@ -105,6 +105,7 @@ def possible(system: System, v: np.ndarray, u: np.ndarray, sides: np.ndarray, hi
     return found.status == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
 def test_a_thousand_random_impacts(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -224,7 +224,8 @@ def check_cut(name: str, cuts: int, tolerance: float, **options: Any) -> None:
         assert abs(parts[-1].position(body.name)[-1] - whole.position(body.name)[-1]) <= tolerance
 
 
-@pytest.mark.parametrize("cuts", [6, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("cuts", [6, 50])
 @pytest.mark.parametrize("name", BY_SERIES)
 def test_a_run_cut_at_many_times_is_the_run(name: str, cuts: int) -> None:
     """Dwell times, blocks, sample clocks, gaps, stops, tables and normal forces go on to roundoff."""

@@ -120,6 +120,7 @@ def told(result: Result, prefix: str) -> list[tuple[str, float, int, int]]:
     return sorted((e.contact, e.t, int(e.before), int(e.after)) for e in events)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_machines_side_by_side_move_as_each_alone(seed: int) -> None:
     draw = Random(seed)

@@ -392,6 +392,7 @@ def test_standard_errors_beside_a_parameter_that_ends_at_its_bound() -> None:
     np.testing.assert_allclose(found.standard_errors, np.sqrt(np.diag(covariance)), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_it_says_which_values_end_at_their_bounds() -> None:
     found = fit(pulled(), {"c.law.mu_coulomb": (1.1, 1.4), "c.law.dwell": (0.5, 2.0)}, measured(pulled(), 1))
     assert found.at_bounds == ("c.law.mu_coulomb",)

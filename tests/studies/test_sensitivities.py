@@ -298,6 +298,7 @@ def steep_belt(exponent: float, begin: float = 0.1) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exponent", "off"), [(0.6, 1e-6), (0.9, 1e-7), (1.0, 1e-7), (1.5, 1e-7)])
 @pytest.mark.parametrize("name", ["h.velocity", "c.law.mu_static", "springs[0].stiffness"])
 def test_friction_that_is_steep_at_rest(exponent: float, off: float, name: str) -> None:
@@ -319,6 +320,7 @@ def test_friction_that_falls_too_steeply_from_rest_has_no_derivative() -> None:
     assert np.isnan(found.velocity("b")).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("exponent", [0.7, 0.9, 1.5])
 def test_a_cycle_with_friction_that_is_steep_at_rest_forgets(exponent: float) -> None:
     """A contact sticks: the multiplier is 0."""
@@ -581,6 +583,7 @@ def test_rebounds_that_accumulate_leave_others_alone() -> None:
     assert found.velocity("other", [0.5, 0.8, 2.0])[:, 0] == pytest.approx(np.cos([0.5, 0.8, 2.0]), abs=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.1, 0.3, 0.5])
 @pytest.mark.parametrize("speed", [1.7, 1.75, 1.8])
 def test_a_ball_chatters_to_rest_on_a_table_that_shakes(speed: float, restitution: float) -> None:
@@ -708,9 +711,8 @@ def test_slow_impacts_at_a_large_distance_by_cvode() -> None:
     assert np.allclose(found.events[at, 0], exact / (2 * height), rtol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "kind", ["rebounds", "closes", "elastic", pytest.param("driven", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["rebounds", "closes", "elastic", "driven"])
 def test_stops_and_gaps_against_differences(kind: str) -> None:
     """An oscillator that hits a stop, closes it, or pushes into an elastic one; a geared one between moving stops."""
     body, push = Body("m", inertia=1.0, position=0.5, velocity=1.0), Force("m", sine(1.0, 0.3))
