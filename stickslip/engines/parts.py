@@ -134,7 +134,6 @@ class Parts:
         self._is_loose = ~forest.in_tree & ((np.abs(self.mode) == 1) | (self.mode == OPEN))
         self.moves_aside = bool(self._is_loose.any())
         self.dwells = system.rise.max(axis=0, initial=0.0) > 0
-        self._any_drives = system.drives > 0
         self._any_dwells = bool(self.dwells.any())
         self.speed = np.abs(motion.y[:n])
         self._group()

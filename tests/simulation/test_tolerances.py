@@ -21,10 +21,13 @@ from stickslip import (
     LuGre,
     Sampled,
     Scene,
+    Spring,
     StateSpace,
     Tie,
     feedback,
     output,
+    pid,
+    piecewise_linear,
     position,
     simulate,
     sine,
@@ -169,3 +172,38 @@ def test_a_table_behind_a_fine_screw_comes_to_rest(method: str, pitch: float) ->
     assert [event.after.name for event in result.events] == ["STUCK"]
     assert result.events[0].t == pytest.approx(0.5, rel=1e-7)
     assert result.velocity("motor")[-1] == 0.0
+
+
+@pytest.mark.slow
+def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
+    """Its table is a thousand times as slow as the motor, behind 1 mm/rad: a run 1000 times as tight agrees."""
+    reference = piecewise_linear([0.0, 0.5, 5.0], [0.0, 0.05, 0.05])
+    controller = pid(
+        "controller",
+        reference - position("table"),
+        kp=20.0,
+        ki=200.0,
+        kd=0.5,
+        rate=-1 * velocity("table"),
+        low=-5.0,
+        high=5.0,
+    )
+    scene = Scene(
+        Body("motor", inertia=1e-4),
+        Body("table", inertia=20.0),
+        Contact("bearing", "motor", GROUND, DryFriction(0.02, 0.015), normal=1.0),
+        Contact("guide", "table", GROUND, DryFriction(0.12, 0.08, stribeck_velocity=2e-3), normal=200.0),
+        Spring("motor", "table", stiffness=1e6, damping=200.0, radius_a=1e-3),
+        controller,
+        Force("motor", output("controller")),
+    )
+    found, tight = (
+        simulate(scene, (0.0, 5.0), method="BDF", **options)
+        for options in ({}, {"rtol": 1e-11, "atol": 1e-14})
+    )
+    assert [(one.contact, one.after) for one in found.events] == [
+        (one.contact, one.after) for one in tight.events
+    ]
+    for one, other in zip(found.events, tight.events, strict=True):
+        assert one.t == pytest.approx(other.t, abs=1e-6)
+    assert found.position("table")[-1] == pytest.approx(tight.position("table")[-1], abs=1e-5)
