@@ -8,7 +8,7 @@ or whose position is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -243,15 +243,15 @@ class System:
         self.abs_G, self.abs_D, self.abs_GT = abs(self.G), abs(self.D), abs(self.GT)
         self.largest_lever = np.array([max(map(abs, row.coefficients.values())) for row in book.rows])
 
-    @property
-    def joined(self) -> list[Mapping[int, float]]:
-        """The coefficients of rows, springs and dampers on bodies and drives."""
-        return [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
-
     @cached_property
     def transmission(self) -> Transmission:
         """How fast bodies move with each other."""
-        return Transmission(self.n, self.joined, is_one=self.dependence is not None)
+        laws = self.laws
+        # Coulomb friction hands no velocity on while a row slips, and while it is held both ends have the same
+        hands_on = ~self.is_friction | laws.curved | ~laws.sticks | laws.has_slip_state
+        rows = [row.coefficients for row, one in zip(self.rows, hands_on.tolist(), strict=True) if one]
+        links = [link.coefficients for link in self.couplings]
+        return Transmission(self.n, [*rows, *links], is_one=self.dependence is not None)
 
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""

@@ -1,4 +1,4 @@
-"""How fast bodies move with each other: what rows, springs and dampers hand on, by their levers."""
+"""How fast bodies move with each other: what ties, springs, dampers and friction hand on, by their levers."""
 
 from __future__ import annotations
 

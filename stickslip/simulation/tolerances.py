@@ -180,7 +180,8 @@ def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
     scene, n, inertia = system.scene, system.n, system.inertia
     found = np.array([abs(body.velocity) for body in scene.bodies])
     led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
-    for ends in system.joined:
+    joined = [row.coefficients for row in system.rows] + [link.coefficients for link in system.couplings]
+    for ends in joined:
         fastest = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
         for i in ends:
             if i < n:

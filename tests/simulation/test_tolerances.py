@@ -174,6 +174,23 @@ def test_a_table_behind_a_fine_screw_comes_to_rest(method: str, pitch: float) ->
     assert result.velocity("motor")[-1] == 0.0
 
 
+@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
+def test_a_pad_that_creeps_on_a_fast_disc_comes_to_rest(method: str) -> None:
+    """The disc drives it with 1 - 0.8 N up to 1 s; from v = 2e-7 the guide then stops it within 0.25 s."""
+    law = DryFriction(0.4, 0.4)
+    scene = Scene(
+        Body("disc", inertia=1.0, velocity=100.0),
+        Body("pad", inertia=1e6),
+        Contact(
+            "brake", "disc", "pad", law, normal=piecewise_linear([0, 1, 1, 5], [2.5, 2.5, 0, 0]), radius_a=0.1
+        ),
+        Contact("guide", "pad", GROUND, law, normal=2.0),
+    )
+    result = simulate(scene, (0.0, 5.0), method=method)
+    assert [(event.contact, event.after.name) for event in result.events] == [("guide", "STUCK")]
+    assert result.events[0].t == pytest.approx(1.25, abs=1e-6)
+
+
 @pytest.mark.slow
 def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
     """Its table is a thousand times as slow as the motor, behind 1 mm/rad: a run 1000 times as tight agrees."""
