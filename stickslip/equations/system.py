@@ -246,12 +246,28 @@ class System:
     @cached_property
     def transmission(self) -> Transmission:
         """How fast bodies move with each other."""
-        laws = self.laws
-        # Coulomb friction hands no velocity on while a row slips, and while it is held both ends have the same
-        hands_on = ~self.is_friction | laws.curved | ~laws.sticks | laws.has_slip_state
-        rows = [row.coefficients for row, one in zip(self.rows, hands_on.tolist(), strict=True) if one]
-        links = [link.coefficients for link in self.couplings]
-        return Transmission(self.n, [*rows, *links], is_one=self.dependence is not None)
+        joined = [*(row.coefficients for row in self.rows), *(link.coefficients for link in self.couplings)]
+        return Transmission(self.n, joined, sorted(self._followed()))
+
+    def _followed(self) -> set[int]:
+        """Return the bodies that forces follow, and those that such forces push or press."""
+        forms = [*(form for _, form in self.pushes), *self._rates.values()]
+        read = {state for form in forms for state in form.states}
+        read.update(state for _, _, inputs in self.sampled for state in inputs.columns.tolist())
+        found = {
+            i for i, form in self.pushes if form.states or any(kind == "node" for kind, _, _ in form.inputs)
+        }
+        rows: set[int] = set()
+        if self.dependence is not None:
+            read.update(self.dependence.columns.tolist())
+            rows.update(
+                self.dependence.rows.tolist(), (node.row for node in self.dependence.nodes if node.row >= 0)
+            )
+        rows.update(j for j, state in self.bristle_state.items() if state in read)
+        placed = {state: i for i, state in self.position_state.items()}
+        found.update(placed.get(state, state) for state in read)
+        found.update(i for j in rows for i in self.rows[j].coefficients)
+        return {i for i in found if i < self.n}
 
     def _push(self, book: Book) -> None:
         """Enter what springs, dampers and loads push the bodies with, and the rates of blocks."""

@@ -1,20 +1,21 @@
-"""How fast bodies move with each other: what ties, springs, dampers and friction hand on, by their levers."""
+"""How fast bodies move with each other: what rows, springs, dampers and signals hand on, by their levers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
-import scipy
 
-from stickslip.model.arrays import Array, Indices
+from stickslip.model.arrays import Array
 
 
 class Transmission:
     """The parts of a scene, and how fast the bodies of each move with each other.
 
-    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing. If
-    `is_one`, forces that follow bodies join all of them.
+    `joined` are the coefficients of rows, springs and dampers on `n` bodies, and on drives, which join nothing.
+    `followed` are bodies that forces follow or that such forces push: signals join them, too.
 
     Attributes
     ----------
@@ -22,39 +23,55 @@ class Transmission:
         The number of the part that each body belongs to.
     ratio : array (n,)
         Velocities of the bodies where all of their part move with one whose velocity is 1. In a loop those levers count
-        that are nearest to 1.
+        that are nearest to 1. Signals join those bodies of parts that are the fastest.
+    is_uniform : bool
+        Whether all bodies and drives move with each other, one as fast as the other.
     """
 
-    def __init__(self, n: int, joined: Sequence[Mapping[int, float]], is_one: bool) -> None:
-        ends = [
-            (k, i, abs(c)) for k, one in enumerate(joined, start=n) for i, c in one.items() if i < n and c
-        ]
-        joint, body, lever = np.array(ends).reshape(-1, 3).T
-        place, size, logs = (joint.astype(np.intp), body.astype(np.intp)), n + len(joined), np.log(lever)
-        graph = scipy.sparse.csr_array((1.0 + np.abs(logs), place), (size, size))
-        part: Indices = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
-        self.part: Indices = np.zeros(n, dtype=np.intp) if is_one else part[:n]
-        self.ratio = np.ones(n)
-        if logs.any():
-            # along a tree the rate of each joint is its lever times the velocity of the body
-            joint, body = scipy.sparse.csgraph.minimum_spanning_tree(graph).nonzero()
-            lever = scipy.sparse.csr_array((logs, place), (size, size))[joint, body]
-            first, count = np.unique(part, return_index=True)[1], joint.size
-            rows = np.concatenate([np.arange(count), np.arange(count), np.arange(count, size)])
-            signs = np.repeat([1.0, -1.0, 1.0], [count, count, first.size])
-            equations = scipy.sparse.csc_array(
-                (signs, (rows, np.concatenate([joint, body, first]))), (size, size)
-            )
-            wanted = np.concatenate([lever, np.zeros(first.size)])
-            self.ratio = np.exp(scipy.sparse.linalg.spsolve(equations, wanted)[:n])
+    def __init__(self, n: int, joined: Sequence[Mapping[int, float]], followed: Collection[int] = ()) -> None:
+        self._root, self._ratio = list(range(n)), [1.0] * n
+        for i, j, ratio in sorted(_pairs(n, joined), key=lambda pair: abs(math.log(pair[2]))):
+            self._join(i, j, ratio)
+        fastest: dict[int, tuple[float, int]] = {}
+        for i in followed:
+            part, ratio = self._found(i)
+            fastest[part] = max(fastest.get(part, (0.0, i)), (ratio, i))
+        for (_, i), (_, j) in pairwise(fastest.values()):
+            self._join(i, j, 1.0)
+        found = [self._found(i) for i in range(n)]
+        self.part = np.unique([root for root, _ in found], return_inverse=True)[1].astype(np.intp)
+        self.ratio = np.array([ratio for _, ratio in found])
+        alike = all(len({abs(c) for c in one.values()}) <= 1 for one in joined)
+        self.is_uniform = alike and not self.part.any()
 
-    @property
-    def is_uniform(self) -> bool:
-        """Whether all bodies move with each other, one as fast as the other."""
-        return not self.part.any() and bool((self.ratio == 1.0).all())
+    def _found(self, i: int) -> tuple[int, float]:
+        """Return the body that stands for the part of a body, and its ratio to that."""
+        way = []
+        while self._root[i] != i:
+            way.append(i)
+            i = self._root[i]
+        ratio = 1.0
+        for k in reversed(way):
+            ratio *= self._ratio[k]
+            self._root[k], self._ratio[k] = i, ratio
+        return i, ratio
+
+    def _join(self, i: int, j: int, ratio: float) -> None:
+        """Join the parts of two bodies, of which one moves `ratio` times as fast as the other."""
+        (one, own), (other, its) = self._found(i), self._found(j)
+        if one != other:
+            self._root[one], self._ratio[one] = other, ratio * its / own
 
     def handed_on(self, speeds: Array) -> Array:
         """Return the velocities that bodies may have from each other; none is faster than the fastest."""
         fastest = np.zeros(self.part.max(initial=-1) + 1)
         np.maximum.at(fastest, self.part, speeds / self.ratio)
         return np.asarray(np.minimum(self.ratio * fastest[self.part], speeds.max(initial=0.0)))
+
+
+def _pairs(n: int, joined: Sequence[Mapping[int, float]]) -> Iterator[tuple[int, int, float]]:
+    """Return pairs of bodies that something joins, and how many times as fast as the second the first moves."""
+    for one in joined:
+        levers = [(abs(c), i) for i, c in one.items() if i < n and c]
+        for (a, i), (b, j) in pairwise(levers):
+            yield i, j, b / a

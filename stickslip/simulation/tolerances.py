@@ -37,6 +37,9 @@ _NOISE, _SEEN = 1e-11, 1e-3
 _ROUNDOFF = 1e-15
 """Part of what adds up in accelerations, times the span, that no absolute tolerance of velocities goes below."""
 
+_SLOWEST = 1e-13
+"""Part of the scene's velocities that those of each part are taken for at least."""
+
 _REBOUND = 1e-11
 """Part of the scene's velocities below which stops do not rebound where the engine is exact."""
 
@@ -119,14 +122,17 @@ def tolerances(
             if rtol < _FINEST:
                 raise _unresolved(system, finest, speed, resolution)
     has_errors = not (is_exact or method.takes_steps)
-    each, speeds = np.full(system.size, atol), np.zeros(system.n)
-    if has_errors:
-        expected = _speeds(system, start, stop, speed)
-        speeds = expected if reached is None else system.transmission.handed_on(reached.velocities)
-        each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
+    speeds = (
+        _speeds(system, start, stop, speed)
+        if reached is None
+        else system.transmission.handed_on(reached.velocities)
+    )
+    each = np.full(system.size, atol)
+    each[: system.n] = np.where(speeds > 0, np.minimum(atol, np.maximum(rtol * speeds, noise)), atol)
     if speed > 0:
         time = min(stop - start, 1.0 / frequency if frequency else math.inf)
-        each[system.n : system.first_bristle] = min(atol, rtol * speed * time)
+        each[system.moved_state] = np.minimum(atol, rtol * speeds[system.moved] * time)
+        each[system.carried_state] = min(atol, rtol * speed * time)
     for j, state in system.bristle_state.items():
         if system.pressed[j]:
             continue
@@ -138,19 +144,23 @@ def tolerances(
         each[system.n : system.first_block] = np.minimum(
             each[system.n : system.first_block], rtol * np.concatenate([reached.distances, reached.bristles])
         )
-    error, lever = rtol * speed + atol, row_maxima(system.abs_G)
+    errors, levers = rtol * speeds + each[: system.n], system.abs_G
     force_uncertainty = max(_FORCE_UNCERTAINTY, method.force_uncertainty * rtol)
-    relaxed = lever * _added_up(error, speed) if margin is None else np.full(system.m, margin)
-    # loose tolerances say how soon what dies away counts as at rest, and nothing else, where the engine is exact
-    unresolved = lever * (min(error, _EXACT * speed) if is_exact else error)
-    # an exact engine knows velocities to roundoff: so small rebounds are real
-    rebound = lever * (_REBOUND * speed) if is_exact and margin is None else relaxed
+    relaxed = rebound = np.full(system.m, margin or 0.0)
+    if margin is None:
+        relaxed = rebound = row_maxima(levers * _added_up(errors, speeds))
+        if is_exact:
+            # an exact engine knows velocities to roundoff: so small rebounds are real
+            rebound = row_maxima(levers * (_REBOUND * speeds))
+    if is_exact:
+        # loose tolerances say how soon what dies away counts as at rest, and nothing else
+        errors = np.minimum(errors, _EXACT * speeds)
     return Tolerances(
         rtol,
         each,
         relaxed,
         rebound,
-        unresolved,
+        row_maxima(levers * errors),
         force_uncertainty,
         speed,
         speeds,
@@ -175,32 +185,48 @@ def _unresolved(system: System, finest: float, speed: float, resolution: float) 
 
 def _speeds(system: System, start: float, stop: float, speed: float) -> Array:
     """Return the velocity scale of each body: the `speed` of the scene, or less where its part is slower."""
-    if system.transmission.is_uniform:
+    transmission = system.transmission
+    if transmission.is_uniform:
         return np.full(system.n, speed)
-    scene, n, inertia = system.scene, system.n, system.inertia
+    known, pushed = (
+        transmission.handed_on(np.minimum(found, speed))
+        for found in (_known(system, start, stop), _pushed(system, start, stop))
+    )
+    # as in the scene loads count where nothing else tells
+    return np.maximum(np.where(known > 0, known, pushed), _SLOWEST * speed)
+
+
+def _known(system: System, start: float, stop: float) -> Array:
+    """Return the velocities that bodies start with, and those that drives and stretched springs may give them."""
+    scene, n = system.scene, system.n
     found = np.array([abs(body.velocity) for body in scene.bodies])
-    led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
-    joined = [row.coefficients for row in system.rows] + [link.coefficients for link in system.couplings]
-    for ends in joined:
-        fastest = max((led[i - n] for i in ends if n <= i < n + len(led)), default=0.0)
-        for i in ends:
-            if i < n:
-                found[i] = max(found[i], fastest)
     place = [element.position for element in (*scene.bodies, *scene.drives)]
+    led = [largest_value(drive.velocity, start, stop) for drive in scene.drives]
+    for ends in [row.coefficients for row in system.rows] + [link.coefficients for link in system.couplings]:
+        fastest = max((abs(c) * led[i - n] for i, c in ends.items() if n <= i < n + len(led)), default=0.0)
+        for i, c in ends.items():
+            if i < n:
+                found[i] = max(found[i], fastest / abs(c))
     for link in system.couplings:
         offset = abs(sum(c * place[i] for i, c in link.coefficients.items()) - link.rest)
-        for i, c in link.coefficients.items():
-            if i < n and inertia[i]:
-                found[i] = max(found[i], offset * math.sqrt(link.stiffness * abs(c) / inertia[i]))
-    for force, signal in zip(scene.forces, system.others[: len(scene.forces)], strict=True):
+        for i in link.coefficients:
+            if i < n and system.inertia[i]:
+                found[i] = max(found[i], offset * math.sqrt(link.stiffness / system.inertia[i]))
+    return found
+
+
+def _pushed(system: System, start: float, stop: float) -> Array:
+    """Return the velocities that loads alone give their bodies; what forces that follow states give is not known."""
+    found, forces = np.zeros(system.n), system.scene.forces
+    for force, signal in zip(forces, system.others[: len(forces)], strict=True):
         i = system.index[force.body]
-        if inertia[i] > 0:
-            # a force that follows states may be anything; a function that fails is told of when the run comes to it
+        if system.inertia[i] > 0:
+            # a function that fails is told of when the run comes to it
             largest = math.inf
             with contextlib.suppress(ValueError):
-                largest = math.inf if system.dependence is not None else largest_value(signal, start, stop)
-            found[i] = max(found[i], min(largest / inertia[i] * (stop - start), speed))
-    return np.minimum(system.transmission.handed_on(found), speed)
+                largest = largest_value(signal, start, stop)
+            found[i] = max(found[i], largest / system.inertia[i] * (stop - start))
+    return found
 
 
 def _speed(system: System, start: float, stop: float) -> tuple[float, float, bool]:

@@ -8,9 +8,9 @@ from stickslip.equations.transmission import Transmission
 
 def test_levers_hand_velocities_on_along_a_chain_and_back() -> None:
     """A motor, a screw of 1 mm/rad, a table on a spring, and a flywheel that nothing joins to them."""
-    found = Transmission(4, [{0: 1e-3, 1: -1.0}, {1: 1.0, 2: -1.0}, {3: 2.0}], is_one=False)
+    found = Transmission(4, [{0: 1e-3, 1: -1.0}, {1: 1.0, 2: -1.0}, {3: 2.0}])
     assert found.part.tolist() == [0, 0, 0, 1]
-    assert found.ratio == pytest.approx([1.0, 1e-3, 1e-3, 1.0])
+    assert found.ratio[:3] / found.ratio[0] == pytest.approx([1.0, 1e-3, 1e-3])
     assert found.handed_on(np.array([300.0, 0.1, 0.2, 5.0])) == pytest.approx([300.0, 0.3, 0.3, 5.0])
     # what the table has would turn the motor faster than anything turns
     assert found.handed_on(np.array([0.0, 1.0, 0.0, 5.0])) == pytest.approx([5.0, 1.0, 1.0, 5.0])
@@ -19,17 +19,27 @@ def test_levers_hand_velocities_on_along_a_chain_and_back() -> None:
 
 def test_drives_join_nothing() -> None:
     """Body 0 and 1 stand on the drive 2."""
-    found = Transmission(2, [{0: 1.0, 2: -1.0}, {1: 1.0, 2: -1.0}], is_one=False)
+    found = Transmission(2, [{0: 1.0, 2: -1.0}, {1: 1.0, 2: -1.0}])
     assert found.part.tolist() == [0, 1]
     assert found.handed_on(np.array([1.0, 2.0])).tolist() == [1.0, 2.0]
 
 
-def test_forces_that_follow_states_join_all() -> None:
-    found = Transmission(3, [{0: 1.0, 1: -1.0}], is_one=True)
-    assert found.is_uniform
-    assert found.handed_on(np.array([1.0, 0.0, 2.0])).tolist() == [2.0, 2.0, 2.0]
+def test_signals_join_what_nothing_else_does() -> None:
+    """A controller reads the table behind a screw, and a slide beside it; a flywheel it does not know."""
+    found = Transmission(4, [{0: 1e-3, 1: -1.0}], [0, 1, 2])
+    assert found.part.tolist() == [0, 0, 0, 1]
+    assert found.handed_on(np.array([300.0, 0.1, 0.2, 5.0])) == pytest.approx([300.0, 0.3, 300.0, 5.0])
+    turned = Transmission(4, [{1: 1e-3, 0: -1.0}], [0, 1, 2])
+    assert turned.handed_on(np.array([0.1, 300.0, 0.2, 5.0])) == pytest.approx([0.3, 300.0, 300.0, 5.0])
+    assert Transmission(2, [], [0, 1]).is_uniform
+
+
+def test_levers_of_drives_count() -> None:
+    """A nut on the screw 1, which is led."""
+    assert not Transmission(1, [{0: 1.0, 1: -1e-3}]).is_uniform
+    assert Transmission(1, [{0: 1.0, 1: -1.0}]).is_uniform
 
 
 def test_in_a_loop_levers_near_1_count() -> None:
-    found = Transmission(2, [{0: 1e-6, 1: -1.0}, {0: 1.0, 1: -1.0}], is_one=False)
-    assert found.ratio.tolist() == [1.0, 1.0]
+    found = Transmission(2, [{0: 1e-6, 1: -1.0}, {0: 1.0, 1: -1.0}])
+    assert found.handed_on(np.array([1.0, 0.5])).tolist() == [1.0, 1.0]

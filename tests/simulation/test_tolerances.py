@@ -21,13 +21,9 @@ from stickslip import (
     LuGre,
     Sampled,
     Scene,
-    Spring,
     StateSpace,
-    Tie,
     feedback,
     output,
-    pid,
-    piecewise_linear,
     position,
     simulate,
     sine,
@@ -115,112 +111,3 @@ def test_a_body_in_equilibrium_is_not_slow_but_at_rest() -> None:
     )
     stats = simulate(scene, (0.0, 1.0), method="BDF").stats
     assert stats["steps"] < 100
-
-
-@pytest.mark.parametrize("spin", [0.0, 300.0])
-def test_a_slow_slide_comes_to_rest_beside_a_fast_flywheel(spin: float) -> None:
-    """Nothing joins them: v = 1e-5 less 3e-5 t or more, and then rest; the heat is what it had, v^2 / 2."""
-    law = DryFriction(0.3, 0.2, stribeck_velocity=0.1)
-    scene = Scene(
-        Body("slide", inertia=1.0, velocity=1e-5),
-        Contact("c", "slide", GROUND, law, normal=1e-4),
-        Body("fly", inertia=1.0, velocity=spin),
-    )
-    result = simulate(scene, (0.0, 4.0))
-    assert [event.after.name for event in result.events] == ["STUCK"]
-    assert result.velocity("slide")[-1] == 0.0
-    assert result.energy().contacts["c"][-1] == pytest.approx(0.5e-10, rel=1e-6)
-
-
-@pytest.mark.parametrize("radius", [1e-3, 1e-6, 1e-9])
-@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
-def test_a_contact_at_a_tiny_radius_stops_its_rotor(method: str, radius: float) -> None:
-    """w = 1 - mu N r t / J comes to 0 at 0.5; beside it a flywheel turns, and nothing joins them."""
-    scene = Scene(
-        Body("rotor", inertia=0.5 * 0.3 * 10.0 * radius, velocity=1.0),
-        Body("fly", inertia=1.0, velocity=1.0),
-        Contact("pivot", "rotor", GROUND, DryFriction(0.3, 0.3), normal=10.0, radius_a=radius),
-    )
-    result = simulate(scene, (0.0, 1.0), method=method)
-    assert [(event.before, event.after) for event in result.events] == [(1, 0)]
-    assert result.events[0].t == pytest.approx(0.5, rel=1e-7)
-    assert result.velocity("rotor")[-1] == 0.0
-
-
-@pytest.mark.parametrize("method", ["series", "BDF"])
-def test_an_open_contact_at_a_tiny_radius_shows_how_it_moves(method: str) -> None:
-    """What turns with 1 rad/s moves with 1e-9 m/s at 1e-9 m, and nothing holds it."""
-    scene = Scene(
-        Body("rotor", inertia=1.0, velocity=1.0),
-        Contact("pivot", "rotor", GROUND, DryFriction(0.3, 0.3), normal=0.0, radius_a=1e-9),
-    )
-    assert simulate(scene, (0.0, 1.0), method=method).mode("pivot").tolist()[-1] == 1
-
-
-@pytest.mark.parametrize("pitch", [1e-3, 1e-5, 1e-7])
-@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
-def test_a_table_behind_a_fine_screw_comes_to_rest(method: str, pitch: float) -> None:
-    """p w = v, so w = 300 - mu N p t / (J + M p^2) comes to 0 at 0.5, whatever the pitch p."""
-    inertia = 1e-2 + pitch * pitch
-    scene = Scene(
-        Body("motor", inertia=1e-2, velocity=300.0),
-        Body("table", inertia=1.0, velocity=300.0 * pitch),
-        Tie("screw", {"motor": pitch, "table": -1.0}),
-        Contact("slide", "table", GROUND, DryFriction(0.3, 0.3), normal=2000.0 * inertia / pitch),
-    )
-    result = simulate(scene, (0.0, 1.0), method=method)
-    assert [event.after.name for event in result.events] == ["STUCK"]
-    assert result.events[0].t == pytest.approx(0.5, rel=1e-7)
-    assert result.velocity("motor")[-1] == 0.0
-
-
-@pytest.mark.parametrize("method", ["series", "BDF", "Adams"])
-def test_a_pad_that_creeps_on_a_fast_disc_comes_to_rest(method: str) -> None:
-    """The disc drives it with 1 - 0.8 N up to 1 s; from v = 2e-7 the guide then stops it within 0.25 s."""
-    law = DryFriction(0.4, 0.4)
-    scene = Scene(
-        Body("disc", inertia=1.0, velocity=100.0),
-        Body("pad", inertia=1e6),
-        Contact(
-            "brake", "disc", "pad", law, normal=piecewise_linear([0, 1, 1, 5], [2.5, 2.5, 0, 0]), radius_a=0.1
-        ),
-        Contact("guide", "pad", GROUND, law, normal=2.0),
-    )
-    result = simulate(scene, (0.0, 5.0), method=method)
-    assert [(event.contact, event.after.name) for event in result.events] == [("guide", "STUCK")]
-    assert result.events[0].t == pytest.approx(1.25, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_a_servo_drive_turns_its_table_when_it_turns() -> None:
-    """Its table is a thousand times as slow as the motor, behind 1 mm/rad: a run 1000 times as tight agrees."""
-    reference = piecewise_linear([0.0, 0.5, 5.0], [0.0, 0.05, 0.05])
-    controller = pid(
-        "controller",
-        reference - position("table"),
-        kp=20.0,
-        ki=200.0,
-        kd=0.5,
-        rate=-1 * velocity("table"),
-        low=-5.0,
-        high=5.0,
-    )
-    scene = Scene(
-        Body("motor", inertia=1e-4),
-        Body("table", inertia=20.0),
-        Contact("bearing", "motor", GROUND, DryFriction(0.02, 0.015), normal=1.0),
-        Contact("guide", "table", GROUND, DryFriction(0.12, 0.08, stribeck_velocity=2e-3), normal=200.0),
-        Spring("motor", "table", stiffness=1e6, damping=200.0, radius_a=1e-3),
-        controller,
-        Force("motor", output("controller")),
-    )
-    found, tight = (
-        simulate(scene, (0.0, 5.0), method="BDF", **options)
-        for options in ({}, {"rtol": 1e-11, "atol": 1e-14})
-    )
-    assert [(one.contact, one.after) for one in found.events] == [
-        (one.contact, one.after) for one in tight.events
-    ]
-    for one, other in zip(found.events, tight.events, strict=True):
-        assert one.t == pytest.approx(other.t, abs=1e-6)
-    assert found.position("table")[-1] == pytest.approx(tight.position("table")[-1], abs=1e-5)
